@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import updyn
 from nonlinear_plants import two_inertias
 from servo_cases import SETS_SHAPES
-from updyn.control.nonlinear.around import around
+from updyn.control.nonlinear.around import linear_loop
 from updyn.control.nonlinear.balance import limit_cycles
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.opened import opened
@@ -170,7 +170,7 @@ def test_prediction_against_python_control():
     A = plant.A - c * np.outer(plant.B[:, 1], [0, 1, 0, -1])
     plant = dataclasses.replace(plant, A=A)
     cycle = limit_cycles(plant, cascade(15.0), law, "gap", **LOAD)[-1]
-    system = around(plant, cascade(15.0), law, "gap", LOAD, 0)
+    system = linear_loop(plant, cascade(15.0), law, "gap", LOAD, 0)
 
     class DeadZone(control.DescribingFunctionNonlinearity):
         def __call__(self, z):
@@ -262,7 +262,7 @@ def test_rounding_in_place_of_a_residual_flexibility_is_none():
         assert_allclose(runs[1]["speed"], runs[0]["speed"], rtol=1e-9)
     wrong = dataclasses.replace(clean, D=-0.1 / K * np.outer([0, 0, 0, 1], [0, 1, 0]))
     with pytest.raises(
-        ModelError, match=r"'gap' gives way against input 'gap'.*the same Port for both"
+        ModelError, match=r"'gap' yields against input 'gap'.*the same Port for both"
     ):
         limit_cycles(wrong, None, MESH, "gap")
 
@@ -339,7 +339,7 @@ def test_a_loss_factor_needs_a_frequency():
         PARTS[3],
     ]
     gap = opened(drivetrain(parts), "gear", "3:RZ")
-    with pytest.raises(OptionError, match=r"loss factor 0\.03; say frequency="):
+    with pytest.raises(OptionError, match=r"loss factor 0\.03; expected frequency="):
         gap.backlash(1e-4)
     assert_allclose(gap.backlash(1e-4, frequency=5.0).damping, 0.03 * 4e6 / (TWO_PI * 5))
 
@@ -350,7 +350,7 @@ def test_what_cannot_be_opened():
         opened(model, "gaer", "3:RZ")
     with pytest.raises(ModelError, match="group 'motor' has no stiffness"):
         opened(model, "motor", "1:RZ")
-    with pytest.raises(ModelError, match=r"does not act on 1:RZ; name one of 2:RZ, 3:RZ"):
+    with pytest.raises(ModelError, match=r"does not act on 1:RZ; expected one of 2:RZ, 3:RZ"):
         opened(model, "gear", "1:RZ")
     chain = updyn.Model.from_groups(
         {"two": updyn.Group([[2.0, -1], [-1, 1]], np.eye(2))}, ["1:RZ", "2:RZ"]
@@ -377,10 +377,10 @@ def test_what_cannot_be_opened():
         (
             {"at": ("speed", "gap")},
             OptionError,
-            "Backlash reads twists, and output 'speed' .* 'mobility'",
+            "Backlash acts on twists, but output 'speed' .* 'mobility'",
         ),
-        ({"torque": None}, OptionError, "say torque="),
-        ({"position": None}, OptionError, "say position="),
+        ({"torque": None}, OptionError, "expected torque="),
+        ({"position": None}, OptionError, "expected position="),
         ({"position": "laod"}, OptionError, "no output 'laod'; did you mean 'load'"),
         ({"measured": "speed"}, OptionError, "measured='speed' has no meaning of a Controller"),
         ({"band": (2, 1)}, OptionError, "expected 0 < low < high"),
@@ -416,5 +416,5 @@ def test_bad_numbers():
         simulate(duration=1, start="here", **run)
     with pytest.raises(OptionError, match="expected 4 finite states"):
         simulate(duration=1, start=[1.0], **run)
-    with pytest.raises(OptionError, match="no input 'winds' to hold; did you mean 'wind'"):
+    with pytest.raises(OptionError, match="no constant input 'winds'; did you mean 'wind'"):
         simulate(duration=1, constant={"winds": 1.0}, **run)

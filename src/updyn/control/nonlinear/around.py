@@ -1,4 +1,4 @@
-"""`Around`: the closed loop of plant and controller without its nonlinearity."""
+"""`LinearLoop`: the closed loop of plant and controller without its nonlinearity."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from updyn.control.servo.state_space import StateSpace, connect
 from updyn.errors import ModelError, OptionError, suggest
 from updyn.group import is_number
 
-__all__ = ["Around", "around"]
+__all__ = ["LinearLoop", "linear_loop"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-_NOTHING = 1e-9  # flexibility beside that of the mesh
+_NOTHING = 1e-9  # smallest flexibility relative to that of the mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Around:
+class LinearLoop:
     """The closed loop without its nonlinearity.
 
         x' = A x + B w + E e,   z = C x + D w + G e
 
-    with the torque w of the nonlinearity, the motion z that it reads, and the entries e. `series`
+    with the torque w of the nonlinearity, the motion z that it acts on, and the inputs e. `series`
     are the rows of the plant's outputs and the controller's torque.
 
     Attributes
@@ -41,18 +41,18 @@ class Around:
     D : float
         Direct feed-through from w to z: residual flexibility.
     E : ndarray of float, shape (n, n_e)
-        From the entries: every input of the plant, and the reference.
+        Columns of the inputs: every input of the plant, and the reference.
     G : ndarray of float, shape (n_e,)
     entries : tuple of str
-        Their names.
+        Names of the inputs.
     series : ndarray of float, shape (n_s, n)
     series_w, series_e : ndarray of float, shapes (n_s,), (n_s, n_e)
     names : tuple of str
-        Of the series.
+        Names of the series.
     output, input : str
-        Between which the nonlinearity acts.
+        Output z and input w of the plant.
     unit : str
-        Of what it reads.
+        Unit of z.
     """
 
     A: _Real
@@ -71,7 +71,7 @@ class Around:
     unit: str
 
     def at(self, omega: _Real) -> _Complex:
-        """Return z over w at some frequencies in rad/s, shape (n_f,)."""
+        """Return z over w at frequencies in rad/s, shape (n_f,)."""
         out = np.empty(len(omega), dtype=np.complex128)
         eye = np.eye(len(self.A))
         for start in range(0, len(omega), 256):
@@ -81,7 +81,7 @@ class Around:
             out[start : start + 256] = X[:, :, 0] @ self.C + self.D
         return out
 
-    def under(self, stiffness: float, damping: float) -> _Complex:
+    def poles_with(self, stiffness: float, damping: float) -> _Complex:
         """Return the poles in rad/s for w = -(stiffness z + damping z'), shape (n,) or (n + 1,)."""
         if damping == 0.0:
             A = self.A - np.outer(self.B, stiffness * self.C) / (1.0 + stiffness * self.D)
@@ -99,43 +99,28 @@ class Around:
         return np.asarray(np.linalg.eigvals(A), dtype=np.complex128)
 
 
-def around(
+def linear_loop(
     plant: Plant,
     controller: Controller | StateSpace | tuple[Any, ...] | None,
     nonlinearity: Nonlinearity,
     at: str | tuple[str, str],
     names: Mapping[str, Any],
     pade: int,
-) -> Around:
-    """Return what the nonlinearity sees.
+) -> LinearLoop:
+    """Return the closed loop without its nonlinearity.
 
-    Parameters
-    ----------
-    plant : Plant
-        Continuous, with an input and an output where the nonlinearity acts.
-    controller : Controller, StateSpace, tuple of array_like or None
-        What closes the loop.
-    nonlinearity : Backlash or CoulombFriction
-        What is pulled out.
-    at : str or (str, str)
-        Output and input of the plant between which it acts.
-    names : mapping
-        ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and ``measured`` of
-        others; None: to find.
-    pade : int
-        Order for the dead time.
-
-    Returns
-    -------
-    Around
+    The plant is continuous; the nonlinearity acts between its output and input `at`. `names` are
+    ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and ``measured`` of others;
+    None: the only candidate. `pade` is the order for the dead time.
 
     Raises
     ------
     OptionError
-        If a name is missing or unknown, or the output is not of the kind that the nonlinearity
-        reads.
+        If a name is missing or unknown, or the quantity of the output does not suit the
+        nonlinearity.
     ModelError
-        If the plant is a sampled one, or does not take the nonlinearity as its own torque.
+        If the plant is sampled, or its output does not respond to the input as the nonlinearity
+        requires.
     """
     if not isinstance(plant, Plant):
         raise OptionError(
@@ -147,8 +132,8 @@ def around(
         )
     if plant.dt is not None:
         raise ModelError(
-            f"the plant is sampled every {plant.dt:g} s; a nonlinearity acts in between: give the"
-            " continuous one"
+            f"the plant is sampled every {plant.dt:g} s; a nonlinearity also acts between samples:"
+            " give the continuous plant"
         )
     ends = (at, at) if isinstance(at, str) else tuple(at)
     if len(ends) != 2:
@@ -156,19 +141,19 @@ def around(
             f"at={at!r}: expected the name of an output and an input, or (output, input)"
         )
     output, entry = ends
-    i, j = _named(output, plant.outputs, "output"), _named(entry, plant.inputs, "input")
+    i, j = _find_index(output, plant.outputs, "output"), _find_index(entry, plant.inputs, "input")
     if plant.quantities[i] != nonlinearity.quantity:
         kind = "twists" if isinstance(nonlinearity, Backlash) else "velocities"
         raise OptionError(
-            f"{type(nonlinearity).__name__} reads {kind}, and output {output!r} of the plant is of"
+            f"{type(nonlinearity).__name__} acts on {kind}, but output {output!r} of the plant has"
             f" quantity {plant.quantities[i]!r}; make the plant with {nonlinearity.quantity!r}"
             " for it"
         )
-    closed = _closed(plant, controller, (output, entry), names, pade)
+    closed = _close_loop(plant, controller, (output, entry), names, pade)
     system, series = closed
     n_u = len(plant.inputs)
     C, D = system.C[i], system.D[i]
-    out = Around(
+    out = LinearLoop(
         system.A,
         system.B[:, j],
         C,
@@ -189,41 +174,43 @@ def around(
 
 
 def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
-    """Return the residual flexibility across a mesh; what rounding leaves of none is none."""
+    """Return the residual flexibility across a mesh, 0 if it is rounding."""
     if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING:
         return 0.0
     return D
 
 
-def _check(system: Around, nonlinearity: Nonlinearity, push: float, n_u: int) -> None:
+def _check(system: LinearLoop, nonlinearity: Nonlinearity, push: float, n_u: int) -> None:
     if isinstance(nonlinearity, Backlash):
         if system.D < 0.0:
             raise ModelError(
-                f"output {system.output!r} gives way against input {system.input!r}: they are not"
+                f"output {system.output!r} yields against input {system.input!r}: they are not"
                 " the two ends of one port; use the same Port for both"
             )
         return
     if np.any(system.G[: n_u + 1]):
         raise ModelError(
-            f"output {system.output!r} follows a torque at once; friction needs the velocity of an"
-            " inertia"
+            f"output {system.output!r} responds to a torque without delay; friction needs the"
+            " velocity of an inertia"
         )
     if not push > 0.0:
         raise ModelError(
             f"a torque at {system.input!r} does not accelerate {system.output!r}: friction needs"
-            " input and output of one Port, with inertia there"
+            " input and output of one Port, with an inertia"
         )
 
 
 # -- the loop -------------------------------------------------------------------------------------
-def _closed(
+def _close_loop(
     plant: Plant, controller: Any, ends: tuple[str, str], names: Mapping[str, Any], pade: int
 ) -> tuple[StateSpace, tuple[str, ...]]:
-    """Return plant and controller as one system, the reference among its inputs."""
+    """Return plant and controller as one system with the reference as an input, and its outputs."""
     own = StateSpace(plant.A, plant.B, plant.C, plant.D)
     n_u, n_y = len(plant.inputs), len(plant.outputs)
     if controller is None:
-        _unused(names, ("torque", "velocity", "position", "measured"), "without a controller")
+        _refuse_options(
+            names, ("torque", "velocity", "position", "measured"), "without a controller"
+        )
         blank = StateSpace(
             own.A,
             np.hstack([own.B, np.zeros((len(own.A), 1))]),
@@ -234,7 +221,7 @@ def _closed(
     torque = _torque(plant, ends[1], names.get("torque"))
     t = plant.inputs.index(torque)
     if isinstance(controller, Controller):
-        _unused(names, ("measured",), "of a Controller; it has velocity= and position=")
+        _refuse_options(names, ("measured",), "of a Controller; it has velocity= and position=")
         if controller.dead_time and not (is_number(pade) and 1 <= pade <= 12):
             raise OptionError(
                 f"pade={pade!r}: expected an order from 1 to 12 for the dead time of the controller"
@@ -243,7 +230,7 @@ def _closed(
         own, rows, weights = _cascade(plant, own, controller, ends[0], names)
         led = np.array([[1.0 if controller.kv is None else controller.position_gain]])
     else:
-        _unused(names, ("velocity", "position"), "of a linear controller; it has measured=")
+        _refuse_options(names, ("velocity", "position"), "of a linear controller; it has measured=")
         block, rows = _linear(plant, controller, names.get("measured"))
         weights, led = np.eye(len(rows)), np.zeros((len(rows), 1))
     wires = np.zeros((n_u + block.B.shape[1], len(own.C) + 1))
@@ -262,14 +249,14 @@ def _cascade(
     plant: Plant, own: StateSpace, controller: Controller, skip: str, names: Mapping[str, Any]
 ) -> tuple[StateSpace, list[int], _Real]:
     """Return the plant with velocity and position as last outputs, their rows and weights."""
-    velocity = _measured(plant, names.get("velocity"), "velocity", "mobility", skip)
+    velocity = _select_output(plant, names.get("velocity"), "velocity", "mobility", skip)
     C, D = _velocity(plant, velocity)
     own = StateSpace(own.A, own.B, np.vstack([own.C, C]), np.vstack([own.D, D]))
     at = len(own.C) - 1
     if controller.kv is None:
-        _unused(names, ("position",), "of a velocity loop alone (kv=None)")
+        _refuse_options(names, ("position",), "of a velocity loop alone (kv=None)")
         return own, [at], np.array([[-1.0]])
-    position = _measured(plant, names.get("position"), "position", "receptance", skip)
+    position = _select_output(plant, names.get("position"), "position", "receptance", skip)
     p = plant.outputs.index(position)
     if plant.quantities[p] == "receptance":
         return own, [at, p], np.array([[-1.0, -controller.position_gain]])
@@ -277,7 +264,7 @@ def _cascade(
         raise OptionError(
             f"position {position!r} is an acceleration; expected a displacement or a velocity"
         )
-    # The integral of a velocity, as one more state.
+    # The integral of a velocity is an additional state.
     n = len(own.A)
     A = np.block([[own.A, np.zeros((n, 1))], [plant.C[[p]], np.zeros((1, 1))]])
     B = np.vstack([own.B, plant.D[[p]]])
@@ -316,11 +303,11 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
         block = StateSpace(A.reshape(n, n), B.reshape(n, D.shape[1]), C.reshape(D.shape[0], n), D)
     if measured is None:
         raise OptionError(
-            "controller (A, B, C, D): say measured=, the outputs that it reads;"
+            "controller (A, B, C, D): expected measured=, the outputs that it reads;"
             f" {suggest('', plant.outputs)}"
         )
     wanted: Sequence[str] = [measured] if isinstance(measured, str) else list(measured)
-    rows = [_named(name, plant.outputs, "output") for name in wanted]
+    rows = [_find_index(name, plant.outputs, "output") for name in wanted]
     if block.B.shape[1] != len(rows) or block.C.shape[0] != 1:
         raise OptionError(
             f"controller (A, B, C, D): {block.B.shape[1]} inputs and {block.C.shape[0]} outputs;"
@@ -331,37 +318,37 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
 
 def _torque(plant: Plant, skip: str, name: Any) -> str:
     if name is not None:
-        return plant.inputs[_named(name, plant.inputs, "input")]
+        return plant.inputs[_find_index(name, plant.inputs, "input")]
     left = [n for n in plant.inputs if n != skip]
     if len(left) != 1:
         raise OptionError(
-            f"say torque=, the input that the controller drives; {suggest('', plant.inputs)}"
+            f"expected torque=, the input of the controller; {suggest('', plant.inputs)}"
         )
     return left[0]
 
 
-def _measured(plant: Plant, name: Any, what: str, quantity: str, skip: str) -> str:
+def _select_output(plant: Plant, name: Any, what: str, quantity: str, skip: str) -> str:
     if name is not None:
-        return plant.outputs[_named(name, plant.outputs, "output")]
+        return plant.outputs[_find_index(name, plant.outputs, "output")]
     of_kind: list[str] = []
     for name, kind in zip(plant.outputs, plant.quantities, strict=True):
         if kind == quantity and name != skip:
             of_kind.append(name)
     if len(of_kind) != 1:
         raise OptionError(
-            f"say {what}=, the output that the controller takes as {what};"
+            f"expected {what}=, the output that the controller uses as {what};"
             f" {suggest('', plant.outputs)}"
         )
     return of_kind[0]
 
 
-def _named(name: Any, names: tuple[str, ...], what: str) -> int:
+def _find_index(name: Any, names: tuple[str, ...], what: str) -> int:
     if name not in names:
         raise OptionError(f"the plant has no {what} {name!r}; {suggest(str(name), names)}")
     return names.index(name)
 
 
-def _unused(names: Mapping[str, Any], which: tuple[str, ...], why: str) -> None:
+def _refuse_options(names: Mapping[str, Any], which: tuple[str, ...], why: str) -> None:
     for name in which:
         if names.get(name) is not None:
             raise OptionError(f"{name}={names[name]!r} has no meaning {why}")

@@ -5,8 +5,8 @@ z = A sin(omega t) exists where
 
     N(A, omega) = -1 / S(i omega).
 
-|N| is monotonic in A, so that each frequency has at most one amplitude at which the moduli agree.
-The remaining equation, of the phases, is solved along the frequency axis: a scan finds all roots,
+|N| is monotonic in A, so each frequency has at most one amplitude at which the moduli agree. The
+remaining equation, of the phases, is solved along the frequency axis: a scan finds all roots,
 which are then refined (Gelb & Vander Velde, Multiple-Input Describing Functions and Nonlinear
 System Design, 1968, chapter 3).
 """
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from updyn.control.nonlinear.around import Around, around
+from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
@@ -35,40 +35,39 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 _SCAN = 3000
-_NEAR = 0.1  # rad: a phase that comes this close to agreement between two points is looked at
+_NEAR = 0.1  # rad: largest phase difference at which a tangency between lines is searched
 
 
-#: Words for whether a cycle or a loop is stable.
+#: Words for the stability of a cycle or a loop.
 _STABLE = {True: "stable", False: "unstable"}
 
 
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """One oscillation that harmonic balance predicts.
+    """A limit cycle predicted by harmonic balance.
 
     Attributes
     ----------
     amplitude : float
-        Of the first harmonic of what the nonlinearity reads, in `unit`.
+        Amplitude of the first harmonic of the motion z at the nonlinearity, in `unit`.
     frequency : float
         In Hz.
     stable : bool
-        Whether the loop returns to it: by Loeb's criterion, and no other pole of the loop under it
-        is unstable. An unstable one is a border: what starts below dies out, or falls to the next
-        stable one, and what starts above grows; or the other way round.
+        Whether the loop returns to it: Loeb's criterion holds, and no other pole of the loop under
+        the oscillation is unstable. An unstable cycle is a boundary: oscillations below it decay or
+        fall to the next stable cycle and those above grow, or the other way round.
     loeb : bool
         Loeb's criterion alone.
     gain : complex
-        Describing function there.
+        Describing function of the cycle.
     third : float
-        Third harmonic that the loop would add to what the nonlinearity reads, as a share of the
-        amplitude:
-        |S(3 i omega) T_3| / A. The prediction takes it for 0.
+        Third harmonic of z that the loop would add, as a share of the amplitude:
+        |S(3 i omega) T_3| / A. The prediction neglects it.
     unit : str
-        Of the amplitude.
+        Unit of the amplitude.
     doubt : str
-        Why it may be off by more than a tenth, or not be there at all, so that only a simulation
-        tells; empty where there is no such reason.
+        The reason if the prediction may be off by more than a tenth, or the cycle may not exist, so
+        a simulation is necessary; else empty.
     """
 
     amplitude: float
@@ -87,14 +86,14 @@ class LimitCycle:
 
 
 class LimitCycles(tuple[LimitCycle, ...]):
-    """All limit cycles that are predicted, by frequency; a tuple that can say what it means.
+    """All predicted limit cycles by frequency: a tuple with a summary.
 
     Attributes
     ----------
     band : (float, float)
-        Where they were looked for, in Hz.
+        Searched frequency range in Hz.
     linear_stable : bool
-        Whether the loop is stable without the nonlinearity: with the mesh in contact throughout, or
+        Whether the loop is stable without the nonlinearity: with permanent contact of the mesh, or
         without friction.
     """
 
@@ -104,7 +103,7 @@ class LimitCycles(tuple[LimitCycle, ...]):
     def __new__(
         cls, cycles: Iterable[LimitCycle], band: tuple[float, float], linear_stable: bool
     ) -> LimitCycles:
-        """Take cycles, the band in Hz and the stability of the loop without the nonlinearity."""
+        """Create the tuple from cycles, band in Hz and stability without the nonlinearity."""
         out = super().__new__(cls, cycles)
         out.band, out.linear_stable = band, linear_stable
         return out
@@ -113,7 +112,7 @@ class LimitCycles(tuple[LimitCycle, ...]):
         return tuple(self), self.band, self.linear_stable
 
     def summary(self) -> str:
-        """Return what was found as text, or that nothing was.
+        """Return the predictions as text.
 
         Returns
         -------
@@ -146,46 +145,48 @@ def limit_cycles(
     Parameters
     ----------
     plant : Plant
-        Continuous. For backlash the mesh is open in it (`opened`) and its twist is an output
-        (displacement), the torque across it an input; for friction the velocity is an output and
-        the torque there an input.
+        Continuous. For backlash the mesh is open in it (`opened`), its twist is an output
+        (displacement) and the torque across it an input; for friction the velocity is an output and
+        the torque at the same place an input.
     controller : Controller, StateSpace, tuple or None
-        What closes the loop: a cascade with negative feedback; or x' = A x + B y, torque = C x + D
-        y, the sign of the feedback in it, from the `measured` outputs; or None where the plant is
-        closed already.
+        Controller of the loop: a cascade with negative feedback; or x' = A x + B y, torque = C x +
+        D y, which includes the sign of the feedback, from the `measured` outputs; or None if the
+        plant contains the closed loop.
     nonlinearity : Backlash or CoulombFriction
+        The nonlinearity.
         What acts.
     at : str or (str, str)
-        Output and input of the plant between which it acts; one name where both have it.
+        Output and input of the plant between which it acts; one name if both have the same.
     torque, velocity, position : str, optional
-        Input that the controller drives, outputs that a `Controller` takes as velocity and position
-        (a displacement is differentiated, a velocity integrated). None: the only one that it can
-        be.
+        Input driven by the controller, and outputs that a `Controller` uses as velocity and
+        position (a displacement is differentiated, a velocity integrated). None: the only
+        candidate.
     measured : str or sequence of str, optional
-        Outputs that an (A, B, C, D) controller reads, in its order.
+        Outputs that an (A, B, C, D) controller reads, in order.
     band : (float, float), optional
-        Where to look, in Hz. None: from a hundredth of the lowest to ten times the highest
-        frequency of the loop.
+        Frequency range of the search in Hz. None: from a hundredth of the lowest to ten times the
+        highest frequency of the loop.
     pade : int
         Order of the Pade approximation of the controller's dead time.
 
     Returns
     -------
     LimitCycles
-        A tuple, empty where none is predicted; its `summary` says so.
+        A tuple, empty without a prediction.
 
     Raises
     ------
     OptionError
-        If a name is missing or unknown, or the band cannot be used.
+        If a name is missing or unknown, or the band is invalid.
     ModelError
-        If the plant is a sampled one, or does not take the nonlinearity as its own torque.
+        If the plant is sampled, or its output does not respond to the input as the nonlinearity
+        requires.
 
     Notes
     -----
     Stability by Loeb's criterion: with F = 1 + N S = U + i V, dU/dA dV/domega - dV/dA dU/domega > 0
-    (Gelb & Vander Velde 1968, chapter 3). Describing functions take the oscillation for a sine,
-    without bias; a breakaway torque is not in them.
+    (Gelb & Vander Velde 1968, chapter 3). Describing functions assume an unbiased sinusoidal
+    oscillation and neglect the breakaway torque.
 
     Examples
     --------
@@ -206,27 +207,27 @@ def limit_cycles(
     0
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
-    system = around(plant, controller, nonlinearity, at, names, pade)
+    system = linear_loop(plant, controller, nonlinearity, at, names, pade)
     whole = _whole(nonlinearity)
-    poles = np.concatenate([np.linalg.eigvals(system.A), system.under(*whole)])
+    poles = np.concatenate([np.linalg.eigvals(system.A), system.poles_with(*whole)])
     limits = _limits(band, poles)
     scan = _scan(limits, poles)
     roots = _roots(system, nonlinearity, scan, poles)
     found = [_cycle(system, nonlinearity, omega) for omega in roots]
     return LimitCycles(
-        found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.under(*whole))
+        found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.poles_with(*whole))
     )
 
 
 def _whole(nonlinearity: Nonlinearity) -> tuple[float, float]:
-    """Return stiffness and damping across, without the nonlinearity."""
+    """Return stiffness and damping across the mesh without the nonlinearity."""
     if isinstance(nonlinearity, Backlash):
         return nonlinearity.stiffness, nonlinearity.damping
     return 0.0, 0.0
 
 
 def _stable(poles: _Complex) -> bool:
-    """Return whether no pole lies in the right half plane; poles at 0 (free rotation) may exist."""
+    """Return whether no pole lies in the right half plane; poles at 0 are allowed."""
     return bool((poles.real <= 1e-7 * max(float(np.abs(poles).max(initial=0.0)), 1e-300)).all())
 
 
@@ -243,12 +244,12 @@ def _limits(band: Any, poles: _Complex) -> tuple[float, float]:
     size = np.abs(poles)
     size = size[size > 1e-6 * size.max(initial=0.0)]
     if not len(size):
-        raise OptionError("limit cycles: the loop has no frequency of its own; say band=")
+        raise OptionError("limit cycles: the loop has no nonzero frequency; give band=")
     return 0.01 * float(size.min()), 10.0 * float(size.max())
 
 
 def _scan(limits: tuple[float, float], poles: _Complex) -> _Real:
-    """Return frequencies in rad/s, dense around poles that are lightly damped."""
+    """Return frequencies in rad/s, dense around lightly damped poles."""
     parts = [np.geomspace(*limits, _SCAN)]
     offsets = np.concatenate([-np.geomspace(30, 0.1, 15), [0.0], np.geomspace(0.1, 30, 15)])
     for pole in poles[poles.imag > 0]:
@@ -257,8 +258,8 @@ def _scan(limits: tuple[float, float], poles: _Complex) -> _Real:
     return np.asarray(out[(out >= limits[0]) & (out <= limits[1])])
 
 
-def _mismatch(system: Around, nonlinearity: Nonlinearity, omega: _Real) -> tuple[_Real, _Real]:
-    """Return phase difference of -1 / S and N at equal moduli, and that amplitude; else nan."""
+def _mismatch(system: LinearLoop, nonlinearity: Nonlinearity, omega: _Real) -> tuple[_Real, _Real]:
+    """Return the phase difference of -1 / S and N at equal moduli, and the amplitude; else nan."""
     S = system.at(omega)
     needed = -1.0 / np.where(S == 0.0, np.finfo(np.float64).tiny, S)
     A = nonlinearity.amplitude(np.abs(needed), omega)
@@ -269,7 +270,7 @@ def _mismatch(system: Around, nonlinearity: Nonlinearity, omega: _Real) -> tuple
 
 
 def _roots(
-    system: Around, nonlinearity: Nonlinearity, omega: _Real, poles: _Complex
+    system: LinearLoop, nonlinearity: Nonlinearity, omega: _Real, poles: _Complex
 ) -> list[float]:
     """Return all frequencies in rad/s at which the phases agree."""
 
@@ -293,12 +294,12 @@ def _roots(
             and b * c > 0
             and abs(b) < min(abs(a), abs(c), _NEAR)
         ):
-            roots += _touching(at, omega[i - 1], omega[i + 1], float(np.sign(b)))
+            roots += _tangent_roots(at, omega[i - 1], omega[i + 1], float(np.sign(b)))
     return sorted(set(roots))
 
 
-def _touching(at: Any, low: float, high: float, side: float) -> list[float]:
-    """Return two roots between points of one sign, where the phase nearly reaches 0."""
+def _tangent_roots(at: Any, low: float, high: float, side: float) -> list[float]:
+    """Return two roots between points of equal sign if the phase reaches 0 between them."""
     best = minimize_scalar(
         lambda w: side * at(w), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * low}
     )
@@ -308,7 +309,7 @@ def _touching(at: Any, low: float, high: float, side: float) -> list[float]:
 
 
 # -- one cycle ------------------------------------------------------------------------------------
-def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCycle:
+def _cycle(system: LinearLoop, nonlinearity: Nonlinearity, omega: float) -> LimitCycle:
     w = np.array([omega])
     S, S3 = system.at(np.array([omega, 3.0 * omega]))
     A = float(nonlinearity.amplitude(np.abs(-1.0 / S)[None], w)[0])
@@ -318,9 +319,9 @@ def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCyc
     damping = N.imag / omega
     if abs(N.imag) <= 1e-12 * abs(N):
         damping = 0.0
-    rest = system.under(N.real, damping)
-    # The pair that makes the cycle lies on the imaginary axis; the others decide whether anything
-    # else grows.
+    rest = system.poles_with(N.real, damping)
+    # The pair of the cycle lies on the imaginary axis; the other poles decide whether anything else
+    # grows.
     for target in (1j * omega, -1j * omega):
         rest = np.delete(rest, np.argmin(np.abs(rest - target)))
     return LimitCycle(
@@ -335,7 +336,7 @@ def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCyc
     )
 
 
-def _loeb(system: Around, nonlinearity: Nonlinearity, A: float, omega: float) -> bool:
+def _loeb(system: LinearLoop, nonlinearity: Nonlinearity, A: float, omega: float) -> bool:
     def balance(a: float, w: float) -> complex:
         return complex(1.0 + nonlinearity.describing(a, w) * system.at(np.array([w]))[0])
 

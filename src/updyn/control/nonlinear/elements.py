@@ -1,8 +1,8 @@
-"""`Backlash` and `CoulombFriction`: what they put on the structure, and their describing functions.
+"""`Backlash` and `CoulombFriction`: nonlinearities and their describing functions.
 
-Both act between one output z of a plant and one input w: w = -T, with T the torque that the twist
-z, or the velocity z, calls forth. The describing function N(A, omega) is the first harmonic of T
-over that of z = A sin(omega t).
+Both act between one output z of a plant and one input w: w = -T, with the torque T of the twist z
+or of the velocity z. The describing function N(A, omega) is the first harmonic of T over that of
+z = A sin(omega t).
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ __all__ = ["Backlash", "CoulombFriction", "Nonlinearity"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _HALVINGS = 52
-_FAR = 1e-9  # half gap over amplitude: no larger one is looked for
-# Where harmonic balance was seen to leave 10 % against simulation, in amplitude or frequency.
+_FAR = 1e-9  # smallest ratio of half gap to amplitude
+# Limits beyond which harmonic balance deviated by 10 % from simulation, in amplitude or frequency.
 _REACH = 2.0  # half gaps
 _THIRD = 0.3  # of the first harmonic
 
 
 @dataclass(frozen=True, slots=True)
 class Backlash:
-    """An elastic mesh with a gap: no torque inside it, spring and damper at either flank, no pull.
+    """An elastic mesh with a gap: no torque in the gap, spring and damper at each flank, no pull.
 
     With z the twist and z_s that of the shaft, z - z_s lies between -gap / 2 and gap / 2. At a
-    flank the torque is T = k z_s + c z_s'; where it would pull, the flank lets go and the shaft
-    relaxes, k z_s + c z_s' = 0 (Nordin & Gutman, Automatica 38 (2002) 1633-1649). Without damping
-    that is the dead zone T = k (z -+ gap / 2).
+    flank the torque is T = k z_s + c z_s'; if it would pull, contact ends and the shaft relaxes, k
+    z_s + c z_s' = 0 (Nordin & Gutman, Automatica 38 (2002) 1633-1649). Without damping this is the
+    dead zone T = k (z -+ gap / 2).
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Backlash:
         Parameters
         ----------
         amplitude : array_like of float
-            A of the twist in rad, above 0; up to half the gap there is no contact and N = 0.
+            A of the twist in rad, above 0; without contact, up to half the gap, N = 0.
         omega : array_like of float
             In rad/s, above 0; broadcast with `amplitude`.
 
@@ -90,8 +90,8 @@ class Backlash:
 
         Notes
         -----
-        The exact first harmonic of the law. For damping that is light against the stiffness, c
-        omega << k, it is (k + i c omega) (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2
+        The exact first harmonic of the law. For light damping, c omega << k, it is (k + i c omega)
+        (1 - (2 / pi) (asin d + d sqrt(1 - d^2))), d = gap / (2
         A): the dead zone (Slotine & Li, Applied Nonlinear Control, 1991, chapter 5; Gelb & Vander
         Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968, appendix B).
         """
@@ -104,7 +104,7 @@ class Backlash:
         return np.asarray(np.where(touches, 2.0 / np.pi * self.stiffness * (real + 1j * imag), 0.0))
 
     def third(self, amplitude: float, omega: float) -> float:
-        """Return the size of the third harmonic of T.
+        """Return the magnitude of the third harmonic of T.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Backlash:
         return float(np.where(touches, self.stiffness * amplitude * size, 0.0))
 
     def doubt(self, amplitude: float, third: float) -> str:
-        """Say why a limit cycle is doubtful, or return an empty text.
+        """Return the reason why a limit cycle is doubtful; else an empty text.
 
         Parameters
         ----------
@@ -148,20 +148,20 @@ class Backlash:
     def _contact(
         self, amplitude: ArrayLike, omega: ArrayLike
     ) -> tuple[NDArray[np.bool_], _Real, _Real, _Real, _Real]:
-        """Return whether there is contact, gap / (2 A), c omega / k, and the phases of contact."""
+        """Return whether contact occurs, gap / (2 A), c omega / k, and the phases of contact."""
         A, w = np.broadcast_arrays(
             np.asarray(amplitude, dtype=np.float64), np.asarray(omega, dtype=np.float64)
         )
         touches = np.asarray(self.half < A)
         d = np.where(touches, self.half / np.where(A > 0, A, 1.0), 1.0)
         a = self.damping * w / self.stiffness
-        # It begins where the flank is met, and ends where the torque changes its sign.
+        # Contact begins at the flank, and ends when the torque changes its sign.
         psi2 = np.pi - np.arcsin(d / np.sqrt(1.0 + a**2)) - np.arctan(a)
-        psi1 = np.arcsin(d) if self.damping == 0.0 else _meeting(d, a, psi2)
+        psi1 = np.arcsin(d) if self.damping == 0.0 else _contact_phase(d, a, psi2)
         return touches, d, a, psi1, psi2
 
     def amplitude(self, modulus: ArrayLike, omega: ArrayLike) -> _Real:
-        """Return the amplitude at which |N| has a value; nan where it has it nowhere.
+        """Return the amplitude at which |N| has a value; nan if it never does.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Backlash:
         out = np.full(wanted.shape, np.nan)
         there = (wanted > 0) & (wanted < np.abs(self.describing(self.half / _FAR, w)))
         wanted, w = wanted[there], w[there]
-        # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to almost
+        # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to nearly
         # 0.
         low, high = np.full(wanted.shape, _FAR), np.ones(wanted.shape)
         for _ in range(_HALVINGS):
@@ -192,11 +192,11 @@ class Backlash:
         return out
 
 
-def _meeting(d: _Real, a: _Real, psi2: _Real) -> _Real:
+def _contact_phase(d: _Real, a: _Real, psi2: _Real) -> _Real:
     """Return the phase of contact with a flank while the shaft relaxes, by bisection."""
     twist = (
         np.sin(psi2) - d
-    )  # of the shaft over A, where the other flank let go, half a turn before
+    )  # of the shaft over A, at the end of contact with the other flank, half a turn before
     low, high = psi2 - np.pi, np.full(np.shape(psi2), 0.5 * np.pi)
     safe = np.where(a > 0, a, 1.0)
     for _ in range(_HALVINGS):
@@ -208,14 +208,14 @@ def _meeting(d: _Real, a: _Real, psi2: _Real) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class CoulombFriction:
-    """Dry friction: a constant torque against the velocity; sticking up to a breakaway torque.
+    """Dry friction: a constant torque against the velocity; sticks up to a breakaway torque.
 
     Parameters
     ----------
     level : float
         Torque while moving, above 0, in N m (N).
     breakaway : float, optional
-        Torque up to which it sticks, `level` or above. None: `level`.
+        Largest torque while sticking, `level` or above. None: `level`.
 
     Raises
     ------
@@ -239,8 +239,8 @@ class CoulombFriction:
             _number("friction: breakaway", self.breakaway, "N m")
             if self.breakaway < self.level:
                 raise OptionError(
-                    f"friction: breakaway {self.breakaway:g} is below level {self.level:g}; what"
-                    " sticks takes more to move"
+                    f"friction: breakaway {self.breakaway:g} is below level {self.level:g};"
+                    " expected at least the level"
                 )
 
     @property
@@ -256,7 +256,7 @@ class CoulombFriction:
         amplitude : array_like of float
             A of the velocity in rad/s, above 0.
         omega : array_like of float
-            In rad/s; it does not matter.
+            In rad/s; has no influence.
 
         Returns
         -------
@@ -265,7 +265,8 @@ class CoulombFriction:
 
         Notes
         -----
-        The relay (Slotine & Li 1991, chapter 5; Gelb & Vander Velde 1968, appendix B).
+        The describing function of a relay (Slotine & Li 1991, chapter 5; Gelb & Vander Velde 1968,
+        appendix B).
         """
         A, _ = np.broadcast_arrays(np.asarray(amplitude, dtype=np.float64), np.asarray(omega))
         return np.asarray(4.0 * self.level / (np.pi * A), dtype=np.complex128)
@@ -278,7 +279,7 @@ class CoulombFriction:
         modulus : array_like of float
             |N| in N m s/rad, above 0.
         omega : array_like of float
-            In rad/s; it does not matter.
+            In rad/s; has no influence.
 
         Returns
         -------
@@ -289,7 +290,7 @@ class CoulombFriction:
         return np.asarray(4.0 * self.level / (np.pi * wanted))
 
     def doubt(self, amplitude: float, third: float) -> str:
-        """Say why a limit cycle is doubtful, or return an empty text.
+        """Return the reason why a limit cycle is doubtful; else an empty text.
 
         Parameters
         ----------
@@ -302,17 +303,17 @@ class CoulombFriction:
         -------
         str
         """
-        return f"the loop lets {third:.2g} of a third harmonic through" if third > _THIRD else ""
+        return f"the loop transmits {third:.2g} of a third harmonic" if third > _THIRD else ""
 
     def third(self, amplitude: float, omega: float) -> float:
-        """Return the size of the third harmonic of T, a third of the first.
+        """Return the magnitude of the third harmonic of T, a third of the first.
 
         Parameters
         ----------
         amplitude : float
-            A of the velocity in rad/s; it does not matter.
+            A of the velocity in rad/s; has no influence.
         omega : float
-            In rad/s; it does not matter.
+            In rad/s; has no influence.
 
         Returns
         -------

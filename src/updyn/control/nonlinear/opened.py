@@ -1,4 +1,4 @@
-"""`opened`: a model with one mesh taken out, and the port across it, for backlash to act there."""
+"""`opened`: a model without one mesh, and the port across it, at which backlash acts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["Opened", "opened"]
 
-_ONE = 1e-9  # what a mesh may have besides its one spring, as a share of it
+_ONE = 1e-9  # largest relative deviation of a mesh from one spring
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,18 +28,18 @@ class Opened:
     Attributes
     ----------
     model : Model
-        Without the stiffness and the damping of the mesh; its inertias stay.
+        Without the stiffness and the damping of the mesh, with its inertias.
     port : Port
         Across the mesh: the pair of torques that drives it apart, and its twist. Both an input and
         an output of the plant.
     stiffness : float
-        Of the mesh, in N m per rad of twist at the DOF where the twist is counted.
+        Of the mesh, in N m per rad of twist at the reference DOF.
     damping : float
-        Its viscous damping there, in N m s/rad.
+        Its viscous damping at this DOF, in N m s/rad.
     group : Group
-        The mesh as it was.
+        The removed mesh.
     name : str
-        Of the group.
+        Name of the group.
     """
 
     model: Model
@@ -55,10 +55,10 @@ class Opened:
         Parameters
         ----------
         gap : float
-            From flank to flank, in rad of twist at the DOF where it is counted.
+            From flank to flank, in rad of twist at the reference DOF.
         frequency : float, optional
-            In Hz: where the damper loses what the loss factor of the mesh does, which has no
-            counterpart in time. Needed where the mesh has one.
+            In Hz, at which the damper dissipates as much as the loss factor of the mesh, which has
+            no counterpart in the time domain. Required for a mesh with a loss factor.
 
         Returns
         -------
@@ -73,9 +73,9 @@ class Opened:
         if self.group.loss_factor:
             if frequency is None or not is_number(frequency) or not 0 < frequency < np.inf:
                 raise OptionError(
-                    f"mesh {self.name!r} has the loss factor {self.group.loss_factor:g}; say"
-                    " frequency=, in Hz, at which a damper stands for it (that of the limit"
-                    f" cycle), found {frequency!r}"
+                    f"mesh {self.name!r} has the loss factor {self.group.loss_factor:g}; expected"
+                    " frequency= in Hz, that of the limit cycle, for an equivalent damper; found"
+                    f" {frequency!r}"
                 )
             damping += (
                 self.group.loss_at(float(frequency), self.name)
@@ -86,26 +86,31 @@ class Opened:
 
 
 def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str = "gap") -> Opened:
-    """Take a mesh out of a model.
+    """Return a model without one mesh, and the port across it.
 
-    The plant that backlash acts on is then made with the port as an input and an output::
+    The plant of the backlash has this port as an input and an output::
 
-        gap = updyn.opened(model, "pinion", "7:RZ") plant = updyn.plant(gap.model, ["1:RZ",
-        gap.port], [Port.at("1:RZ", "speed"), "7:RZ", gap.port], band,
-                            quantity=["mobility", "receptance", "receptance"])
+        gap = updyn.opened(model, "pinion", "7:RZ")
+        plant = updyn.plant(
+            gap.model,
+            ["1:RZ", gap.port],
+            [Port.at("1:RZ", "speed"), "7:RZ", gap.port],
+            band,
+            quantity=["mobility", "receptance", "receptance"],
+        )
         cycles = updyn.limit_cycles(plant, controller, gap.backlash(2e-4, frequency=5.0), "gap")
 
     Parameters
     ----------
     model : Model or UpdateResult
-        The structure, or the update that found it.
+        The structure, or an update result of it.
     mesh : str
         Group of the mesh: one spring between any number of DOFs (a gear pair, a shaft, a coupling).
     at : str or Dof
-        Signed DOF at which the twist is counted, the others being held: the ring for a clearance in
-        angles of the ring.
+        Signed reference DOF of the twist, the other DOFs held: the ring for a clearance in angles
+        of the ring.
     name : str
-        Of the port.
+        Name of the port.
 
     Returns
     -------
@@ -114,12 +119,12 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     Raises
     ------
     ModelError
-        If there is no such group, it is not one spring, or its viscous damping does not act along
+        If the group does not exist, is not one spring, or its viscous damping does not act along
         that spring.
     DofError
         If the DOF is not in the model.
     OptionError
-        If the model is none.
+        If `model` is of another type.
 
     Examples
     --------
@@ -151,7 +156,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     k = float(K[here, here])
     if not k > 0:
         raise ModelError(
-            f"group {mesh!r} does not act on {Dof.parse(at)}; name one of {_own(given, K)}"
+            f"group {mesh!r} does not act on {Dof.parse(at)}; expected one of {_own(given, K)}"
         )
     row = sp.csr_array(K[[here]]) * (sign / k)
     _along(K, row, k, f"group {mesh!r} is not one spring: its stiffness")
@@ -180,12 +185,12 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
 
 
 def _along(matrix: Any, row: Any, size: float, what: str) -> None:
-    """Refuse a matrix that is not size times the outer product of a row."""
+    """Raise ModelError if a matrix is not `size` times the outer product of a row."""
     left = matrix - size * (row.T @ row)
     if abs(left).max() > _ONE * abs(matrix).max():
         raise ModelError(
-            f"{what} does more than twist one spring (its matrix is not of rank 1); put the mesh"
-            " alone into a group"
+            f"{what} does more than twist one spring (its matrix does not have rank 1); put only"
+            " the mesh into a group"
         )
 
 

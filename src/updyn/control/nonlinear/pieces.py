@@ -1,8 +1,7 @@
-"""A loop with backlash or friction as linear pieces: `Piece`, and the `Rules` of what follows what.
+"""A loop with backlash or friction as linear pieces, and the `Rules` of transitions between them.
 
-The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a
-1 that carries constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X,
-are not negative.
+The state is (x, extra, 1): x of the loop, the twist of the shaft for backlash with damping, and a 1
+for constant inputs. A piece dX/dt = F X holds while all its borders, rows times X, are nonnegative.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.nonlinear.around import Around
+from updyn.control.nonlinear.around import LinearLoop
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
 
 __all__ = ["BacklashRules", "FrictionRules", "Piece", "Rules", "rules"]
@@ -37,7 +36,7 @@ class Piece:
     w : ndarray of float, shape (m,)
         Torque on the plant.
     z : ndarray of float, shape (m,)
-        What the nonlinearity reads.
+        Motion at the nonlinearity.
     """
 
     name: str
@@ -48,21 +47,14 @@ class Piece:
 
 
 class Rules(ABC):
-    """The pieces of a loop, which comes first, and which comes next.
+    """The pieces of a loop, the first one for a state, and the next one at a border.
 
-    Parameters
-    ----------
-    system : Around
-        The loop.
-    constant : ndarray of float, shape (n_e,)
-        Its entries, held.
-    extra : int
-        States besides those of the loop.
+    `constant` are the values of the inputs of the loop; `extra` is the number of additional states.
     """
 
     pieces: Mapping[str, Piece]
 
-    def __init__(self, system: Around, constant: _Real, extra: int) -> None:
+    def __init__(self, system: LinearLoop, constant: _Real, extra: int) -> None:
         n = len(system.A)
         self.n, self.size = n, n + extra + 1
         self.base = np.zeros((self.size, self.size))
@@ -82,17 +74,17 @@ class Rules(ABC):
 
     @abstractmethod
     def first(self, X: _Real) -> str:
-        """Return the piece in which a state lies."""
+        """Return the name of the piece that contains a state."""
 
     @abstractmethod
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
-        """Return what follows when a border is crossed, and the state there."""
+        """Return the next piece after a border is crossed, and the state."""
 
 
 class BacklashRules(Rules):
     """Backlash: gap and two flanks."""
 
-    def __init__(self, system: Around, law: Backlash, constant: _Real) -> None:
+    def __init__(self, system: LinearLoop, law: Backlash, constant: _Real) -> None:
         damped = law.damping > 0.0
         super().__init__(system, constant, int(damped))
         self.law, self.damped = law, damped
@@ -104,7 +96,7 @@ class BacklashRules(Rules):
         F, way = self.base.copy(), self.read.copy()
         if self.damped:
             F[self.n, self.n] = -self.law.stiffness / self.law.damping
-            way[self.n] -= 1.0  # the flanks' way is the twist less that of the shaft
+            way[self.n] -= 1.0  # motion of the flanks: the twist less that of the shaft
         borders = np.array([self.law.half * self.one - way, self.law.half * self.one + way])
         return Piece("gap", F, borders, np.zeros(self.size), self.read)
 
@@ -116,8 +108,8 @@ class BacklashRules(Rules):
         elif D == 0.0:
             T = (k * shaft + c * (self.read @ self.base)) / (1.0 + c * push)
         else:
-            # z = read - D T = z_s + s half, T = k z_s + c z_s': the twist of the shaft is a state
-            # of its own.
+            # z = read - D T = z_s + s half, T = k z_s + c z_s': the twist of the shaft is an
+            # additional state.
             T = shaft / D
             T[self.n] -= 1.0 / D
         F = self.base - np.outer(self.push, T)
@@ -127,14 +119,14 @@ class BacklashRules(Rules):
         return Piece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
 
     def first(self, X: _Real) -> str:
-        """Return the gap, or the flank that is pressed."""
+        """Return the gap, or the flank in contact."""
         way = float(self.read @ X)
         if abs(way) <= self.law.half:
             return "gap"
         return "contact +" if way > 0 else "contact -"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
-        """Return the flank that is met, or the gap with the shaft's last twist."""
+        """Return the flank in contact, or the gap with the last twist of the shaft."""
         if piece == "gap":
             return ("contact +", "contact -")[border], X
         if self.damped:
@@ -145,9 +137,9 @@ class BacklashRules(Rules):
 
 
 class FrictionRules(Rules):
-    """Friction: rest and two senses of motion."""
+    """Friction: rest and two directions of motion."""
 
-    def __init__(self, system: Around, law: CoulombFriction, constant: _Real) -> None:
+    def __init__(self, system: LinearLoop, law: CoulombFriction, constant: _Real) -> None:
         super().__init__(system, constant, 0)
         self.law = law
         self.gain = float(self.read @ self.push)
@@ -169,7 +161,7 @@ class FrictionRules(Rules):
         )
 
     def first(self, X: _Real) -> str:
-        """Return the sense of motion, or what comes of rest."""
+        """Return the direction of motion, or the piece that follows rest."""
         v = float(self.read @ X)
         if v == 0:
             return self._at_rest(X)
@@ -182,26 +174,16 @@ class FrictionRules(Rules):
         return "slip -" if held > 0 else "slip +"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
-        """Return the sense in which it breaks away, or what comes of rest."""
+        """Return the direction of breakaway, or the piece that follows rest."""
         if piece == "stick":
             return ("slip -", "slip +")[border], X
-        # What bisection left of the velocity is taken out, along the torque.
+        # Remove the velocity that remains after bisection, along the torque.
         X = X - self.push * float(self.read @ X) / self.gain
         return self._at_rest(X), X
 
 
-def rules(system: Around, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
-    """Return the pieces of a loop.
-
-    Parameters
-    ----------
-    system : Around
-        The loop.
-    nonlinearity : Backlash or CoulombFriction
-        What acts.
-    constant : ndarray of float, shape (n_e,)
-        Its entries, held.
-    """
+def rules(system: LinearLoop, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
+    """Return the pieces of a loop; `constant` are the values of its inputs."""
     if isinstance(nonlinearity, Backlash):
         return BacklashRules(system, nonlinearity, constant)
     return FrictionRules(system, nonlinearity, constant)

@@ -1,4 +1,4 @@
-"""`settled`: what the end of a simulated oscillation is: a limit cycle, decay, rest or growth."""
+"""`judge_end`: classify the end of a simulated oscillation: limit cycle, decay, rest or growth."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Settled", "settled"]
+__all__ = ["OscillationEnd", "judge_end"]
 
 _Real = NDArray[np.float64]
-_STEADY = 0.01  # spread of the last periods
+_STEADY = 0.01  # relative spread of the last periods of a limit cycle
 _SMALL = 0.2  # share of the largest amplitude below which an oscillation has decayed
 _PERIODS = 5
-_LAST = 0.4  # share of the time that is looked at
+_LAST = 0.4  # share of the time that is evaluated
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
+class OscillationEnd:
     """The end of an oscillation.
 
     Attributes
     ----------
     verdict : str
-        As of a `Simulation`.
+        As in `Simulation`.
     amplitude, peak, frequency : float or None
-        First harmonic, half of peak to peak, and Hz.
+        First harmonic, half of peak to peak, and frequency in Hz.
     periods : int
-        Over which they were taken.
+        Number of periods evaluated.
     """
 
     verdict: str
@@ -38,31 +38,23 @@ class Settled:
     periods: int = 0
 
 
-def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
-    """Judge the end of a series.
+def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> OscillationEnd:
+    """Return the classification of the end of a series `z`.
 
-    Parameters
-    ----------
-    time : ndarray of float, shape (n_t,)
-        In s, not falling.
-    z : ndarray of float, shape (n_t,)
-        What the nonlinearity reads.
-    switches : ndarray of float
-        Times at which contact or sticking changed.
-    half : float
-        Half the gap of a backlash; 0 for friction.
+    `switches` are the times at which contact or sticking changed; `half` is half the gap of a
+    backlash, 0 for friction.
     """
     end = float(time[-1])
     first = int(np.searchsorted(time, (1.0 - _LAST) * end))
     t, y = time[first:], z[first:]
     span, whole = float(np.ptp(y)), float(np.ptp(z))
     if span <= 1e-9 * max(float(np.abs(z).max()), half):
-        return Settled("at rest")
+        return OscillationEnd("at rest")
     if not len(switches) or switches[-1] < t[0]:
-        # Nothing touches any more: a swing within the gap, or a drift.
+        # No contact any more: a swing within the gap, or a drift.
         if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2]):
             return _trend(t, y, whole)
-        return Settled("decays")
+        return OscillationEnd("decays")
     starts = _rises(t, y - 0.5 * (y.max() + y.min()))
     if len(starts) < 3:
         return _trend(t, y, whole)
@@ -77,27 +69,27 @@ def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
     ):
         a, b = float(starts[-n - 1]), float(starts[-1])
         frequency = n / (b - a)
-        return Settled(
+        return OscillationEnd(
             "limit cycle", _harmonic(t, y, a, b, frequency), float(tops.mean()), frequency, n
         )
     return _trend(t, y, whole)
 
 
-def _trend(t: _Real, y: _Real, whole: float) -> Settled:
-    """Judge by the sizes of quarters of the stretch, beside that of the whole series."""
+def _trend(t: _Real, y: _Real, whole: float) -> OscillationEnd:
+    """Return a verdict from the ranges of quarters of the series, relative to the whole record."""
     edges = np.linspace(t[0], t[-1], 5)
     sizes = np.array([np.ptp(y[(t >= a) & (t <= b)]) for a, b in pairwise(edges)])
     steps = np.diff(sizes)
     small = sizes.max() < _SMALL * whole and sizes[2:].max() <= sizes[:2].max()
     if small or ((steps < 0).all() and sizes[-1] < (1 - _STEADY) * sizes[0]):
-        return Settled("decays")
+        return OscillationEnd("decays")
     if (steps > 0).all() and sizes[-1] > (1 + _STEADY) * sizes[0]:
-        return Settled("grows")
-    return Settled("not settled")
+        return OscillationEnd("grows")
+    return OscillationEnd("not settled")
 
 
 def _rises(t: _Real, y: _Real) -> _Real:
-    """Return the upward zero crossings of a series that reach a tenth of its size."""
+    """Return the times of upward zero crossings whose swings exceed a tenth of the maximum."""
     size = 0.1 * float(np.abs(y).max())
     out, armed = [], False
     for i in range(1, len(y)):

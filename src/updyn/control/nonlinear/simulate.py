@@ -1,4 +1,4 @@
-"""`simulate`: a loop with backlash or friction in time."""
+"""`simulate`: time response of a loop with backlash or friction."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.control.nonlinear.around import Around, around
+from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.balance import LimitCycle
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
 from updyn.control.nonlinear.pieces import Rules, rules
-from updyn.control.nonlinear.settled import settled
+from updyn.control.nonlinear.settled import judge_end
 from updyn.control.nonlinear.trajectory import integrate
 from updyn.control.plant import Plant
 from updyn.control.servo.controller import Controller
@@ -25,46 +25,46 @@ from updyn.group import is_number
 __all__ = ["Simulation", "simulate"]
 
 _Real = NDArray[np.float64]
-_POINTS = 40  # steps in a period of the fastest oscillation
-_LEAST = 400  # steps at least
+_POINTS = 40  # steps per period of the fastest oscillation
+_LEAST = 400  # least number of steps
 _MOST = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """A loop with its nonlinearity in time.
+    """Time response of a loop with a nonlinearity.
 
     Attributes
     ----------
     time : ndarray of float, shape (n_t,)
-        In s: every step, and every instant at which contact or sticking changes.
+        In s: every step, and every change of contact or sticking.
     reading : ndarray of float, shape (n_t,)
-        What the nonlinearity reads: twist in rad, or velocity in rad/s.
+        Motion at the nonlinearity: twist in rad, or velocity in rad/s.
     torque : ndarray of float, shape (n_t,)
-        What it puts against it, in N m.
+        Torque of the nonlinearity against this motion, in N m.
     series : ndarray of float, shape (n_t, n_s)
-        Outputs of the plant, then the torque of the controller; names in `names`.
+        Outputs of the plant, then the torque of the controller, by `names`.
     names : tuple of str
-        Of the columns.
+        Names of the columns.
     phase : ndarray of str, shape (n_t,)
         ``"gap"``, ``"contact +"``, ``"contact -"``; or ``"stick"``, ``"slip +"``, ``"slip -"``.
     switches : ndarray of float
-        Times in s at which it changes.
+        Times in s at which `phase` changes.
     verdict : {"limit cycle", "decays", "at rest", "grows", "not settled"}
-        What the end of it is.
+        Behaviour at the end.
     amplitude : float or None
-        First harmonic of `reading` over the last whole periods, of a limit cycle: what harmonic
+        First harmonic of `reading` over the last whole periods of a limit cycle, which harmonic
         balance predicts.
     peak : float or None
-        Half of peak to peak over the same.
+        Half of peak to peak over these periods.
     frequency : float or None
-        Of a limit cycle, in Hz.
+        Frequency of the limit cycle in Hz.
     periods : int
-        Over which both were taken.
+        Number of these periods.
     unit : str
-        Of `reading`.
+        Unit of `reading`.
     facts : dict
-        Step, number of switches, what was held.
+        Step, number of switches, constant inputs.
     """
 
     time: _Real
@@ -83,7 +83,7 @@ class Simulation:
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> _Real:
-        """Return a series by its name, shape (n_t,)."""
+        """Return a series by name, shape (n_t,)."""
         if name not in self.names:
             raise OptionError(
                 f"the simulation has no series {name!r}; {suggest(str(name), self.names)}"
@@ -91,7 +91,7 @@ class Simulation:
         return self.series[:, self.names.index(name)]
 
     def summary(self) -> str:
-        """Return what came of it as text.
+        """Return the result as text.
 
         Returns
         -------
@@ -106,8 +106,8 @@ class Simulation:
         return (
             head
             + {
-                "decays": "the oscillation decays; there is no limit cycle here.",
-                "at rest": "it comes to rest; there is no limit cycle here.",
+                "decays": "the oscillation decays: no limit cycle.",
+                "at rest": "it comes to rest: no limit cycle.",
                 "grows": "the oscillation still grows at the end.",
                 "not settled": "it has not settled by the end; simulate longer.",
             }[self.verdict]
@@ -133,31 +133,30 @@ def simulate(
 ) -> Simulation:
     """Simulate a loop with backlash or friction.
 
-    The loop is linear in pieces (gap and two flanks; rest and two senses of motion): each is
-    stepped through by its matrix exponential, and the instants at which one gives way to the next
-    are found to rounding.
+    The loop is piecewise linear (gap and two flanks; rest and two directions of motion): the matrix
+    exponential gives each piece exactly, and the switches between pieces are located to rounding.
 
     Parameters
     ----------
     plant, controller, nonlinearity
         As for `limit_cycles`.
     duration : float
-        In s; the last whole step ends it.
+        In s; it ends with the last whole step.
     at : str or (str, str)
         As for `limit_cycles`.
     start : LimitCycle or array_like of float, shape (n,), optional
-        Where it begins: on a predicted limit cycle; or with the states of the plant, or of plant
-        and controller. None: at rest in the middle.
+        Initial state: on a predicted limit cycle, or states of the plant, or of plant and
+        controller. None: at rest in the middle.
     scale : float
-        Factor on the start: 1.2 times a limit cycle begins outside of it.
+        Factor on the start: 1.2 times a limit cycle is outside of it.
     constant : mapping of str to float, optional
-        Inputs of the plant that are held, in their units (gravity, wind), and ``"reference"``, to
-        which the controller moves from time 0.
+        Constant inputs of the plant in their units (gravity, wind), and ``"reference"``, a step of
+        the reference at time 0.
     torque, velocity, position, measured
         As for `limit_cycles`.
     step : float, optional
-        In s. None: a fortieth of the shortest period of the loop's pieces. Only what begins and
-        ends within one step is missed by a longer one.
+        In s. None: a fortieth of the shortest period of the loop's pieces. A contact or slip that
+        begins and ends within one step is missed.
     pade : int
         As for `limit_cycles`.
 
@@ -168,11 +167,11 @@ def simulate(
     Raises
     ------
     OptionError
-        As `limit_cycles`; or if duration, step, start or an entry cannot be used.
+        As `limit_cycles`; or if duration, step, start or a constant input is invalid.
     ModelError
         As `limit_cycles`.
     SolverError
-        If the loop chatters, or grows beyond all numbers.
+        If the loop chatters, or its state overflows.
 
     Examples
     --------
@@ -194,8 +193,8 @@ def simulate(
     'at rest'
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
-    system = around(plant, controller, nonlinearity, at, names, pade)
-    held = _held(system, constant)
+    system = linear_loop(plant, controller, nonlinearity, at, names, pade)
+    held = _constant_inputs(system, constant)
     pieces = rules(system, nonlinearity, held)
     length = _length(system, nonlinearity, pieces, duration, step)
     X = _start(system, plant, pieces, nonlinearity, start, scale)
@@ -211,7 +210,7 @@ def simulate(
         + system.series_e @ held
     )
     half = nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0
-    end = settled(way.time, z, way.switches, half)
+    end = judge_end(way.time, z, way.switches, half)
     facts = {"step": length, "switches": len(way.switches), "constant": dict(constant or {})}
     for array in (way.time, z, w, series, way.switches):
         array.flags.writeable = False
@@ -233,21 +232,21 @@ def simulate(
     )
 
 
-def _held(system: Around, constant: Mapping[str, float] | None) -> _Real:
+def _constant_inputs(system: LinearLoop, constant: Mapping[str, float] | None) -> _Real:
     out = np.zeros(len(system.entries))
     for name, value in (constant or {}).items():
         if name not in system.entries:
             raise OptionError(
-                f"simulation: no input {name!r} to hold; {suggest(str(name), system.entries)}"
+                f"simulation: no constant input {name!r}; {suggest(str(name), system.entries)}"
             )
         if not is_number(value) or not math.isfinite(value):
-            raise OptionError(f"simulation: {name} held at {value!r}; expected a finite number")
+            raise OptionError(f"simulation: constant {name} is {value!r}; expected a finite number")
         out[system.entries.index(name)] = value
     return out
 
 
 def _length(
-    system: Around, nonlinearity: Nonlinearity, pieces: Rules, duration: Any, step: Any
+    system: LinearLoop, nonlinearity: Nonlinearity, pieces: Rules, duration: Any, step: Any
 ) -> float:
     for what, value in (("duration", duration), ("step", 1.0 if step is None else step)):
         if not is_number(value) or not 0 < value < np.inf:
@@ -256,22 +255,22 @@ def _length(
         rates = [np.linalg.eigvals(p.F) for p in pieces.pieces.values()]
         if isinstance(
             nonlinearity, Backlash
-        ):  # a flank bounces as fast without its damping, or faster
-            rates.append(system.under(nonlinearity.stiffness, 0.0))
+        ):  # without its damping, a flank bounces as fast or faster
+            rates.append(system.poles_with(nonlinearity.stiffness, 0.0))
         fastest = max(float(np.abs(r.imag).max(initial=0.0)) for r in rates)
         step = duration / _LEAST
         if fastest > 0:
             step = min(step, 2.0 * np.pi / fastest / _POINTS)
     if duration / step > _MOST:
         raise OptionError(
-            f"simulation: {duration:g} s take {duration / step:.3g} steps of {step:.3g} s; at most"
-            f" {_MOST:g} are taken: say a shorter duration, or a longer step="
+            f"simulation: {duration:g} s take {duration / step:.3g} steps of {step:.3g} s; expected"
+            f" at most {_MOST:g}: give a shorter duration, or a longer step="
         )
     return float(step)
 
 
 def _start(
-    system: Around,
+    system: LinearLoop,
     plant: Plant,
     pieces: Rules,
     nonlinearity: Nonlinearity,
@@ -286,7 +285,7 @@ def _start(
         omega = 2.0 * np.pi * start.frequency
         w = -start.gain * start.amplitude  # of z = A exp(i psi)
         shape = np.linalg.solve(1j * omega * np.eye(n) - system.A, system.B * w)
-        # Backlash begins in the gap, z = 0 and rising; friction at the largest velocity.
+        # Backlash starts in the gap with z = 0 and rising; friction at the largest velocity.
         x = np.asarray(shape.imag if isinstance(nonlinearity, Backlash) else shape.real)
     elif start is not None:
         try:

@@ -1,4 +1,4 @@
-"""`integrate`: the way of a loop through its linear pieces, exact in each."""
+"""`integrate`: the exact trajectory of a loop through its linear pieces."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from updyn.errors import SolverError
 __all__ = ["Trajectory", "integrate"]
 
 _Real = NDArray[np.float64]
-_HALVINGS = 44  # of a step, to find a switch to rounding
-_BLOCK = 64  # steps whose powers are kept
-_AT_ONCE = 200  # switches within one step: chatter
+_HALVINGS = 44  # halvings of a step that locate a switch to rounding
+_BLOCK = 64  # steps whose powers are stored
+_AT_ONCE = 200  # switches within one step that count as chatter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """A way through pieces.
+    """A trajectory through linear pieces.
 
     Attributes
     ----------
     time : ndarray of float, shape (n_t,)
-        In s: every step, and every switch.
+        In s: every step and every switch.
     states : ndarray of float, shape (n_t, m)
     piece : ndarray of int, shape (n_t,)
-        Position in `names` of the piece that holds from that time on.
+        Index in `names` of the piece from that time on.
     names : tuple of str
     switches : ndarray of float, shape (n_s,)
-        Times in s.
+        Times of the switches in s.
     """
 
     time: _Real
@@ -44,7 +44,7 @@ class Trajectory:
 
 
 class _Exact:
-    """The exponentials of one piece."""
+    """Matrix exponentials of one piece."""
 
     def __init__(self, piece: Piece, step: float) -> None:
         self.piece = piece
@@ -57,7 +57,7 @@ class _Exact:
             [scipy.linalg.expm(piece.F * step * 0.5**i) for i in range(1, _HALVINGS + 1)]
         )
 
-    def crossing(self, X: _Real) -> tuple[float, _Real, int]:
+    def find_crossing(self, X: _Real) -> tuple[float, _Real, int]:
         """Return share of the step before the first border, state just after it, and border."""
         share = 0.0
         for i, half in enumerate(self.halves, 1):
@@ -69,32 +69,16 @@ class _Exact:
 
 
 def integrate(rules: Rules, start: _Real, duration: float, step: float) -> Trajectory:
-    """Follow a loop through its pieces.
+    """Return the trajectory of a loop through its pieces; it ends with the last whole step.
 
-    Parameters
-    ----------
-    rules : Rules
-        Pieces and what follows what.
-    start : ndarray of float, shape (m,)
-        State at time 0.
-    duration, step : float
-        In s; the last whole step ends it.
-
-    Returns
-    -------
-    Trajectory
-
-    Raises
-    ------
-    SolverError
-        If pieces change without end within one step, or the state grows beyond all numbers.
+    Raises SolverError if pieces switch without end within one step, or the state overflows.
     """
     exact = {name: _Exact(piece, step) for name, piece in rules.pieces.items()}
     with np.errstate(over="ignore", invalid="ignore"):
-        return _followed(rules, exact, start, duration, step)
+        return _follow_pieces(rules, exact, start, duration, step)
 
 
-def _followed(
+def _follow_pieces(
     rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
 ) -> Trajectory:
     names = tuple(rules.pieces)
@@ -112,7 +96,7 @@ def _followed(
             pieces.append(np.full(n, names.index(now)))
             t, X = t + n * step, ahead[n - 1]
         if n < left:
-            share, X, border = at.crossing(X)
+            share, X, border = at.find_crossing(X)
             t += share * step
             now, X = rules.after(now, border, X)
             switches.append(t)
@@ -121,13 +105,11 @@ def _followed(
             pieces.append(np.array([names.index(now)]))
             if len(switches) > _AT_ONCE and t - switches[-_AT_ONCE] < step:
                 raise SolverError(
-                    f"simulation: {_AT_ONCE} changes between {names[0]!r} and others within"
-                    f" {step:.3g} s at {t:.6g} s: the loop chatters there"
+                    f"simulation: {_AT_ONCE} switches between {names[0]!r} and others within"
+                    f" {step:.3g} s at {t:.6g} s: the loop chatters"
                 )
         if not np.isfinite(X).all():
-            raise SolverError(
-                f"simulation: the loop grows beyond all numbers at {t:.6g} s: it is unstable"
-            )
+            raise SolverError(f"simulation: the state overflows at {t:.6g} s: the loop is unstable")
     return Trajectory(
         np.concatenate(times),
         np.concatenate(states),
