@@ -55,6 +55,7 @@ from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.element import Element
 from updyn.updating.judge.causes.evidence import Evidence, stacked
 from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
@@ -75,6 +76,8 @@ ROUNDING = 1e-9
 LINES, FOUND = 60, 2.0
 #: Least part of a change of the model (rms), in units of the noise, that unknowns do not imitate.
 SEEN_CHANGE = 2.0
+#: The same of a change that all values have a share in: 400 of them have odds of e^40 at 0.5.
+SPREAD_CHANGE = 0.5
 Finding = tuple[str, tuple[str, ...]]
 Bench = structures.Bench | Measured
 
@@ -522,7 +525,7 @@ def at_truth(bench, frf) -> Evidence:
     return Evidence(part, part.coordinates.home)
 
 
-def is_imitated(evidence: Evidence, change: np.ndarray) -> bool:
+def is_imitated(evidence: Evidence, change: np.ndarray, least: float = SEEN_CHANGE) -> bool:
     """Whether the unknowns and held values do the same to first order, but for noise."""
     b = np.append(stacked(evidence.weight * change), np.zeros(evidence.part.n))
     b[: -evidence.part.n] /= NOISE.relative
@@ -530,7 +533,7 @@ def is_imitated(evidence: Evidence, change: np.ndarray) -> bool:
     A = np.vstack([evidence.changes / NOISE.relative, np.diag(1.0 / evidence.spread)])
     Q = np.linalg.qr(A)[0]
     left = b - Q @ (Q.T @ b)
-    return bool(2.0 * left @ left / n < SEEN_CHANGE**2)
+    return bool(2.0 * left @ left / n < least**2)
 
 
 def with_element(model: Model, element: Element) -> Model:
@@ -588,6 +591,30 @@ def missing_proportional(bench, frf, rng):
     return None
 
 
+def loss_with_frequency(bench, frf, rng):
+    """The loss factor of a group, 0.02 to 0.1 amid the band, rises or falls by a factor of 2 to 4.
+
+    The change of the model is that of a power of the frequency over the band.
+    """
+    evidence, true = at_truth(bench, frf), bench.case.true
+    causes = [one for one in LossOverFrequency.suspected(evidence) if one.groups]
+    for i in rng.permutation(len(causes)):
+        course = rng.choice([-1, 1]) * rng.uniform(np.log(2), np.log(4))
+        cause = replace(causes[i], value=course / np.log(causes[i].lines[-1] / causes[i].lines[0]))
+        loss, freq = rng.uniform(0.02, 0.1), np.unique(frf.freq)
+        table = (freq, cause.power.relative(freq))
+        lossy = {name: {"loss_factor": loss, "loss_table": table} for name in cause.groups}
+        faulty = updyn.response(
+            true.with_damping(lossy), freq, frf.responses, frf.references, frf.quantity
+        )
+        level = true.with_damping({name: {"loss_factor": loss} for name in cause.groups})
+        there = at_truth(replace(bench, case=replace(bench.case, true=level)), frf)
+        if is_imitated(there, cause.value * cause.slope(there), SPREAD_CHANGE):
+            continue
+        return Seeded(NOISE.added(faulty, rng), frf, cause.kind, cause.channels, fault=cause)
+    return None
+
+
 FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "none": none,
     "quantity": quantity,
@@ -620,6 +647,7 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "missing spring": missing_spring,
     "missing mass": missing_mass,
     "force moved": force_moved,
+    "loss with frequency": loss_with_frequency,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
 COMPUTED = (
@@ -638,6 +666,7 @@ COMPUTED = (
     "missing proportional damping",
     "missing spring",
     "missing mass",
+    "loss with frequency",
 )
 #: What all unknowns together can imitate, unless masses are known.
 IMITATED = ("unit", "common calibration", "frequency scale", "held off")

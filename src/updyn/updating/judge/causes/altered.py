@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.fields import FieldSolver
 from updyn.updating.problem.problem import Block, Part
 
-__all__ = ["Alteration", "AlteredPart"]
+__all__ = ["Alteration", "AlteredPart", "log_ratio", "solver_of"]
 
 _Real = NDArray[np.float64]
 
@@ -67,6 +69,20 @@ class AlteredPart(Part):
         assert self.alteration is not None
         # Not by super(): the class with slots is another one than that of the statement.
         return [*Part.key(self, kind, x, *about), self.alteration.cache_key]
+
+
+def log_ratio(part: Part, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
+    """Return ln H of the altered model over its own, shape (n_f, n_i, n_j); 0 where one is 0."""
+    H, own = AlteredPart.of(part, alteration).responses(x), part.responses(x)
+    usable = (H != 0.0) & (own != 0.0)
+    return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, own, 1.0)))
+
+
+def solver_of(part: Part, system: AffineSystem) -> FieldSolver:
+    """Return the solver of a part for another system of the same pattern."""
+    solver: Any = part.solver
+    found: FieldSolver = replace(solver, system=system)
+    return found
 
 
 def _fields(part: Part) -> tuple[Any, ...]:

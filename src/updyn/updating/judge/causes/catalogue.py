@@ -12,6 +12,7 @@ from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.leakage import Leakage
+from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.low_pass import LowPass
 from updyn.updating.judge.causes.mains import Mains
 from updyn.updating.judge.causes.mass_loading import MassLoading
@@ -55,6 +56,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     MissingSpring,
     MissingMass,
     MissingViscous,
+    LossOverFrequency,
     ModelUnit,
     DeadChannel,
     Mains,

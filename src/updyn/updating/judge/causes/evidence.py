@@ -295,6 +295,11 @@ class Evidence:
         """The model's receptances between all measured DOFs."""
         return Receptances.of(self.part, self.x)
 
+    @property
+    def by_unknown(self) -> _Complex:
+        """Slopes d ln H / d x of the model, shape (n, n_f, n_i, n_j)."""
+        return self._measured.slopes
+
     @cached_property
     def by_rate(self) -> dict[str, _Complex]:
         """Slopes d ln H / d c by the Rayleigh coefficients that nobody seeks, by their names."""

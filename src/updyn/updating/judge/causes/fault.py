@@ -230,6 +230,10 @@ class Fault(ABC):
         """Return the fault as all data of a part tell it, where it adapts; by default itself."""
         return self
 
+    def described(self, part: Part, x: _Real) -> Self:
+        """Return the fault with what its statement says of the model where a trial ended."""
+        return self
+
     def accounted(self, part: Part, x: _Real) -> Part:
         """Return the part that takes account of the fault: on data that are freed of it at x."""
         return part.with_data(self.undo(Evidence(part, x)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_element import MissingElement
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 
@@ -31,7 +32,13 @@ class MissingViscous(MissingElement):
     def suspected(cls, evidence: Evidence) -> Iterable[Any]:
         """Yield the dashpots that explain most, to first order, and the damping of each group."""
         groups = list(ProportionalDamping.suspected(evidence))
+        courses = {
+            viscous.channels: one
+            for one in LossOverFrequency.suspected(evidence)
+            for viscous in one.viscous
+        }
         dashpots = list(super().suspected(evidence))
         places = len(groups) + max((one.places for one in dashpots), default=0)
         yield from (replace(one, places=places) for one in dashpots)
-        yield from (replace(one, places=places) for one in groups)
+        for one in groups:
+            yield replace(one, places=places, course=courses.get(one.channels))

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.altered import AlteredPart
+from updyn.updating.judge.causes.altered import AlteredPart, log_ratio
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.fault import Fault, Irreparable, divided, shared_odds
 from updyn.updating.judge.causes.rates import ALL, MATRICES, Rates, rate_slopes
 from updyn.updating.problem.problem import Part
 
@@ -35,9 +35,12 @@ class ProportionalDamping(Irreparable):
     ----------
     places : int
         Number of groups and places of dashpots where such damping was looked for.
+    course : Fault or None
+        A loss factor of the same groups that rises or falls as this damping does.
     """
 
     places: int = 1
+    course: Fault | None = None
 
     kind: ClassVar[str] = "missing-viscous"
     tunes: ClassVar[bool] = True
@@ -61,16 +64,15 @@ class ProportionalDamping(Irreparable):
 
     def undo(self, evidence: Evidence) -> FRF:
         """Return the data over the model's H with the damping over its own."""
-        part = evidence.part
-        H = AlteredPart.of(part, self._rates).responses(evidence.x)
-        own = evidence.answer(part.frf)
-        usable = (H != 0.0) & (own != 0.0)
-        ratio = np.log(np.where(usable, H, 1.0) / np.where(usable, own, 1.0))
-        return divided(part.frf, ratio)
+        return divided(evidence.frf, log_ratio(evidence.part, self._rates, evidence.x))
 
     def accounted(self, part: Part, x: _Real) -> Part:
         """Return the part whose model has the damping."""
         return AlteredPart.of(part, self._rates) if self.plausible() else part
+
+    def relatives(self, about: object) -> Iterable[Fault]:
+        """Return a loss factor that varies with frequency, which is nearly the same."""
+        return () if self.course is None else (self.course,)
 
     def plausible(self) -> bool:
         """Return whether it takes energy out of the structure."""

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import FieldSolver
 from updyn.sensitivity import Unknowns
-from updyn.updating.judge.causes.altered import Alteration, AlteredPart
+from updyn.updating.judge.causes.altered import Alteration, AlteredPart, solver_of
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import Block, Part
 
@@ -74,18 +73,11 @@ class Rates(Alteration):
         rate = system.start.rate.copy()
         rate[Unknowns.find(system, self.unknowns(system)).at] += self.value
         larger = replace(system, start=replace(system.start, rate=rate))
-        return replace(part, solver=_solver_of(part, larger))
+        return replace(part, solver=solver_of(part, larger))
 
     def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
         """Return the altered model and the data of a part at a block of lines."""
         return self.on(part).block(x, lines, derivatives=derivatives)
-
-
-def _solver_of(part: Part, system: AffineSystem) -> FieldSolver:
-    """Return the solver of a part for the same terms in another state."""
-    solver: Any = part.solver
-    found: FieldSolver = replace(solver, system=system)
-    return found
 
 
 def rates_not_sought(part: Part) -> list[str]:
@@ -127,7 +119,7 @@ def rate_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Comple
     if isinstance(part, AlteredPart) and isinstance(part.alteration, Rates):
         part = part.alteration.on(part.plain)
     system = replace(part.solver.system, start=part.state(x))
-    solver = _solver_of(part, system)
+    solver = solver_of(part, system)
     members = {name: Rates.named(name).unknowns(system) for name in names}
     each = list(dict.fromkeys(one for own in members.values() for one in own))
     unknowns = Unknowns.find(system, each)

@@ -194,6 +194,7 @@ def _fitted(
         return None
     if fault is not None and not fault.plausible():
         return None
+    fault = None if fault is None else fault.described(part, x)
     numbers = 0 if fault is None else fault.numbers(part.frf)
     quadratic = _about(freed, fault, x) if holds else None
     return Trial(fault, x, power, far, alike, 2 * part.n_values, numbers, quadratic)

@@ -1,0 +1,277 @@
+"""A loss factor that varies with frequency while the model holds it constant."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem, Term
+from updyn.frf import FRF
+from updyn.group import LossTable
+from updyn.updating.judge.causes.altered import Alteration, AlteredPart, log_ratio, solver_of
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault, Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.missing_element import directed_places
+from updyn.updating.judge.causes.proportional import ProportionalDamping
+from updyn.updating.judge.causes.rates import ALL, MATRICES
+from updyn.updating.problem.parameters import Parameter
+from updyn.updating.problem.problem import Block, Part
+
+__all__ = ["LossOverFrequency", "LossPower"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Largest exponent. A spring with a dashpot parallel to it has 1 (Kelvin-Voigt), in series -1
+#: (Maxwell); relaxations spread over frequency are between. Half more for the error of an estimate.
+_STEEPEST = 1.5
+#: Lines of the loss table of the remedy: linear between them, over two decades, it is within 4 % of
+#: f^0.5 and of f^-0.5.
+_TABLE = 9
+#: Digits of its numbers, and the share by which one changes at most.
+_DIGITS, _ROUNDED = 4, 5e-4
+
+
+@dataclass(frozen=True, slots=True)
+class LossPower(Alteration):
+    """Loss factors of some groups are multiplied by (f / middle)^exponent.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Whose; empty: of all groups without a loss table.
+    exponent : float
+        The exponent.
+    middle : float
+        Frequency in Hz at which the loss factors are those of the model.
+    """
+
+    groups: tuple[str, ...]
+    exponent: float
+    middle: float
+
+    @property
+    def cache_key(self) -> str:
+        """Text that distinguishes it from every other one."""
+        return repr(self)
+
+    def on(self, part: Part) -> Part:
+        """Return a part with these loss factors at its lines."""
+        system = part.solver.system
+        freq = np.unique(np.append(part.frf.freq, 2.0 * part.frf.freq[-1] + 1.0))
+        table = LossTable(freq, self.relative(freq))
+        terms = tuple(
+            replace(term, table=table) if self.acts_on(term) else term for term in system.terms
+        )
+        return replace(part, solver=solver_of(part, replace(system, terms=terms)))
+
+    def acts_on(self, term: Term) -> bool:
+        """Return whether the loss factor of a term is one of these."""
+        own = not self.groups or term.group in self.groups
+        return own and term.quantity == "stiffness" and term.table is None
+
+    def relative(self, freq: _Real) -> _Real:
+        """Return the factors at some lines; at 0 Hz that of the next line, shape (n,)."""
+        return np.asarray(np.exp(self.exponent * _log_over(freq, self.middle)))
+
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+        """Return the altered model and the data of a part at a block of lines."""
+        return self.on(part).block(x, lines, derivatives=derivatives)
+
+
+@dataclass(frozen=True, slots=True)
+class LossOverFrequency(Irreparable):
+    """The loss factor of a group, or of all, is proportional to f^value.
+
+    The storage modulus is held constant. By the Kramers-Kronig relations it varies, too, by some
+    2 / pi times the loss factor for each factor of e in frequency; the stiffnesses that are
+    unknowns follow its mean, and the rest is not modelled. Groups with a loss table are left out:
+    their course is given.
+
+    Its channel is the loss factor that varies: ``"pads.loss_factor"``.
+
+    Attributes
+    ----------
+    groups : tuple of str
+        Groups that have this loss factor; empty: all without a loss table.
+    middle : float
+        Frequency in Hz at which loss factors are those of the unknowns: amid the band.
+    lines : tuple of float
+        Lines of the data in Hz, above 0.
+    loss : float
+        Loss factor at `middle`; 0 where several groups have different ones.
+    places : int
+        Number of loss factors that were looked at.
+    viscous : tuple of ProportionalDamping
+        Viscous damping of the same groups that nobody seeks.
+    """
+
+    groups: tuple[str, ...] = ()
+    middle: float = 1.0
+    lines: tuple[float, ...] = ()
+    loss: float = 0.0
+    places: int = 1
+    viscous: tuple[ProportionalDamping, ...] = ()
+
+    kind: ClassVar[str] = "loss-over-frequency"
+    tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
+    constant: ClassVar[bool] = True
+    is_of_model: ClassVar[bool] = True
+    odds: ClassVar[float] = 1e-2
+    told_by: ClassVar[str] = (
+        "A test over a wider band tells them apart, or one of the part alone at several"
+        " frequencies."
+    )
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each loss factor that is unknown or held, and all of them together."""
+        lines = _moving(evidence.part)
+        whose = {
+            p.name: tuple(drive.group for drive in p.acts_on) for _, p in _losses(evidence.part)
+        }
+        if len(whose) > 1:
+            whose[f"{ALL}.loss_factor"] = ()
+        about = {"middle": math.sqrt(lines[0] * lines[-1]), "lines": lines, "places": len(whose)}
+        for name, groups in whose.items():
+            viscous = _viscous_of(groups, evidence)
+            yield cls((name,), groups=groups, viscous=viscous, **about)
+
+    @property
+    def power(self) -> LossPower:
+        """How the loss factors vary."""
+        return LossPower(self.groups, self.value, self.middle)
+
+    def slope(self, evidence: Evidence) -> _Complex:
+        """Return the derivative of the model's ln H by the exponent.
+
+        It is the derivative by the loss factor times that factor and ln(f / middle).
+        """
+        total = np.zeros(evidence.frf.values.shape, dtype=np.complex128)
+        for i, p in _losses(evidence.part):
+            if not self.groups or {drive.group for drive in p.acts_on} <= set(self.groups):
+                total += float(evidence.x[i]) * evidence.by_unknown[i]
+        return np.asarray(total * _log_over(evidence.frf.freq, self.middle)[:, None, None])
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H with these loss factors over its own."""
+        return divided(evidence.frf, log_ratio(evidence.part, self.power, evidence.x))
+
+    def accounted(self, part: Part, x: _Real) -> Part:
+        """Return the part whose model has these loss factors."""
+        return AlteredPart.of(part, self.power) if self.plausible() else part
+
+    def described(self, part: Part, x: _Real) -> Self:
+        """Return the fault with the lines of a part and the loss factor of its model at a point."""
+        state, terms = part.state(x), part.solver.system.terms
+        losses = {float(state.loss[t]) for t, term in enumerate(terms) if self.power.acts_on(term)}
+        loss = losses.pop() if len(losses) == 1 else 0.0
+        return replace(self, loss=loss, lines=_moving(part))
+
+    def relatives(self, about: object) -> Iterable[Fault]:
+        """Return viscous damping of the same groups: its loss factor rises, or falls, too."""
+        quantity = "stiffness_damping" if self.value > 0.0 else "mass_damping"
+        return [one for one in self.viscous if one.channels[0].endswith(f".{quantity}")]
+
+    def plausible(self) -> bool:
+        """Return whether the loss factor varies, and no more than that of a solid does."""
+        return 0.0 < abs(self.value) <= _STEEPEST
+
+    @property
+    def prior(self) -> float:
+        """How often the loss factor of this group varies that much."""
+        return shared_odds(self.odds, self.places)
+
+    @property
+    def _whose(self) -> str:
+        """The groups in words."""
+        if not self.groups:
+            return "all groups"
+        names = ", ".join(repr(name) for name in self.groups)
+        return f"the group{'s' * (len(self.groups) > 1)} {names}"
+
+    def statement(self) -> str:
+        """Return whose loss factor varies, and from which value to which."""
+        course = "rises" if self.value > 0.0 else "falls"
+        low, high = self.lines[0], self.lines[-1]
+        ends = self.power.relative(np.array([low, high]))
+        if self.loss:
+            first, last = self.loss * ends
+            extent = f"from {first:.3g} at {low:.4g} Hz to {last:.3g} at {high:.4g} Hz"
+        else:
+            extent = f"by a factor of {ends[1] / ends[0]:.3g} from {low:.4g} to {high:.4g} Hz"
+        return (
+            f"The loss factor of {self._whose} {course} with frequency: {extent}, as"
+            f" f^{self.value:.2f}; the model holds it constant."
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        freq = self._table_lines
+        relative = [float(f"{factor:.{_DIGITS}g}") for factor in self.power.relative(freq)]
+        table = f"[{freq.tolist()}, {relative}]"
+        named = list(self.groups) or [ALL]
+        groups = json.dumps(named if len(named) > 1 else named[0], ensure_ascii=False)
+        level = f", loss_factor = {self.loss:.3g}" if self.loss else ""
+        return (
+            f"Give the model this course: [[damping]] with groups = {groups}{level} and"
+            f" loss_table = {table} in the job, or Model.with_damping in Python. A test of the part"
+            " alone gives a better one."
+        )
+
+    @property
+    def _table_lines(self) -> _Real:
+        """Frequencies of few digits, from below the lines to the next one above.
+
+        A search looks at some of the lines only: the highest may not be among them.
+        """
+        low, (last, high) = self.lines[0], self.lines[-2:]
+        freq = np.geomspace(low * (1.0 - _ROUNDED), high * (high / last + _ROUNDED), _TABLE)
+        return np.array([float(f"{one:.{_DIGITS}g}") for one in freq])
+
+
+def _moving(part: Part) -> tuple[float, ...]:
+    """Return the lines of a part above 0 Hz; causes are looked for in several lines only."""
+    return tuple(part.frf.freq[part.frf.freq > 0.0].tolist())
+
+
+def _losses(part: Part) -> Sequence[tuple[int, Parameter]]:
+    """Return the unknown loss factors of groups without a loss table, with their positions."""
+    system = part.solver.system
+    return [
+        (i, p)
+        for i, p in enumerate(part.coordinates.parameters)
+        if p.value_of == "loss_factor" and not any(_is_tabled(system, d.group) for d in p.acts_on)
+    ]
+
+
+def _viscous_of(groups: Sequence[str], evidence: Evidence) -> tuple[ProportionalDamping, ...]:
+    """Return the viscous damping of a group, or else of all groups, that nobody seeks."""
+    if len(groups) > 1:
+        return ()
+    places = len(list(directed_places(evidence.frf))) + len(evidence.by_rate)
+    own, found = groups[0] if groups else ALL, []
+    for quantity in MATRICES:
+        names = (f"{own}.{quantity}", f"{ALL}.{quantity}")
+        found += [name for name in names if name in evidence.by_rate][:1]
+    return tuple(ProportionalDamping((name,), places=places) for name in found)
+
+
+def _is_tabled(system: AffineSystem, group: str) -> bool:
+    """Return whether a group has a loss table of the user."""
+    return system.terms[system.find(group, "loss_factor")].table is not None
+
+
+def _log_over(freq: _Real, middle: float) -> _Real:
+    """Return ln(f / middle), shape (n,); at 0 Hz that of the next line."""
+    moving = freq[freq > 0.0]
+    lowest = moving.min() if moving.size else middle
+    return np.asarray(np.log(np.maximum(freq, lowest) / middle))
