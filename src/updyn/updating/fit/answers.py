@@ -35,6 +35,9 @@ __all__ = [
     "equals",
     "exchanged",
     "explains",
+    "improves",
+    "is_again",
+    "is_another",
     "is_at",
     "preferred",
     "put_back",
@@ -136,7 +139,8 @@ def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> l
     """
     found: list[Answer] = []
     for other in sorted(as_likely(chosen, others, less), key=lambda answer: answer.unlikelihood):
-        if contradicts(other, chosen) and all(differ(known, other) for known in found):
+        disagrees = improves(other, chosen) or contradicts(other, chosen)
+        if disagrees and all(differ(known, other) for known in found):
             found.append(other)
     return found
 
@@ -162,9 +166,28 @@ def is_at(x: _Vector, answer: Answer) -> bool:
     return not _apart(x, answer.x, _std(answer.local))
 
 
+def is_again(found: Answer, answer: Answer) -> bool:
+    """Return whether what was found is an answer again: `is_at` it, and no better than it."""
+    return is_at(found.x, answer) and not improves(found, answer)
+
+
 def as_likely(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
     """Return the other answers whose log-likelihoods are smaller by no more than `less`."""
     return [other for other in others if other.unlikelihood <= chosen.unlikelihood + less]
+
+
+def improves(answer: Answer, other: Answer) -> bool:
+    """Return whether an answer fits better than another by more than `AS_WELL`.
+
+    The other one is then no answer, and its standard deviations do not cover this one: where the
+    misfit is larger than the noise, its Jacobian can be singular at a point between two answers.
+    """
+    return answer.unlikelihood < other.unlikelihood - AS_WELL
+
+
+def is_another(answer: Answer, other: Answer) -> bool:
+    """Return whether an answer fits better than another, or differs from it (`differ`)."""
+    return improves(answer, other) or differ(answer, other)
 
 
 def differ(a: Answer, b: Answer) -> bool:

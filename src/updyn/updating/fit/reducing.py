@@ -38,7 +38,15 @@ from updyn.frf import FRF
 from updyn.linalg.solver import Factorised
 from updyn.model import Model
 from updyn.updating.fit.answer import Answer
-from updyn.updating.fit.answers import as_likely, differ, distance, equals, is_at, preferred
+from updyn.updating.fit.answers import (
+    as_likely,
+    distance,
+    equals,
+    is_again,
+    is_another,
+    is_at,
+    preferred,
+)
 from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.method import Fit, Method, Rival, descend
 from updyn.updating.fit.methods import METHODS
@@ -521,7 +529,7 @@ class Reducing:
                 as_well = [*equals(best, _answers(known, held=False)), *ends]
                 (chosen,) = (one for one in known if one.answer is best)
                 rivals = [one for one in known if any(one.answer is answer for answer in as_well)]
-                if not differ(best, before):
+                if not is_another(best, before):
                     break
         self._use_again(chosen)
         worse = [one.answer.unlikelihood - chosen.answer.unlikelihood for one in rivals]
@@ -547,7 +555,7 @@ class Reducing:
             for point in strategy.others(models, noises, monitor, chosen.answer, self._ends):
                 if monitor.stopped:
                     break
-                if any(is_at(point.x, one.answer) for one in [*known, *found]):
+                if any(is_again(point, one.answer) for one in [*known, *found]):
                     continue
                 with monitor.stage("reduce"):
                     self._make(point.x)

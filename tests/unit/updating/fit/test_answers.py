@@ -17,6 +17,9 @@ from updyn.updating.fit.answers import (
     equals,
     exchanged,
     explains,
+    improves,
+    is_again,
+    is_another,
     is_at,
     preferred,
     put_back,
@@ -243,6 +246,23 @@ def test_answers_that_differ_only_in_what_the_data_leave_open_are_one():
     """The first unknown is not determined: its standard deviation is above 1."""
     chosen, other = (answer_at(np.array([x, 0.0]), std=[30.0, 0.01]) for x in (0.0, 2.0))
     assert equals(chosen, [other]) == []
+
+
+def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
+    """At a fold between two answers the Jacobian is singular, and the misfit far above the noise."""
+    fold = answer_at(np.zeros(2), 1.01 * AS_WELL, std=[30.0, 0.01])
+    answer = answer_at(np.array([0.5, 0.0]))
+    near = answer_at(np.array([0.5, 0.0]), 0.02 * AS_WELL)  # fits no better than the fold
+    assert improves(answer, fold)
+    assert is_another(answer, fold)
+    assert not is_again(answer, fold)
+    assert equals(fold, [answer], less=15.0) == [answer]
+    assert not improves(near, fold)
+    assert not is_another(near, fold)
+    assert is_again(near, fold)
+    assert equals(fold, [near], less=15.0) == []
+    # The other way round, the fold is no answer beside the better one.
+    assert not is_another(fold, answer)
 
 
 def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_not():

@@ -16,11 +16,13 @@ from updyn.errors import SolverError
 from updyn.modal.sensitivity import WHOLE
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
+    AS_WELL,
     as_likely,
-    differ,
     elsewhere,
     equals,
     explains,
+    improves,
+    is_another,
     preferred,
     put_back,
     restarted,
@@ -159,21 +161,21 @@ class MaximumLikelihood(SearchingMethod):
         chosen = preferred(problem, answers)
         ends: list[Answer] = []
         with monitor.stage("other answers"):
-            for _ in range(_HOPS):
-                if problem.parts:
-                    others = self._elsewhere(models, monitor, chosen)
-                    answers += self._further(models, noises, others, monitor, chosen)
-                else:
-                    answers += self._across(models, noises, monitor, chosen, fitted)
+            if not problem.parts:  # from everywhere, so that once is enough
+                answers += self._across(models, noises, monitor, chosen, fitted)
+                chosen = preferred(problem, answers)
+            for _ in range(_HOPS if problem.parts else 0):
+                others = self._elsewhere(models, monitor, chosen)
+                answers += self._further(models, noises, others, monitor, chosen)
                 before, chosen = chosen, preferred(problem, answers)
-                if not differ(chosen, before):
+                if not is_another(chosen, before):
                     break
             most = None if problem.parts else fitted
             for _ in range(_HOPS):
                 ends, reached = self._valleys(models, noises, monitor, chosen, most)
                 answers += reached
                 before, chosen = chosen, preferred(problem, answers)
-                if not differ(chosen, before):
+                if not is_another(chosen, before):
                     break
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
@@ -285,14 +287,19 @@ class MaximumLikelihood(SearchingMethod):
         more numbers than unknowns, as with frequencies alone, several answers are usual
         (isospectral systems; Gladwell, Inverse Problems in Vibration, 2nd ed. 2004), and few tries
         reach some of them: all tries are made. In a large model, no try begins after `most` steps.
+
+        Where a try improves on the best answer, it takes its place; answers and tries that are much
+        less likely than the best do not count.
         """
         problem, coordinates = models.exact, models.exact.coordinates
-        found, agreed, begun = [best], 1, len(monitor.history)
+        found, ends, begun = [best], [best.unlikelihood], len(monitor.history)
         overdetermined = problem.n_numbers > problem.n
         settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
         far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
         for start in scattered(coordinates.home, far, _TRIES * self.starts, self.seed):
-            enough = overdetermined and agreed > 2 * len(found) ** 2 + 3 * len(found) + 2
+            agreed = sum(end <= best.unlikelihood + _WORTH for end in ends)
+            number = len(as_likely(best, found, _WORTH))
+            enough = overdetermined and agreed > 2 * number**2 + 3 * number + 2
             tired = problem.system.n > WHOLE and len(monitor.history) - begun >= most
             if enough or tired or monitor.stopped:
                 break
@@ -300,13 +307,15 @@ class MaximumLikelihood(SearchingMethod):
                 x = np.clip(start, *coordinates.bounds)
                 _, x = _descended(models, x, monitor, settings, best)
                 here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
+                ends.append(here)
                 if here > best.unlikelihood + _WORTH:
                     continue
-                agreed += 1
                 if not any(models.is_known(x, answer) for answer in found):
                     answer = self._answer(problem, noises, x, monitor)
-                    if all(differ(answer, other) for other in found):
+                    if all(is_another(answer, other) for other in found):
                         found.append(answer)
+                    if improves(answer, best):
+                        best = answer
         return found[1:]
 
     @classmethod
@@ -369,9 +378,9 @@ class MaximumLikelihood(SearchingMethod):
                 break
             with suppress(Stopped, SolverError):
                 problem, x = _descended(models, x, monitor, settings, at)
-                if models.is_known(x, at):
-                    continue
                 here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
+                if models.is_known(x, at) and here >= at.unlikelihood - AS_WELL:
+                    continue
                 if here <= at.unlikelihood + _WORTH:
                     found.append(self._answer(problem, noises, x, monitor))
         return found
