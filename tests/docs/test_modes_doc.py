@@ -18,11 +18,17 @@ WORDS = " ".join(TEXT.split())
 
 
 @pytest.fixture(scope="module")
-def page() -> dict[str, Any]:
+def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Run the blocks in a folder with the page's table of frequencies."""
     namespace: dict[str, Any] = {"__name__": "page"}
-    for block in blocks(PAGE):
-        if block.language == "python":
-            run_python(block, "docs/modes.md", namespace)
+    folder = tmp_path_factory.mktemp("page")
+    (table,) = (b.text for b in blocks(PAGE) if b.language == "text" and b.text.startswith("#"))
+    (folder / "frequencies.csv").write_text(table, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for block in blocks(PAGE):
+            if block.language == "python":
+                run_python(block, "docs/modes.md", namespace)
     return namespace
 
 
