@@ -53,7 +53,7 @@ gallery.write(SITE / "api")
 def setup(app: Any) -> None:
     """Register what turns texts written for a code host and a terminal into those of the site."""
     app.connect("source-read", _to_site)
-    app.connect("autodoc-process-docstring", _escaped, priority=400)
+    app.connect("autodoc-process-docstring", _escape, priority=400)
 
 
 def _to_site(app: Any, name: str, source: list[str]) -> None:
@@ -66,8 +66,8 @@ def _where_any(found: re.Match[str]) -> str:
     return found[0] if any(pages.DOCS.glob(f"{found[1]}.md")) else ""
 
 
-def _escaped(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Magnitudes such as |H| are no substitutions."""
+def _escape(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Escape the bars of magnitudes such as |H|, which are not substitutions."""
     lines[:] = [
         "".join(
             p if p.startswith("`") else p.replace("|", r"\|") for p in re.split("(``?[^`]*``?)", x)

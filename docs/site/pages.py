@@ -11,15 +11,15 @@ from pathlib import Path
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 
-#: A link that is no picture: words, which may hold brackets, file, anchor.
+#: A link other than a picture: words (brackets allowed), file, anchor.
 _LINK = r"(?<!!)\[((?:[^\[\]]|\[+[^\[\]]*\]+)*)\]\((?!https?:)([^)#\s]*)((?:#[^)\s]+)?)\)"
 
-#: Pages from outside docs/, and where the site shows them.
+#: Pages outside docs/ and their names on the site.
 SHOWN = {"benchmarks/README.md": "measured.md", "CONTRIBUTING.md": "contributing.md"}
 
 
 def write(folder: Path) -> None:
-    """Write the pages from outside docs/, for the site to show.
+    """Write copies of the pages outside docs/ for the site.
 
     Parameters
     ----------
@@ -28,37 +28,37 @@ def write(folder: Path) -> None:
     """
     for given, name in SHOWN.items():
         page = ROOT / given
-        change = partial(_relinked, page=page, folder=folder)
+        change = partial(_relink, page=page, folder=folder)
         text = _prose_of(page.read_text(encoding="utf-8"), change)
         (folder / name).write_text(text, encoding="utf-8")
     readme = ROOT / "README.md"
     what = readme.read_text(encoding="utf-8").split("<!-- what -->")[1].split("<!-- end of")[0]
-    (folder / "what.txt").write_text(_relinked(what, readme, folder.parent), encoding="utf-8")
+    (folder / "what.txt").write_text(_relink(what, readme, folder.parent), encoding="utf-8")
 
 
-def _relinked(text: str, page: Path, folder: Path) -> str:
-    def moved(found: re.Match[str]) -> str:
+def _relink(text: str, page: Path, folder: Path) -> str:
+    def relocate(found: re.Match[str]) -> str:
         return f"]({os.path.relpath(page.parent / found[1], folder)}{found[2]})"
 
-    return re.sub(r"\]\((?!https?:)([^)#\s]+)((?:#[^)\s]+)?)\)", moved, text)
+    return re.sub(r"\]\((?!https?:)([^)#\s]+)((?:#[^)\s]+)?)\)", relocate, text)
 
 
 def to_site(text: str, page: Path) -> str:
-    """Return a page with its explicit anchors as targets, and links that leave docs/ mended.
+    """Return a page with explicit anchors as targets, and links to files outside docs/ replaced.
 
     Parameters
     ----------
     text : str
         Markdown, as a code host shows it.
     page : Path
-        Where it stands.
+        Path of the page.
 
     Returns
     -------
     str
         Markdown for MyST.
     """
-    return _prose_of(text, lambda piece: _mended(piece, page))
+    return _prose_of(text, lambda piece: _convert(piece, page))
 
 
 def _prose_of(text: str, change: Callable[[str], str]) -> str:
@@ -66,7 +66,7 @@ def _prose_of(text: str, change: Callable[[str], str]) -> str:
     return "".join(p if p.startswith("```") else change(p) for p in pieces)
 
 
-def _mended(text: str, page: Path) -> str:
+def _convert(text: str, page: Path) -> str:
     def target(found: re.Match[str]) -> str:
         return f"({_label(page, found[1])})="
 

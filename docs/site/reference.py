@@ -1,4 +1,4 @@
-"""Pages of the reference, written anew by every build: the public names, and the keys of a job."""
+"""Pages of the reference, written by every build: the public names, and the keys of a job."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def write(folder: Path) -> None:
     Parameters
     ----------
     folder : Path
-        Where they are written; what it holds is removed first.
+        Output folder; its content is removed first.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
@@ -69,7 +69,7 @@ def _directive(name: str) -> str:
     if inspect.isroutine(thing):
         return "autofunction"
     if inspect.ismodule(thing) or short == "__version__":
-        return ""  # a room has a page of its own
+        return ""  # a room has a separate page
     return "autodata"
 
 
