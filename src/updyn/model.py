@@ -324,6 +324,83 @@ class Model:
             groups[name] = group.changed(change)
         return Model(groups, self.dofs, self.geometry, self.title)
 
+    def with_element(
+        self,
+        name: str,
+        dofs: Iterable[str | Dof],
+        *,
+        between: bool = False,
+        stiffness: float = 0.0,
+        viscous: float = 0.0,
+        mass: float = 0.0,
+        loss_factor: float = 0.0,
+    ) -> Model:
+        """Return a copy with a spring, a dashpot or a mass as one more group.
+
+        Parameters
+        ----------
+        name : str
+            Of the new group.
+        dofs : iterable of str or Dof
+            Degrees of freedom of the model.
+        between : bool
+            False: the element acts between each degree of freedom and the ground, as a mass does.
+            True: it acts between two degrees of freedom; a sign turns the direction of one.
+        stiffness, viscous, mass : float
+            Size in N/m, N s/m and kg; in N m/rad, N m s/rad and kg m2 for rotations. At least one
+            is above 0.
+        loss_factor : float
+            Of the stiffness.
+
+        Returns
+        -------
+        Model
+            The copy; the other groups are shared with this model.
+
+        Raises
+        ------
+        ModelError
+            If the name exists or cannot be used, a size is no finite number of at least 0, all are
+            0, or `between` is given with other than two degrees of freedom.
+        DofError
+            If the model does not have one of the degrees of freedom.
+
+        See Also
+        --------
+        updyn.elements.structure.Spring : Element with a length, for models made of elements.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> parts = {"parts": updyn.Group(1e4 * np.eye(2), np.eye(2))}
+        >>> model = updyn.Model.from_groups(parts, ["1:X", "2:X"])
+        >>> model = model.with_element("dashpot", ["1:X", "2:X"], between=True, viscous=5.0)
+        >>> model.viscous.toarray()
+        array([[ 5., -5.],
+               [-5.,  5.]])
+        """
+        if name in self.groups:
+            raise ModelError(f"group {name!r} exists; expected a new name")
+        sizes = {"stiffness": stiffness, "mass": mass, "viscous": viscous}
+        for what, size in sizes.items():
+            if not is_number(size) or not math.isfinite(size) or size < 0.0:
+                raise ModelError(f"{what} {size!r}: expected a finite number of at least 0")
+        if not any(sizes.values()):
+            raise ModelError("expected a stiffness, viscous or mass above 0; all are 0")
+        at = self.dofs.match(dofs)
+        n = len(at.index)
+        if n != 2 and between:
+            raise ModelError(f"between: expected two degrees of freedom, found {n}")
+        if not n:
+            raise ModelError("expected at least one degree of freedom, found none")
+        effect = at.sign * [1.0, -1.0] if between else at.sign
+        rows = np.zeros(n, dtype=np.intp) if between else np.arange(n)
+        shape = (1 if between else n, self.n_dofs)
+        u = sp.csr_array((effect, (rows, at.index)), shape=shape)
+        matrices = {what: size * (u.T @ u) for what, size in sizes.items() if size}
+        group = Group(**matrices, loss_factor=loss_factor)
+        return Model({**self.groups, name: group}, self.dofs, self.geometry, self.title)
+
     def with_damping(self, damping: Mapping[str, Mapping[str, Any]]) -> Model:
         """Return a copy with other damping, such as for a model from a deck without damping.
 

@@ -425,6 +425,63 @@ def test_changes_are_checked(model, changes, text):
 
 
 # -- immutable ---------------------------------------------------------------------------------------------
+# -- with_element ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("dofs", "between", "wanted"),
+    [
+        (["2:X"], False, [[0.0, 0.0], [0.0, 7.0]]),
+        (["1:X", "2:X"], False, [[7.0, 0.0], [0.0, 7.0]]),
+        (["1:X", "2:X"], True, [[7.0, -7.0], [-7.0, 7.0]]),
+        (["1:X", "2:-X"], True, [[7.0, 7.0], [7.0, 7.0]]),
+    ],
+)
+@pytest.mark.parametrize("quantity", ["stiffness", "viscous", "mass"])
+def test_an_element_is_added_as_a_group(model, dofs, between, wanted, quantity):
+    more = model.with_element("more", dofs, between=between, **{quantity: 7.0})
+    added = (getattr(more, quantity) - getattr(model, quantity)).toarray()
+    np.testing.assert_allclose(added, wanted, atol=1e-12)
+    assert list(more.groups) == [*model.groups, "more"]
+    assert more.geometry is model.geometry
+    assert getattr(more.group("more"), quantity) is not None
+
+
+def test_a_spring_with_loss_and_a_dashpot_are_one_element(model):
+    more = model.with_element("mount", ["1:X"], stiffness=2.0, viscous=3.0, loss_factor=0.5)
+    group = more.group("mount")
+    assert (group.stiffness[0, 0], group.viscous[0, 0], group.loss_factor) == (2.0, 3.0, 0.5)
+    assert group.mass is None
+
+
+@pytest.mark.parametrize(
+    ("name", "dofs", "options", "text"),
+    [
+        ("spring", ["1:X"], {"mass": 1.0}, "group 'spring' exists; expected a new name"),
+        ("more.", ["1:X"], {"mass": 1.0}, "group name 'more.' holds '.'"),
+        ("more", ["1:X"], {}, "expected a stiffness, viscous or mass above 0; all are 0"),
+        ("more", ["1:X"], {"mass": -1.0}, "mass -1.0: expected a finite number of at least 0"),
+        ("more", ["1:X"], {"viscous": np.inf}, "viscous inf: expected a finite number"),
+        ("more", ["1:X"], {"mass": "1"}, "mass '1': expected a finite number"),
+        ("more", [], {"mass": 1.0}, "expected at least one degree of freedom, found none"),
+        (
+            "more",
+            ["1:X"],
+            {"mass": 1.0, "between": True},
+            "expected two degrees of freedom, found 1",
+        ),
+    ],
+)
+def test_an_element_is_checked(model, name, dofs, options, text):
+    with raises(text):
+        model.with_element(name, dofs, **options)
+
+
+def test_an_element_at_an_unknown_dof_names_the_nearest(model):
+    with raises("DOF 3:X is not among the 2 DOFs", DofError):
+        model.with_element("more", ["3:X"], mass=1.0)
+
+
 def test_a_model_cannot_be_changed(model):
     with pytest.raises(dataclasses.FrozenInstanceError):
         model.title = "x"
