@@ -12,6 +12,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
 from updyn.updating.judge.causes.scale import Scale
+from updyn.updating.problem.problem import Part
 
 __all__ = ["Calibration"]
 
@@ -39,7 +40,7 @@ class Calibration(Fault):
         frf = evidence.frf
         return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape)
 
-    def relatives(self, frf: FRF) -> Iterable[Fault]:
+    def relatives(self, part: Part) -> Iterable[Fault]:
         """Return the nearest factor between units."""
         return Scale.near(self.channels, float(np.exp(self.value)))
 

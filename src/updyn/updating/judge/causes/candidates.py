@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.suspects import Suspect, likeliest, suspects
 from updyn.updating.judge.causes.trial import NOISY, Trial, robust_point, tried
 from updyn.updating.problem.problem import Part
 
-__all__ = ["KEPT", "SMALL", "Begun", "candidates"]
+__all__ = ["KEPT", "SMALL", "Begun", "candidates", "is_small"]
 
 _Real = NDArray[np.float64]
 #: A fault, and the point to begin from.
@@ -57,12 +57,17 @@ def candidates(part: Part, without: Trial, start: _Real, stated: Sequence[Findin
     list of tuple of Fault and ndarray of float, shape (n,)
         Each with the point from which its fit begins.
     """
-    if without.power < SMALL**2 and without.alike < _ALIKE:
+    if is_small(without):
         return _promising(part, without, stated)
     points = [start, without.x]
     with suppress(SolverError):
         points.append(robust_point(part, start))
     return _followed(part, without, _fresh(_seen_from(part, points), stated), stated)
+
+
+def is_small(trial: Trial) -> bool:
+    """Return whether the residual of a trial is nearly noise: nothing gross is wrong."""
+    return trial.power < SMALL**2 and trial.alike < _ALIKE
 
 
 def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Begun]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.candidates import KEPT, SMALL, Begun, candidates
+from updyn.updating.judge.causes.candidates import KEPT, SMALL, Begun, candidates, is_small
 from updyn.updating.judge.causes.data_alone import (
     finding_of,
     set_aside,
@@ -25,7 +25,7 @@ from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.halves import halves_apart
-from updyn.updating.judge.causes.misfit import SEEN, as_likely, log_misfit
+from updyn.updating.judge.causes.misfit import SEEN, Weighed, as_likely, log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.ranking import (
     FAR_OFF,
@@ -243,7 +243,7 @@ def _explained(
     end: _Real | None = None
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, stage, known, [*stated, *findings])
+        found = _likeliest(part, stage, known, [*stated, *findings], noise)
         if not found:
             break
         best = found[0]
@@ -312,8 +312,19 @@ def _as_likely(part: Part, trial: Trial, noise: NoiseModel) -> Part:
     return replace(part, frf=replace(part.frf, variance=size**2 * as_likely(H, frf, variance)))
 
 
+def _weighed(part: Part, trial: Trial, noise: NoiseModel) -> FRF:
+    """Return the data weighed by the noise that a trial without a fault leaves of them."""
+    H = part.responses(trial.x)
+    variance = noise.refit(H, part.frf, part.n).variance(H, part.frf)
+    return Weighed.near(H, part.frf, variance)
+
+
 def _likeliest(
-    part: Part, stage: Stage, points: Sequence[_Real], stated: Sequence[Finding]
+    part: Part,
+    stage: Stage,
+    points: Sequence[_Real],
+    stated: Sequence[Finding],
+    noise: NoiseModel,
 ) -> list[Ranked]:
     """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
     home = part.coordinates.home
@@ -324,6 +335,10 @@ def _likeliest(
         if without is None:
             return []
         here, without = _settled(part, here, stage, without)
+        if is_small(without):
+            part = part.with_data(_weighed(here, without, noise))
+            here = stage.near(part, [without.x])
+            without = tried(here, None, [without.x]) or without
         fresh = candidates(here, without, start, stated)
         ranked = _ranked(here, fresh, without)
         if not _stands(ranked):
@@ -440,7 +455,7 @@ class _Ends:
                 continue
             if key not in self.found or trial.gain(self.found[key]) > 0.0:
                 self.found[key] = trial
-                waiting += [(other, trial.x) for other in trial.fault.relatives(self.part.frf)]
+                waiting += [(other, trial.x) for other in trial.fault.relatives(self.part)]
                 if trial.is_noise:
                     self.noise = trial
 

@@ -248,8 +248,8 @@ class Fault(ABC):
         """Return the point from which a fit that takes account of the fault begins."""
         return x
 
-    def relatives(self, frf: FRF) -> Iterable[Fault]:
-        """Return other faults that would do nearly the same to the data, to be tried beside it."""
+    def relatives(self, part: Part) -> Iterable[Fault]:
+        """Return other faults that would do nearly the same to the data, to be tried as well."""
         return ()
 
     def elsewhere(self, evidence: Evidence) -> Iterable[Fault]:

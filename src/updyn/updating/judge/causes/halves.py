@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, stacked
 from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.misfit import n_seen
 
 __all__ = ["halves_apart"]
 
@@ -56,7 +57,7 @@ def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
     sizes = np.linalg.solve(R, Q.T @ b)
     residual = (b - Q @ (Q.T @ b))[: -len(still)]
     least = 0.5 * (SMALLEST / freed.unit) ** 2
-    variance = max(float(residual @ residual) / len(residual), least)
+    variance = max(float(residual @ residual) / max(n_seen(freed.frf), 1), least)
     variance *= (1.0 + alike) / (1.0 - alike)
     difference = np.linalg.solve(R.T, np.array([1.0, -1.0]))
     deviation = np.sqrt(variance * float(difference @ difference))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF, ROUNDING
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["SEEN", "as_likely", "log_misfit"]
+__all__ = ["SEEN", "Weighed", "as_likely", "log_misfit", "n_seen"]
 
 _Complex = NDArray[np.complex128]
 
@@ -23,8 +26,55 @@ _LEAST = 1e-5
 _EXACT, _FAINT = 0.1, 1e-3
 
 
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Weighed(FRF):
+    """Data near the response of a model, of which each value counts by its likelihood.
+
+    Attributes
+    ----------
+    relative : float
+        Noise of the most exact values, as a share of them: the misfit of a value is its error in
+        standard deviations, times this.
+    """
+
+    relative: float
+
+    def __init__(self, *about: Any, relative: float, **further: Any) -> None:
+        FRF.__init__(self, *about, **further)
+        object.__setattr__(self, "relative", relative)
+
+    @classmethod
+    def near(cls, H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> Self:
+        """Return data whose noise has a variance, near the response H of a model."""
+        answer = np.abs(H)
+        seen = answer > ROUNDING * answer.max()
+        share = np.sqrt(variance[seen]) / answer[seen]
+        about = {one.name: getattr(frf, one.name) for one in fields(FRF)}
+        about["variance"] = variance
+        return cls(relative=float(np.quantile(share, _EXACT)) if share.size else 1.0, **about)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        about = {one.name: getattr(self, one.name) for one in fields(self)}
+        return _rebuild, (type(self), about)
+
+    @property
+    def scale(self) -> NDArray[np.float64]:
+        """Misfit of an error of 1 in each value."""
+        return self.relative / _noise(self)
+
+    def misfit(self, H: _Complex) -> tuple[_Complex, NDArray[np.float64]]:
+        """Return w (H_X / H_A - 1) and w, as `log_misfit`."""
+        scale, size = self.scale, np.abs(H)
+        turned = np.where(size > 0.0, H.conj(), 1.0) / np.where(size > 0.0, size, 1.0)
+        return scale * (self.values - H) * turned, scale * size
+
+
+def _rebuild(cls: type[Weighed], about: dict[str, Any]) -> Weighed:
+    return cls(**about)
+
+
 def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
-    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j).
+    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); of `Weighed` data by likelihood.
 
     Unlike the residual of a fit, it counts values that only one side has: where the model answers
     and the data are noise, and where the data stand clear of the noise and the model says nothing,
@@ -38,8 +88,9 @@ def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
     frf : FRF
         The data, with their variance.
     """
-    assert frf.variance is not None
-    noise = np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2)
+    if isinstance(frf, Weighed):
+        return frf.misfit(H)
+    noise = _noise(frf)
     least = SEEN * noise
     size = [np.abs(H), np.abs(frf.values)]
     seen = [one > least for one in size]
@@ -48,6 +99,19 @@ def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
     clear = np.maximum(np.maximum(*size) ** 2 - least**2, 0.0)
     weight = np.sqrt(clear / (clear + (noise / _CLEAR) ** 2))
     return weight * (level[1] - level[0] + 1j * turned), weight
+
+
+def n_seen(frf: FRF) -> int:
+    """Return the number of real values that count: of `Weighed` data all, else the clear ones."""
+    if isinstance(frf, Weighed):
+        return 2 * frf.values.size
+    return 2 * int(np.count_nonzero(np.abs(frf.values) > SEEN * _noise(frf)))
+
+
+def _noise(frf: FRF) -> NDArray[np.float64]:
+    """Return the standard deviation of the noise of each value."""
+    assert frf.variance is not None
+    return np.asarray(np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2))
 
 
 def as_likely(H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -122,24 +122,15 @@ class MissingElement(Irreparable):
     def remedy(self) -> str:
         """What to look at, and the Python that adds it to the model as an unknown."""
         name = f"{self.noun} {' '.join(self.channels)}"
+        between = "between=True, " if self.between else ""
         loss = f", loss_factor={self.loss:g}" if self.loss else ""
+        dofs = ", ".join(f'"{label}"' for label in self.channels)
         return (
-            f"Look for it there. If it exists, add it to the model: {self._incidence_code};"
-            f' model = dataclasses.replace(model, groups={{**model.groups, "{name}":'
-            f" updyn.Group({self.quantity}={self.value:.6g} * (u.T @ u){loss})}});"
+            "Look for it there. If it exists, add it to the model:"
+            f' model = model.with_element("{name}", [{dofs}], {between}'
+            f"{self.quantity}={self.value:.6g}{loss});"
             f' unknowns += updyn.parameters(model, {self.quantity}="{name}")'
         )
-
-    @property
-    def _incidence_code(self) -> str:
-        """The Python that makes its incidence vectors, one a row."""
-        if self.between:
-            first, second = self.channels
-            row = f'[(d == "{first}") - 1.0 * (d == "{second}") for d in model.dofs.labels]'
-        else:
-            at = ", ".join(f'"{label}"' for label in self.channels)
-            row = f"[1.0 * (d == at) for d in model.dofs.labels] for at in [{at}]"
-        return f"u = scipy.sparse.csr_array([{row}])"
 
 
 def directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:

@@ -10,8 +10,10 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_element import MissingElement
 from updyn.updating.judge.causes.proportional import ProportionalDamping
+from updyn.updating.judge.causes.rates import rates_not_sought
+from updyn.updating.problem.problem import Part
 
-__all__ = ["MissingViscous"]
+__all__ = ["MissingViscous", "viscous_places"]
 
 
 class MissingViscous(MissingElement):
@@ -31,14 +33,17 @@ class MissingViscous(MissingElement):
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Any]:
         """Yield the dashpots that explain most, to first order, and the damping of each group."""
-        groups = list(ProportionalDamping.suspected(evidence))
         courses = {
             viscous.channels: one
             for one in LossOverFrequency.suspected(evidence)
             for viscous in one.viscous
         }
-        dashpots = list(super().suspected(evidence))
-        places = len(groups) + max((one.places for one in dashpots), default=0)
-        yield from (replace(one, places=places) for one in dashpots)
-        for one in groups:
+        places = viscous_places(evidence.part)
+        yield from (replace(one, places=places) for one in super().suspected(evidence))
+        for one in ProportionalDamping.suspected(evidence):
             yield replace(one, places=places, course=courses.get(one.channels))
+
+
+def viscous_places(part: Part) -> int:
+    """Return the number of places of dashpots and of groups whose damping nobody seeks."""
+    return len(list(MissingViscous.places_in(part.frf))) + len(rates_not_sought(part))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault, divided, each_sensor, place_of, without
+from updyn.updating.problem.problem import Part
 
 __all__ = ["OtherTest"]
 
@@ -80,10 +81,10 @@ class OtherTest(Fault):
             best = min((replace(self, value=best.value + float(v)) for v in steps), key=left)
         return best
 
-    def relatives(self, frf: FRF) -> Iterable[Fault]:
+    def relatives(self, part: Part) -> Iterable[Fault]:
         """Return the only other sensor of its direction: either may be of the other state."""
         prefix = FORCE if self.channels[0].startswith(FORCE) else ""
-        dofs = frf.references if prefix else frf.responses
+        dofs = part.frf.references if prefix else part.frf.responses
         labels = [f"{prefix}{abs(dof)}" for dof in dofs]
         own = dofs[labels.index(self.channels[0])].direction
         others = [

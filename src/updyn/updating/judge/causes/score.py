@@ -9,6 +9,7 @@ import numpy as np
 
 from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, stacked
 from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.misfit import n_seen
 
 __all__ = ["fitted"]
 
@@ -55,4 +56,4 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
             fault = replace(fault, value=fault.value + step)
     e, held = b[: -len(home)], b[-len(home) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size
-    return e.size * float(np.log(power + SMALLEST**2)) + float(held @ held), fault
+    return n_seen(evidence.frf) * float(np.log(power + SMALLEST**2)) + float(held @ held), fault

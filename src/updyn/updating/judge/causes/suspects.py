@@ -12,6 +12,7 @@ from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, held_of
 from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.misfit import n_seen
 from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.score import fitted
 from updyn.updating.problem.problem import Part
@@ -91,7 +92,7 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
             if weighs and fault.tunes:
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
             gain += float(np.log(fault.prior))
-            gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
+            gain -= 0.5 * fault.numbers(part.frf) * float(np.log(max(n_seen(part.frf), 2)))
             found.append(Suspect(tuned, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
 
@@ -115,4 +116,4 @@ def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
     if fault is not None:
         frf, slope = fault.undo(evidence), fault.slope(evidence)
     quadratic = Quadratic.at(evidence, frf, slope)
-    return quadratic.best(quadratic.n_values, evidence.unit**2)[1].log_evidence
+    return quadratic.best(n_seen(evidence.frf), evidence.unit**2)[1].log_evidence

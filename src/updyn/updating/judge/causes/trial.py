@@ -15,12 +15,12 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, Held, held_of, spread_of
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.misfit import Weighed, log_misfit, n_seen
 from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.score import fitted
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import LogError
+from updyn.updating.problem.residuals import LineResidual, LogError, OutputError
 
 __all__ = ["MOST_ALIKE", "NOISY", "Trial", "damped", "robust_point", "tried", "widened"]
 
@@ -66,7 +66,7 @@ class Trial:
     alike : float
         Correlation of the misfit of neighbouring lines.
     n_values : int
-        Number of real values.
+        Number of real values that stand clear of the noise.
     numbers : int
         Numbers of the fault that the data determine.
     quadratic : Quadratic or None
@@ -197,7 +197,7 @@ def _fitted(
     fault = None if fault is None else fault.described(part, x)
     numbers = 0 if fault is None else fault.numbers(part.frf)
     quadratic = _about(freed, fault, x) if holds else None
-    return Trial(fault, x, power, far, alike, 2 * part.n_values, numbers, quadratic)
+    return Trial(fault, x, power, far, alike, n_seen(part.frf), numbers, quadratic)
 
 
 def _begun(part: Part, fault: Fault | None, x: _Real, steps: int) -> tuple[Fault | None, _Real]:
@@ -250,7 +250,7 @@ def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
 def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
     """Return where the log error has its least value near x, its mean square there, ..."""
     problem = _held(part)
-    residual = LogError.clear_of_noise(part)
+    residual = _residual(part)
     unit = max(np.sqrt(_power(part, x)), SMALLEST)
     settings = TrustRegion(steps, 1e-6, radius=0.3, relative_fall=1e-4)
     x = descend(problem, residual, x, Monitor(problem), settings, unit).x
@@ -259,6 +259,14 @@ def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, flo
     far = float(np.sum((weight * (x - centre)) ** 2))
     alike = serial_correlation(e) if len(e) > 1 else 0.0
     return x, float(np.mean(np.abs(e) ** 2)), far, alike
+
+
+def _residual(part: Part) -> LineResidual:
+    """Return the residual of a descent, in the unit of the misfit."""
+    frf = part.frf
+    if isinstance(frf, Weighed):
+        return OutputError(np.asarray(frf.scale))
+    return LogError.clear_of_noise(part)
 
 
 def _misfit(part: Part, x: _Real) -> NDArray[np.complex128]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.missing_viscous import viscous_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL
 from updyn.updating.problem.problem import Part
@@ -54,13 +55,14 @@ class Window(Fault):
         """Return the part whose model is evaluated where the data are."""
         return part.with_data(self.repair(part.frf)) if self.plausible() else part
 
-    def relatives(self, frf: FRF) -> Iterable[Fault]:
+    def relatives(self, part: Part) -> Iterable[Fault]:
         """Return viscous damping in proportion to all mass, which is nearly the same.
 
         (s + a)^2 M = s^2 M + 2 a s M + a^2 M: the stiffness a^2 M and the powers of s by which
         quantities differ are all that distinguishes a window from it.
         """
-        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value),)
+        places = viscous_places(part)
+        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, places),)
 
     def plausible(self) -> bool:
         """Return whether it adds damping."""

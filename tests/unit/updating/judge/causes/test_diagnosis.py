@@ -208,7 +208,7 @@ def test_a_fault_that_the_unknowns_imitate_is_found_where_it_leaves_but_noise(
     freq = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
     sound = updyn.response(gear_train, freq, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
     rng = np.random.default_rng(0)
-    late = row(add_noise(sound, rng, 0.01, 1e-3), 0, np.exp(-2j * np.pi * freq * 0.001))
+    late = row(add_noise(sound, rng, 0.01, 1e-3), 0, np.exp(-2j * np.pi * freq * 0.0013))
     off = {
         name: {
             "stiffness": 1.0 + rng.uniform(-0.3, 0.3),

@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.evidence import Evidence, spread_of, stacked
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
-from updyn.updating.judge.causes.misfit import as_likely, log_misfit
+from updyn.updating.judge.causes.misfit import as_likely, log_misfit, n_seen
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
 
@@ -124,3 +124,11 @@ def test_other_lines_are_solved_once_for_all_sensors(chain12, chain12_true):
     assert part.session.lines_solved == solved + len(frf.freq)
     assert np.array_equal(evidence.stretched(0.03), found)
     assert part.session.lines_solved == solved + len(frf.freq)
+
+
+def test_values_that_are_noise_are_not_counted():
+    values = np.full((10, 2, 1), 1.0 + 0j)
+    values[:, 1] = 2e-3
+    values[:3, 1] = 5e-3
+    frf = updyn.FRF(np.arange(1.0, 11.0), values, ["1:X", "2:X"], ["1:X"], "receptance")
+    assert n_seen(replace(frf, variance=np.full(values.shape, 1e-6))) == 2 * (10 + 3)
