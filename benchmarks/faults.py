@@ -467,6 +467,31 @@ def no_support(bench, frf, rng):
     return Seeded(frf, frf, "no-support", ("stand",), changed)
 
 
+def wrong_axes(bench, frf, rng):
+    """The model has the section axes of a group, or of all, the other way round."""
+    if bench.turned is None:
+        return None
+    right = bench.model if isinstance(bench, Measured) else bench.case.true
+    names = [name for name, group in right.groups.items() if group.exchanged is not None]
+    choices = [(name,) for name in names] + [tuple(names)] * (len(names) > 1)
+    groups = choices[int(rng.integers(len(choices)))]
+
+    def changed(model: Model) -> Model:
+        """Return the start with these axes, as far off in stiffness and mass as it is."""
+        wrong, turned = bench.turned(groups), {}
+        for name in groups:
+            off = {
+                quantity: structures.size(model.group(name), quantity)
+                / structures.size(right.group(name), quantity)
+                for quantity in ("stiffness", "mass")
+            }
+            off["loss_factor"] = model.group(name).loss_factor
+            turned[name] = wrong.group(name).changed(off)
+        return replace(model, groups={**model.groups, **turned})
+
+    return Seeded(frf, frf, "wrong-axes", groups, changed)
+
+
 def none(bench, frf, rng):
     return Seeded(frf, frf, "")
 
@@ -647,6 +672,7 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "missing spring": missing_spring,
     "missing mass": missing_mass,
     "force moved": force_moved,
+    "wrong axes": wrong_axes,
     "loss with frequency": loss_with_frequency,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.

@@ -6,6 +6,7 @@ What was measured takes the place of data with drawn noise, and the answer to it
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -57,6 +58,10 @@ class Measured:
                 changes.setdefault(p.group, {})[p.quantity] = factor
         return self.model.scaled(changes)
 
+    def turned(self, groups: Collection[str]) -> Model:
+        """The model with width and height of the beam exchanged."""
+        return drawn(turned=bool(groups))[0]
+
     @cached_property
     def answer(self) -> UpdateResult:
         """The fit to the data as they were measured, from the drawings."""
@@ -80,9 +85,20 @@ class Measured:
         return np.array(share)
 
 
+def drawn(*, turned: bool = False) -> tuple[Model, FRF]:
+    """The beam of the demo, perhaps with width and height exchanged, and what was measured."""
+    with tempfile.TemporaryDirectory() as name:
+        path = beam.write_inputs(Path(name))
+        if turned:
+            text = path.read_text(encoding="utf-8")
+            exchanged = text.replace("width =", "other =").replace("height =", "width =")
+            path.write_text(exchanged.replace("other =", "height ="), encoding="utf-8")
+        (test,) = prepare(load_job(path)).tests
+    return test.model, test.frf
+
+
 @cache
 def measured_beam() -> Measured:
     """The beam as the demo has it."""
-    with tempfile.TemporaryDirectory() as name:
-        (test,) = prepare(load_job(beam.write_inputs(Path(name)))).tests
-    return Measured(test.model, test.frf.select(lines=test.frf.freq[::EVERY]), ("missing-mode",))
+    model, frf = drawn()
+    return Measured(model, frf.select(lines=frf.freq[::EVERY]), ("missing-mode",))

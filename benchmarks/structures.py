@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -78,6 +78,9 @@ class Bench:
     mirrored : mapping of str to str
         Of a symmetric structure, group by group, the one in its mirror image that has its place:
         with their unknowns exchanged, it answers the measurement just as well.
+    turned : callable, optional
+        Of a structure with oblong sections: returns it with the section axes of some groups
+        exchanged.
     """
 
     case: Case
@@ -85,6 +88,7 @@ class Bench:
     spread: Mapping[str, float] = field(default_factory=lambda: FAR)
     stated: bool = False
     mirrored: Mapping[str, str] = field(default_factory=dict)
+    turned: Callable[[Collection[str]], Model] | None = None
 
     def start(self, rng: np.random.Generator, off: float = 1.0) -> Model:
         """A model that is off by up to `spread` times `off`, undamped where damping is sought."""
@@ -329,6 +333,57 @@ def portal() -> Bench:
     return Bench(Case("symmetric portal", true, true, clean), sought, mirrored=mirrored)
 
 
+def grillage_frame(turned: Collection[str] = ()) -> Model:
+    """Two girders and four cross beams on four columns, of oblong sections.
+
+    Six elements to a girder, of which each is a group by itself; three to a column, one to each
+    half of a cross beam.
+
+    Parameters
+    ----------
+    turned : collection of str
+        Groups whose section axes are exchanged.
+    """
+    nodes: dict[int, list[float]] = {}
+    for i in range(7):
+        nodes[1 + i], nodes[11 + i] = [0.35 * i, 0.0, 0.9], [0.35 * i, 0.8, 0.9]
+    cross, columns = [], []
+    for i in (0, 2, 4, 6):
+        nodes[21 + i] = [0.35 * i, 0.4, 0.9]
+        cross += [[1 + i, 21 + i], [21 + i, 11 + i]]
+    for k, top in enumerate((1, 7, 11, 17)):
+        x, y, z = nodes[top]
+        members = [top, *range(101 + 10 * k, 104 + 10 * k)]
+        for j, node in enumerate(members[1:], start=1):
+            nodes[node] = [x, y, z - 0.3 * j]
+        columns += [[a, b] for a, b in itertools.pairwise(members)]
+    up, along = [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]
+
+    def members_of(name, two, section, orientation, loss):
+        own = section.exchanged if name in turned else section
+        return Beam(name, two, 2.1e11, 7850.0, own, orientation=orientation, loss_factor=loss)
+
+    girder = rectangle(0.05, 0.02)
+    left, right = ([[a, a + 1] for a in range(first, first + 6)] for first in (1, 11))
+    parts = [
+        members_of("left girder", left, girder, up, 0.01),
+        members_of("right girder", right, girder, up, 0.02),
+        members_of("cross beams", cross, rectangle(0.016, 0.03), up, 0.015),
+        members_of("columns", columns, rectangle(0.03, 0.045), along, 0.01),
+    ]
+    return structure(nodes, parts, grounded=[103, 113, 123, 133])
+
+
+def grillage() -> Bench:
+    """`grillage_frame` with eight sensors, two forces and ten modes."""
+    true = grillage_frame()
+    sensors = ["2:Z", "4:Z", "6:Y", "12:Z", "14:Y", "16:Z", "23:Z", "7:X"]
+    modes = updyn.modes(true, 10).frequency
+    freq = np.linspace(0.5 * modes[0], 1.05 * modes[9], 120)
+    clean = updyn.response(true, freq, sensors, ["4:Z", "14:Y"], "accelerance")
+    return Bench(Case("grillage", true, true, clean), everything, turned=grillage_frame)
+
+
 def bladed_disc(n: int = 12) -> Bench:
     """A disc of 12 sectors, each with a blade of two masses; blades are mistuned by a few percent.
 
@@ -380,6 +435,7 @@ STRUCTURES: dict[str, Callable[[], Bench]] = {
     "appendages": appendages,
     "portal": portal,
     "bladed disc": bladed_disc,
+    "grillage": grillage,
 }
 
 

@@ -52,8 +52,10 @@ class Exchanged:
     ----------
     recipe : Recipe
         Computes the matrices as the elements give them.
-    remedy : str
-        What to change in the definition of the model, a sentence.
+    what : str
+        What to exchange in the definition of the model: "Iyy and Izz in the section of beam 'a'".
+    turn : str
+        What to turn instead: "its orientation by 90 degrees"; empty where there is none.
     maps : tuple of sparse
         Transformations T of the DOFs since then, in order: A becomes T^T A T.
     stiffness, mass : float
@@ -61,7 +63,8 @@ class Exchanged:
     """
 
     recipe: Recipe
-    remedy: str
+    what: str
+    turn: str = ""
     maps: tuple[Any, ...] = ()
     stiffness: float = 1.0
     mass: float = 1.0

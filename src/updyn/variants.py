@@ -5,11 +5,15 @@ The mistake is exchanged section axes of beams (`updyn.exchanged`): of one group
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from updyn.model import Model
 
-__all__ = ["Variant", "variants_of"]
+__all__ = ["LARGEST_TRIED", "Variant", "exchanged_axes", "variants_of"]
+
+#: Size in DOFs up to which variants are compared with data: about a second for each.
+LARGEST_TRIED = 5_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,16 +51,37 @@ class Variant:
     @property
     def mistake(self) -> str:
         """What is wrong with the model if this one is right, without a full stop."""
-        if len(self.groups) == 1:
-            return f"the section axes of the group {self.groups[0]!r} are exchanged (Iy and Iz)"
-        names = ", ".join(map(repr, self.groups[:-1])) + f" and {self.groups[-1]!r}"
-        return f"the section axes of the groups {names} are exchanged (Iy and Iz)"
+        return exchanged_axes(self.groups)
 
     @property
     def remedy(self) -> str:
-        """What to change in the definition of the model, in sentences."""
-        found = [self.base.group(name).exchanged for name in self.groups]
-        return " ".join(dict.fromkeys(one.remedy for one in found if one is not None))
+        """What to change in the definition of the model, in one or two sentences."""
+        found = (self.base.group(name).exchanged for name in self.groups)
+        every = [one for one in found if one is not None]
+        text = f"Exchange {'; '.join(dict.fromkeys(one.what for one in every))}"
+        turns = [one.turn for one in every if one.turn]
+        if len(every) == 1:
+            return ", or turn ".join([text, *turns]) + "."
+        return f"{text}. Or turn the orientation of each by 90 degrees." if turns else f"{text}."
+
+
+def exchanged_axes(groups: Sequence[str]) -> str:
+    """Return a statement on exchanged section axes, without a full stop.
+
+    Parameters
+    ----------
+    groups : sequence of str
+        Names of the groups.
+
+    Returns
+    -------
+    str
+    """
+    *others, last = map(repr, groups)
+    names = f"group {last}"
+    if others:
+        names = f"groups {', '.join(others)} and {last}"
+    return f"the section axes of the {names} are exchanged (Iy and Iz)"
 
 
 def variants_of(model: Model) -> tuple[Variant, ...]:

@@ -176,8 +176,8 @@ def _counterparts(checked: Checked) -> str:
     texts = []
     for name, one in checked.counterparts.items():
         texts.append(f"{name}: {one.statement}".removeprefix(": "))
-    if any(one.few for one in checked.counterparts.values()):
-        texts.append(REMEDY)
+    few = [one for one in checked.counterparts.values() if one.few]
+    texts += dict.fromkeys(one.remedy or REMEDY for one in few)
     return "\n".join(texts)
 
 

@@ -146,11 +146,14 @@ class LineSolver:
         How.
     backend : str
         Sparse factorisation, see `updyn.linalg`.
+    variant : str
+        Distinguishes the model from others of the same run; empty for the model itself.
     """
 
     system: AffineSystem
     tier: str
     backend: str
+    variant: str = ""
     _kept: dict[bytes, Any] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -175,12 +178,12 @@ class LineSolver:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Factorisations stay where they are.
-        return LineSolver, (self.system, self.tier, self.backend)
+        return LineSolver, (self.system, self.tier, self.backend, self.variant)
 
     @property
     def label(self) -> str:
         """Tells the solvers of a run apart."""
-        return self.tier
+        return f"{self.tier} {self.variant}" if self.variant else self.tier
 
     @property
     def used(self) -> dict[str, int]:

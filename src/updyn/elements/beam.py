@@ -358,8 +358,8 @@ def _exchanged(recipe: _OfSegments) -> Exchanged | None:
     shown = "; ".join(
         f"width = {height:g}, height = {width:g}" for width, height in dict.fromkeys(sections)
     )
-    remedy = f"Exchange width and height of {where}: {shown}."
-    return Exchanged(replace(recipe, segments=tuple(turned)), remedy)
+    what = f"width and height of {where}: {shown}"
+    return Exchanged(replace(recipe, segments=tuple(turned)), what)
 
 
 def _segment_group(

@@ -276,7 +276,7 @@ def _in_common(inputs: Inputs) -> list[str]:
     found = inputs.counterparts
     if found is None:
         return []
-    return [found.statement, REMEDY] if found.few else [found.statement]
+    return [found.statement, found.remedy or REMEDY] if found.few else [found.statement]
 
 
 def _way(inputs: Inputs) -> str:

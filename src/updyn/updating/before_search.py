@@ -77,12 +77,19 @@ class BeforeSearch:
         """Whether it is known of every test that it has few modes or none in common."""
         return all(one.few for one in self.found)
 
+    @property
+    def remedy(self) -> str:
+        """What to do about models with few modes or none in common with their tests."""
+        return " ".join(dict.fromkeys(one.remedy or REMEDY for one in self.found))
+
     def warn(self) -> None:
         """Warn of tests with few modes or none in common with their model."""
         for test, one in zip(self.tests, self.found, strict=True):
             if one.few:
                 name = f"{test.name}: " if test.name else ""
-                warnings.warn(f"{name}{one.statement} {REMEDY}", UpdynWarning, stacklevel=4)
+                warnings.warn(
+                    f"{name}{one.statement} {one.remedy or REMEDY}", UpdynWarning, stacklevel=4
+                )
 
     def overruling(self, overrule: Callable[[], bool]) -> Callable[[], bool]:
         """Return what ends a search whose first tries found no answer.
@@ -131,7 +138,7 @@ class BeforeSearch:
         if any(finding.grave for finding in common["findings"]):
             return changed | {"message": f"{common['message']} {said}"}
         ended = common["message"].partition(". ")[0].removesuffix(".")
-        changed |= {"message": f"{ended}. {said}", "remedy": REMEDY}
+        changed |= {"message": f"{ended}. {said}", "remedy": self.remedy}
         if status == "converged":
             ended = "The fit converged, but its answer is not to be believed"
             changed |= {"status": "not-credible", "message": f"{ended}. {said}"}

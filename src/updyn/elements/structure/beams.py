@@ -292,17 +292,13 @@ class Beam(Element):
         """
         return None if self.section.is_round else replace(self, section=self.section.exchanged)
 
-    def exchange_remedy(self, xyz: NDArray[np.float64]) -> str:
-        """Return what to change in the definition to exchange the section axes, a sentence."""
-        text = (
-            f"Exchange Iyy and Izz in the section of {self.label} (of a rectangle, height and"
-            " width)"
-        )
+    def orientation_turned(self, xyz: NDArray[np.float64]) -> str:
+        """Return the orientation turned by 90 degrees about the beams, in words."""
         turned = self._orientation_across(xyz)
         if turned is None:
-            return f"{text}, or turn its orientation by 90 degrees about the beams."
+            return "its orientation by 90 degrees about the beams"
         now, then = ([float(f"{x:.6g}") for x in v] for v in (self.orientation, turned))
-        return f"{text}, or turn its orientation by 90 degrees: {then} in place of {now}."
+        return f"its orientation by 90 degrees: {then} in place of {now}"
 
     def _orientation_across(self, xyz: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Return the orientation turned by 90 degrees about beams that are parallel, else None."""

@@ -416,12 +416,15 @@ def _exchanged(own: Sequence[Element], assembly: _Assembly) -> Exchanged | None:
     if not turned:
         return None
     table = assembly.table
-    remedies = []
+    turns = []
     for i in turned:
         at = table.find(own[i].label, own[i].node_numbers)
-        remedies.append(own[i].exchange_remedy(table.xyz[at]))
+        turns.append(own[i].orientation_turned(table.xyz[at]))
+    label = next(iter(turned.values())).label
+    what = f"Iyy and Izz in the section of {label} (of a rectangle, height and width)"
+    turn = turns[0] if len(set(turns)) == 1 else "its orientations by 90 degrees about the beams"
     elements = tuple(turned.get(i, one) for i, one in enumerate(own))
-    return Exchanged(_OfElements(elements, assembly), " ".join(dict.fromkeys(remedies)))
+    return Exchanged(_OfElements(elements, assembly), what, turn)
 
 
 def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp], ElementMatrices]]:

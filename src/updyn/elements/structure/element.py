@@ -121,15 +121,17 @@ class Element(ABC):
         """
         return None
 
-    def exchange_remedy(self, xyz: NDArray[np.float64]) -> str:
-        """Return what to change in the definition to exchange the section axes, a sentence.
+    def orientation_turned(self, xyz: NDArray[np.float64]) -> str:
+        """Return the orientation turned by 90 degrees about the elements, in words.
+
+        By default nothing, as the elements have none.
 
         Parameters
         ----------
         xyz : ndarray of float, shape (m, k, 3)
             Positions of all nodes in m.
         """
-        return f"Exchange the section axes of {self.label}."
+        return ""
 
     @classmethod
     def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -30,6 +30,7 @@ from updyn.modal.peaks import resonance_peaks
 from updyn.model import Model
 from updyn.text_table import counted
 from updyn.updating.judge.claim import Claim
+from updyn.variants import LARGEST_TRIED, variants_of
 
 __all__ = ["Counterparts", "Pair", "find_counterparts", "modes_like"]
 
@@ -119,6 +120,9 @@ class Counterparts:
     factor : float
         Frequencies of the model over those of the test, where most modes have a counterpart by
         shape but none within a factor of 1.5; 1 else.
+    mistake, remedy : str
+        A mistake in the definition of the model without which most modes have a counterpart, and
+        what to change; empty where none is known.
     """
 
     n_measured: int
@@ -131,6 +135,8 @@ class Counterparts:
     source: str = ""
     doubtful: tuple[str, ...] = ()
     factor: float = 1.0
+    mistake: str = ""
+    remedy: str = ""
 
     @property
     def none(self) -> bool:
@@ -174,9 +180,10 @@ def find_counterparts(
     (`updyn.modal.peaks.resonance_peaks`), which takes milliseconds. Only where there are none, or
     few of them have a counterpart, are modes identified (`updyn.identify_modes`).
 
-    Where few modes have a counterpart, one or two sensors are left out, and a common factor on all
-    frequencies is tried: a sensor of the wrong sign, or a wrong unit, is no sign of another
-    structure.
+    Where few modes have a counterpart, variants of a model of beams with exchanged section axes
+    are compared (`updyn.variants`; up to 5,000 DOFs), one or two sensors are left out, and a common
+    factor on all frequencies is tried: a sensor of the wrong sign, or a wrong unit, is no sign of
+    another structure.
 
     Modes that cannot be compared are no error here: the number is not known, and the statement says
     why. A method that needs these modes checks them itself.
@@ -365,6 +372,10 @@ def _compared(model: Model, test: ModeSet, source: str) -> Counterparts:
         return _stated(replace(found, known=False))
     if _beyond_chance(found):
         return _stated(found)
+    variant = _by_variant(model, test, n)
+    if variant is not None:
+        known = replace(found, mistake=variant.mistake, remedy=variant.remedy)
+        return _stated(known, variant.found)
     hidden = _hidden_by_sensors(sets, n)
     if hidden is not None:
         known = replace(found, known=False, doubtful=hidden.sensors if hidden.sure else ())
@@ -440,12 +451,34 @@ class _Otherwise:
         Those that are left out.
     factor : float
         On all frequencies of the model.
+    mistake, remedy : str
+        What is wrong with the definition of the model, and what to change.
     """
 
     found: Counterparts
     sure: bool
     sensors: tuple[str, ...] = ()
     factor: float = 1.0
+    mistake: str = ""
+    remedy: str = ""
+
+
+def _by_variant(model: Model, test: ModeSet, n_measured: int) -> _Otherwise | None:
+    """Return the counterparts in the variant of a model that has most; None where these are few."""
+    if model.n_dofs > LARGEST_TRIED:
+        return None
+    variants = variants_of(model)
+    best: _Otherwise | None = None
+    for one in variants:
+        try:
+            found = _sets(one.model(), test).counterparts(n_measured)
+        except (InputError, SolverError):
+            continue
+        if best is None or found.n_paired > best.found.n_paired:
+            sure = _beyond_chance(found, CHANCE / len(variants))
+            best = _Otherwise(found, sure, mistake=one.mistake, remedy=one.remedy)
+    most = best is not None and best.found.n_paired >= _MOST_OF_THEM * n_measured
+    return best if best is not None and most and best.sure else None
 
 
 def _hidden_by_sensors(sets: _Sets, n_measured: int) -> _Otherwise | None:
@@ -517,6 +550,8 @@ def _statement(found: Counterparts, other: Counterparts | None) -> str:
             f" agree is not known, as that takes at least {counted(FEWEST_SENSORS, 'sensor')}."
         )
     head = f"{count} a counterpart in the model"
+    if other is not None and found.mistake:
+        return f"{head}, but {other.n_paired} of {n} have one in a variant: {found.mistake}."
     if other is not None and found.doubtful:
         whose = "this sensor" if len(found.doubtful) == 1 else "these sensors"
         return (

@@ -22,6 +22,7 @@ from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.known import level_by_unit
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
+from updyn.variants import Variant, variants_of
 
 __all__ = [
     "SPREAD",
@@ -93,6 +94,8 @@ class Part:
     as_read : bool
         Whether the model's FRFs are those that the sensors read, times their calibration factors;
         else those of the structure.
+    variants : tuple of Variant
+        What the model would be without a frequent mistake. A copy sent to another process has none.
     """
 
     solver: FieldSolver
@@ -105,6 +108,7 @@ class Part:
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
     as_read: bool = True
+    variants: tuple[Variant, ...] = field(default=(), repr=False)
     _digest: list[bytes] = field(default_factory=list, init=False, repr=False)
     _gains: Gains | None = field(init=False, repr=False)
 
@@ -152,6 +156,7 @@ class Part:
             rows.sign[:, None] * columns.sign,
             session or Session(),
             name,
+            variants=variants_of(model),
         )
 
     def with_data(self, frf: FRF) -> Part:

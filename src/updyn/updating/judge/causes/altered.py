@@ -88,7 +88,7 @@ def solver_of(part: Part, system: AffineSystem) -> FieldSolver:
 def _fields(part: Part) -> tuple[Any, ...]:
     about = (part.solver, part.unknowns, part.coordinates, part.frf)
     where = (part.rows, part.columns, part.sign)
-    return (*about, *where, part.session, part.name, part.as_read)
+    return (*about, *where, part.session, part.name, part.as_read, part.variants)
 
 
 def _rebuild(part: Part, alteration: Alteration) -> AlteredPart:

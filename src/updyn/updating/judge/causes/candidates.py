@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -13,9 +13,12 @@ from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.judge.causes.promising import IN_REACH, gain_of, promising_variants
 from updyn.updating.judge.causes.ranking import LITTLE, compared
 from updyn.updating.judge.causes.suspects import Suspect, likeliest, suspects
 from updyn.updating.judge.causes.trial import NOISY, Trial, robust_point, tried
+from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import Part
 
 __all__ = ["KEPT", "SMALL", "Begun", "candidates", "is_small"]
@@ -33,12 +36,15 @@ _LEAST = 0.01
 #: Logarithm of the odds, to first order, from which a fault is tried where little is left without
 #: one: what the unknowns do on the way to its end is of higher order.
 _PROMISED = -5.0
-#: Logarithm of the odds, to first order, by which another fault may be behind one that leaves only
-#: noise and still be tried.
-_IN_REACH = 50.0
 
 
-def candidates(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]) -> list[Begun]:
+def candidates(
+    part: Part,
+    without: Trial,
+    start: _Real,
+    stated: Sequence[Finding],
+    others: Sequence[OtherModel] = (),
+) -> list[Begun]:
     """Return the faults that are worth a whole fit, the likeliest first.
 
     Parameters
@@ -51,12 +57,46 @@ def candidates(part: Part, without: Trial, start: _Real, stated: Sequence[Findin
         A point that is not led by the data.
     stated : sequence of Finding
         What has been found.
+    others : sequence of OtherModel
+        Variants of the model.
 
     Returns
     -------
     list of tuple of Fault and ndarray of float, shape (n,)
         Each with the point from which its fit begins.
     """
+    variants: list[Begun] = []
+    for end in _variants_tried(part, others, without, start):
+        assert end.fault is not None
+        variants.append((end.fault, end.x))
+        if _explains_all(end, without):
+            return [*variants, *_beside_variant(part, end, stated)]
+    return [*variants, *_of_data(part, without, start, stated)]
+
+
+def _variants_tried(
+    part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
+) -> Iterator[Trial]:
+    """Yield the ends of fits of the most promising variants of the model."""
+    for fault in promising_variants(part, others, without, start):
+        end = tried(part, fault, [start])
+        if end is not None:
+            yield end
+
+
+def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[Begun]:
+    """Return the faults that explain the data as well as a variant where its trial ended."""
+    assert isinstance(end.fault, WrongAxes)
+    try:
+        least = gain_of(part, end.fault, end.x) - IN_REACH
+    except SolverError:
+        return []
+    found = [one for one in likeliest(suspects(part, end.x)) if one.gain > least]
+    return [(one.fault, one.x) for one in _fresh(found, stated)]
+
+
+def _of_data(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]) -> list[Begun]:
+    """Return the faults that are worth a whole fit with the model as it is, the likeliest first."""
     if is_small(without):
         return _promising(part, without, stated)
     points = [start, without.x]
@@ -155,4 +195,4 @@ def _as_good(part: Part, end: Trial) -> list[Suspect]:
     own = [one.gain for one in found if one.key == key]
     if not own:
         return []
-    return [one for one in found if one.gain > own[0] - _IN_REACH and one.key != key]
+    return [one for one in found if one.gain > own[0] - IN_REACH and one.key != key]

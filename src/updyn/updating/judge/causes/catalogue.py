@@ -32,6 +32,7 @@ from updyn.updating.judge.causes.support import Support
 from updyn.updating.judge.causes.swapped import Swapped
 from updyn.updating.judge.causes.turned import Turned
 from updyn.updating.judge.causes.window import Window
+from updyn.updating.judge.causes.wrong_axes import WrongAxes
 
 __all__ = ["CAUSES", "read_fault"]
 
@@ -58,6 +59,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     MissingViscous,
     LossOverFrequency,
     ModelUnit,
+    WrongAxes,
     DeadChannel,
     Mains,
     Leakage,

@@ -27,6 +27,8 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.halves import halves_apart
 from updyn.updating.judge.causes.misfit import SEEN, Weighed, as_likely, log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
+from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.judge.causes.promising import other_models
 from updyn.updating.judge.causes.ranking import (
     FAR_OFF,
     Ranked,
@@ -38,6 +40,7 @@ from updyn.updating.judge.causes.ranking import (
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import MOST_ALIKE, Trial, damped, tried, widened
+from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
@@ -241,15 +244,21 @@ def _explained(
     """Return the faults that model and data show together; sizes are of the whole of the data."""
     findings: list[Finding] = []
     end: _Real | None = None
+    others = other_models(part)
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, stage, known, [*stated, *findings], noise)
+        found = _likeliest(part, stage, others, known, [*stated, *findings], noise)
         if not found:
             break
         best = found[0]
         sized = _sized(part, whole, stage, best, noise)
         findings.append(_finding([sized, *found[1:]], part.name))
         end = best.trial.x
+        if isinstance(best.fault, WrongAxes) and best.fault.other is not None:
+            other = best.fault.other
+            part, whole, stage = other.instead(part), other.instead(whole), other.stage
+            others = other_models(part)
+            continue
         whole = _freed_whole(whole, stage, sized.fault, end)
         there = replace(stage.near(part, [end]), frf=part.frf)
         # What adapts is taken away as all lines show it: others would imitate the error of a few.
@@ -322,6 +331,7 @@ def _weighed(part: Part, trial: Trial, noise: NoiseModel) -> FRF:
 def _likeliest(
     part: Part,
     stage: Stage,
+    others: Sequence[OtherModel],
     points: Sequence[_Real],
     stated: Sequence[Finding],
     noise: NoiseModel,
@@ -339,7 +349,7 @@ def _likeliest(
             part = part.with_data(_weighed(here, without, noise))
             here = stage.near(part, [without.x])
             without = tried(here, None, [without.x]) or without
-        fresh = candidates(here, without, start, stated)
+        fresh = candidates(here, without, start, stated, others)
         ranked = _ranked(here, fresh, without)
         if not _stands(ranked):
             return []

@@ -127,8 +127,9 @@ class CausesOfRun:
 
     def _whole(self, i: int) -> Part:
         """Return a test's part with its whole model and all of its data."""
-        part = self.monitor.problem.parts[i]
-        return replace(part, solver=self.exact.parts[i].solver).with_data(self.splits[i].whole)
+        part, exact = self.monitor.problem.parts[i], self.exact.parts[i]
+        whole = replace(part, solver=exact.solver, variants=exact.variants)
+        return whole.with_data(self.splits[i].whole)
 
     def _is_explained(self, i: int, found: Judgement) -> bool:
         """Return whether a fit leaves noise of a test, predicts it, and stays where models are."""

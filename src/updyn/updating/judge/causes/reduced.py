@@ -141,6 +141,7 @@ class Reduced:
         self._solver = self._solver_called(f"reduced, causes {len(self._certified)}")
 
     def _solver_called(self, label: str) -> FieldSolver:
+        label = f"{label} of {self.part.solver.label}"
         return HeldSolver.beside(self._reduction.solver(label), self._holding)
 
 

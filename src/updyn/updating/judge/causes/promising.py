@@ -1,0 +1,96 @@
+"""Which variants of a model are worth a whole fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import ModelError, SolverError
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.judge.causes.score import fitted
+from updyn.updating.judge.causes.shown import LIKELY
+from updyn.updating.judge.causes.trial import Trial
+from updyn.updating.judge.causes.wrong_axes import WrongAxes
+from updyn.updating.problem.problem import Part
+from updyn.variants import LARGEST_TRIED
+
+__all__ = ["IN_REACH", "gain_of", "other_models", "promising_variants"]
+
+_Real = NDArray[np.float64]
+
+#: Lines on which variants are compared before any fit, and variants that are fitted.
+_LINES, _FOLLOWED = 20, 3
+#: Logarithm of the odds, to first order, by which another cause may be behind one that leaves only
+#: noise and still be tried.
+IN_REACH = 50.0
+
+
+def other_models(part: Part) -> list[OtherModel]:
+    """Return the variants of the model of a part; none of a large model.
+
+    Parameters
+    ----------
+    part : Part
+        With its whole model, on the lines that are looked at.
+    """
+    if part.solver.system.n > LARGEST_TRIED:
+        return []
+    return [OtherModel(part, variant) for variant in part.variants]
+
+
+def promising_variants(
+    part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
+) -> list[WrongAxes]:
+    """Return the variants that are worth a fit from the start, the most promising first.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data of one test, on few lines.
+    others : sequence of OtherModel
+        All variants of the model.
+    without : Trial
+        The end of a fit of the model as it is.
+    start : ndarray of float, shape (n,)
+        A point that is not led by the data.
+    """
+    faults = [WrongAxes(one.variant.groups, 0.0, one, len(others)) for one in others]
+    if not faults or _is_needless(without, faults[0].prior):
+        return []
+    few = part.thinned(_LINES)
+    found: list[tuple[float, WrongAxes]] = []
+    for fault, one in zip(faults, others, strict=True):
+        part.session.check(often=True)
+        with suppress(SolverError, ModelError):
+            found.append((_gain(few, one.instead(few), fault, start), fault))
+    found.sort(key=lambda pair: -pair[0])
+    least = max((gain for gain, _ in found), default=0.0) - IN_REACH
+    return [fault for gain, fault in found[:_FOLLOWED] if gain > max(least, -IN_REACH)]
+
+
+def gain_of(part: Part, fault: WrongAxes, x: _Real) -> float:
+    """Return the logarithm of the odds of a variant at a point, to first order.
+
+    Raises
+    ------
+    SolverError
+        If one of the models is singular there.
+    """
+    return _gain(part, fault.accounted(part, x), fault, x)
+
+
+def _gain(part: Part, there: Part, fault: WrongAxes, x: _Real) -> float:
+    own, other = (fitted(Evidence(one, x), None)[0] for one in (part, there))
+    return 0.5 * (own - other) + float(np.log(fault.prior))
+
+
+def _is_needless(without: Trial, prior: float) -> bool:
+    """Return whether no other model can be likely: only noise is left near the start.
+
+    What another model may gain there is half the square of the way of the unknowns.
+    """
+    return without.is_noise and 0.5 * without.far + float(np.log(prior)) < LIKELY

@@ -1,0 +1,66 @@
+"""Section axes that are exchanged in the model: Iy and Iz, or an orientation that is turned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Irreparable, shared_odds
+from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.problem.problem import Part
+from updyn.variants import exchanged_axes
+
+__all__ = ["WrongAxes"]
+
+
+@dataclass(frozen=True, slots=True)
+class WrongAxes(Irreparable):
+    """The beams of the groups in `channels` have exchanged section axes in the model.
+
+    Attributes
+    ----------
+    other : OtherModel or None
+        The model with the axes the other way round.
+    places : int
+        Number of variants of the model that were compared; they share the odds of the kind.
+    """
+
+    other: OtherModel | None = field(default=None, compare=False, repr=False)
+    places: int = 1
+
+    kind: ClassVar[str] = "wrong-axes"
+    is_of_model: ClassVar[bool] = True
+    odds: ClassVar[float] = 1e-2
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Return nothing: no first order of the model describes it (`promising_variants`)."""
+        return ()
+
+    @property
+    def prior(self) -> float:
+        """How often a model has it in these groups."""
+        return shared_odds(self.odds, self.places)
+
+    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+        """Return the part with the other model."""
+        return part if self.other is None else self.other.near(part, [x])
+
+    def remaining(self, part: Part, x: NDArray[np.float64]) -> Part:
+        """Return the part with the other model."""
+        return self.accounted(part, x)
+
+    def statement(self) -> str:
+        """Return which groups have exchanged section axes."""
+        text = exchanged_axes(self.channels)
+        return f"{text[0].upper()}{text[1:]}."
+
+    @property
+    def remedy(self) -> str:
+        """Which line of the model to change."""
+        return "" if self.other is None else self.other.variant.remedy
