@@ -10,8 +10,10 @@ reports them.
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,14 +22,16 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from updyn.dofs import DIRECTIONS, Dof
+from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.elements.constraints import Equation, constrain
-from updyn.errors import FormatError, suggest
+from updyn.errors import FormatError, ModelError, suggest
+from updyn.exchanged import Exchanged, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import placed
+from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
 from updyn.io.nastran.cards import Card, lines_of
 from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
 from updyn.io.nastran.deck import (
@@ -100,6 +104,7 @@ def read_model(
     OptionError
         If the unit is not known.
     """
+    ignore = tuple(ignore)
     deck = read_deck(path, ignore)
     units = system(unit)
     check_materials(_materials(deck), units, deck.path)
@@ -131,6 +136,7 @@ def read_model(
                 viscous[name] = _viscous_matrix(deck, name, total, runs)
         sums = total.stiffness, total.mass
         parts = groups_by_difference(solid, sums, double_group, total.dofs, deck.path)
+    bars = _Bars.of(deck, ignore, program, units, total.dofs)
     groups = {}
     for name in deck.groups:
         K, M = parts.get(name, (None, None))
@@ -141,7 +147,8 @@ def read_model(
         if not matrices:
             raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
         loss_factor = losses[name] if K is not None else 0.0
-        groups[name] = Group(**matrices, loss_factor=loss_factor)
+        group = Group(**matrices, loss_factor=loss_factor)
+        groups[name] = group.with_exchanged(bars.exchanged(name))
     with placed(deck.path):
         free = Model(groups, total.dofs, geometry, _title(deck))
         held, ties = _constraints(deck, total, units.length)
@@ -324,6 +331,92 @@ class _Runs:
         with tempfile.TemporaryDirectory(dir=self._folder) as own:
             found = run(self._program, cards, Path(own), path, links=links, **sets)
         return _own(self._deck, found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Bars:
+    """The deck of a model, to be read again where its bars are to have exchanged section axes."""
+
+    path: Path
+    ignore: tuple[str, ...]
+    program: Program
+    units: Any
+    dofs: DofSet
+    turned: Mapping[str, str]
+    digest: bytes
+
+    @classmethod
+    def of(
+        cls,
+        deck: NastranDeck,
+        ignore: tuple[str, ...],
+        program: Program,
+        units: Any,
+        dofs: DofSet,
+    ) -> _Bars:
+        """Return the bars of a deck whose section axes differ: their fields by name."""
+        turned = {
+            name: fields_to_exchange(card)
+            for name, card in deck.groups.items()
+            if exchanged_bar(card) is not None
+        }
+        digest = _digest(deck) if turned else b""
+        return cls(deck.path.resolve(), ignore, program, units, dofs, turned, digest)
+
+    def exchanged(self, name: str) -> Exchanged | None:
+        """Return a group with exchanged section axes; None where it has none."""
+        if name not in self.turned:
+            return None
+        turn = "the orientation vectors of its CBAR by 90 degrees about the bars"
+        return Exchanged(_TurnedBar(self, name), self.turned[name], turn)
+
+    def matrices(self, name: str) -> StiffnessAndMass:
+        """Run MYSTRAN on a group with exchanged section axes.
+
+        Raises
+        ------
+        ModelError
+            If the deck is not what it was when the model was read.
+        """
+        deck = read_deck(self.path, self.ignore)
+        if _digest(deck) != self.digest:
+            raise ModelError(f"{self.path} has changed since the model was read")
+        own = deck.group(name)
+        cards = [
+            (exchanged_bar(card) or card) if _is_same(card, own) else card
+            for card in _alone(deck, name, 1.0)
+        ]
+        with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
+            found = _Runs(deck, self.program, Path(folder)).alone(cards)
+        if found.dofs != self.dofs:
+            raise ModelError(f"{self.path}: group {name!r} has other degrees of freedom")
+        K, M = (
+            self.units.to_si(A, self.dofs) if A.nnz else None for A in (found.stiffness, found.mass)
+        )
+        return StiffnessAndMass(K, M)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TurnedBar:
+    """The recipe of a group of bars: a run of MYSTRAN."""
+
+    bars: _Bars
+    name: str
+
+    def matrices(self) -> StiffnessAndMass:
+        """Compute stiffness and mass."""
+        return self.bars.matrices(self.name)
+
+
+def _is_same(card: Card, other: Card) -> bool:
+    return (card.name, card.text(0)) == (other.name, other.text(0))
+
+
+def _digest(deck: NastranDeck) -> bytes:
+    found = hashlib.blake2b()
+    for card in deck.cards:
+        found.update("\0".join((card.name, *card.fields, "\n")).encode())
+    return found.digest()
 
 
 def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
