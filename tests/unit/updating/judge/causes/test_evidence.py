@@ -1,5 +1,6 @@
 """What is left once the unknowns have adapted, against a factorisation of all columns."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.evidence import Evidence, spread_of, stacked
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
-from updyn.updating.judge.causes.misfit import as_likely, log_misfit, n_seen
+from updyn.updating.judge.causes.misfit import Weighed, as_likely, log_misfit, n_seen
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
 
@@ -132,3 +133,26 @@ def test_values_that_are_noise_are_not_counted():
     values[:3, 1] = 5e-3
     frf = updyn.FRF(np.arange(1.0, 11.0), values, ["1:X", "2:X"], ["1:X"], "receptance")
     assert n_seen(replace(frf, variance=np.full(values.shape, 1e-6))) == 2 * (10 + 3)
+
+
+def test_the_misfit_of_weighed_data_is_the_error_in_standard_deviations():
+    """Whatever the level of a value, above the noise or below it."""
+    rng = np.random.default_rng(2)
+    shape = (400, 2, 1)
+    turn = np.exp(1j * rng.uniform(0.0, 6.0, shape))
+    H = 10.0 ** rng.uniform(-2.0, 3.0, shape) * turn
+    sigma = np.hypot(0.01 * np.abs(H), 0.05)
+    noise = rng.standard_normal((2, *shape)) * np.sqrt(0.5)
+    values = H + sigma * (noise[0] + 1j * noise[1])
+    frf = updyn.FRF(np.arange(1.0, 401.0), values, ["1:X", "2:X"], ["1:X"], "receptance")
+    weighed = Weighed.near(H, frf, sigma**2)
+    assert weighed.relative == pytest.approx(0.01, rel=0.05)
+    for data in (weighed, replace(weighed, source="copy"), pickle.loads(pickle.dumps(weighed))):  # noqa: S301
+        e, weight = log_misfit(H, data)
+        assert np.abs(e) == pytest.approx(weighed.relative * np.abs(values - H) / sigma, rel=0.01)
+        assert weight == pytest.approx(weighed.relative * np.abs(H) / sigma, rel=0.01)
+        assert n_seen(data) == 2 * H.size
+    # Of small errors it is the logarithm of the ratio.
+    clear = np.abs(H) > 100.0
+    ratio = weight * np.log(values / H)
+    assert np.abs(e - ratio)[clear].max() < 0.03 * np.abs(ratio)[clear].max()
