@@ -1,7 +1,8 @@
 # Needs make and Python 3.11 or later; everything else goes into .venv.
 #   make demo    install and run the default example (make demo NAME=chain for another)
 #   make test    install with the test extra and run all tests
-#   make test-kernels   run those that hang on rounding under other kernels of OpenBLAS
+#   make quick   those that are not marked `slow`
+#   make test-kernels   run those that hang on rounding under other kernels of OpenBLAS (MARKS=... for others)
 #   make torture    damage files and runs in many ways, and count how that ends (TRIALS=20000 CUTS=20000 for more)
 #   make lint    style and types
 #   make docs    the manual, into build/docs; warnings are errors
@@ -17,10 +18,11 @@ OUT ?= demo/$(NAME)
 WORKERS ?= 2
 PYTEST_ARGS ?=
 KERNELS ?= Haswell Prescott SkylakeX
+MARKS ?= kernels
 TRIALS ?= 1000
 CUTS ?= 2000
 
-.PHONY: demo test test-kernels torture lint docs viewer clean
+.PHONY: demo test quick test-kernels torture lint docs viewer clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.installed
@@ -29,8 +31,11 @@ demo: $(VENV)/.installed
 test: $(VENV)/.installed-test
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
+quick: $(VENV)/.installed-test
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m "not slow" $(PYTEST_ARGS)
+
 test-kernels: $(VENV)/.installed-test
-	$(BIN)/python tools/kernels.py $(KERNELS) -- -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
+	$(BIN)/python tools/kernels.py $(KERNELS) -- -m "$(MARKS)" -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 torture: $(VENV)/.installed-test
 	$(BIN)/python tools/torture.py --trials $(TRIALS) --cuts $(CUTS)

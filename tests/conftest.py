@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import scipy.linalg
 from hypothesis import HealthCheck, settings
 
 import programs
+import slow
 import updyn
 from places import DATA
 from updyn.errors import UpdynWarning
@@ -48,6 +50,8 @@ _ONCE = {
     "test_statistics.py",
     "test_uncertainty_doc.py",
 }
+#: Folders of `tests` whose tests stand on what Python itself does: files, processes, text, imports.
+_OF_PYTHON = ("contract", "io", "unit/cli", "unit/web")
 
 
 def _drawn(item: pytest.Item) -> bool:
@@ -55,11 +59,36 @@ def _drawn(item: pytest.Item) -> bool:
     return any("browser" in mark.args for mark in item.iter_markers("needs"))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep the order of the files, for which xdist takes the number of their tests."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    marks = {path: _marks(path) for path in {item.path for item in items}}
     for item in items:
-        parts = set(item.path.relative_to(DATA.parent).parts)
-        if parts & _ROUNDED and not parts & _ONCE and not _drawn(item):
+        of_file = marks[item.path]
+        if "kernels" in of_file and not _drawn(item):
             item.add_marker("kernels")
+        if "python" in of_file:
+            item.add_marker("python")
+        if slow.is_slow(item.path, item.nodeid):
+            item.add_marker("slow")
+    if hasattr(
+        config, "workerinput"
+    ):  # one of several processes: a long file begun last runs alone
+        slow.sort_longest_first(items)
+
+
+def _marks(path: Path) -> set[str]:
+    """Return the marks that the place of a file gives to its tests."""
+    place = path.relative_to(DATA.parent)
+    parts, found = set(place.parts), set()
+    if parts & _ROUNDED and not parts & _ONCE:
+        found.add("kernels")
+    if any(place.is_relative_to(folder) for folder in _OF_PYTHON):
+        found.add("python")
+    return found
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -1,12 +1,11 @@
-"""Run the tests marked `kernels`, which rounding could change, under several kernels of OpenBLAS.
+"""Run tests, such as those marked `kernels`, under several kernels of OpenBLAS.
 
-python tools/kernels.py Haswell Prescott SkylakeX -- -n 2
-python tools/kernels.py --first Prescott Haswell -- -n 2
+python tools/kernels.py Haswell Prescott SkylakeX -- -m kernels -n 2
+python tools/kernels.py --first Prescott Haswell -- -m kernels -n 2
 
 OpenBLAS chooses its kernel by the processor and adds in another order in each. A kernel that this
-processor cannot run, and the one that it uses anyway, are named and left out. With ``--first``, the
-first that is left is the only one: beside the machine's own, which all tests have, a second order
-of adding.
+processor cannot run, and the one that it uses anyway, are named and left out. ``--first`` takes
+only the first of the others, a second order of adding, and the machine's own if there is no other.
 """
 
 from __future__ import annotations
@@ -70,18 +69,18 @@ def runnable(kernels: list[str]) -> list[str]:
 
 
 def main() -> int:
-    """Run the tests under each kernel; the exit code is 1 where one fails."""
+    """Run the tests under each kernel; the exit code is 1 if one fails."""
     words = sys.argv[1:]
     cut = words.index("--") if "--" in words else len(words)
-    chosen = runnable([word for word in words[:cut] if word != "--first"])
+    chosen: list[str | None] = [*runnable([word for word in words[:cut] if word != "--first"])]
     if "--first" in words[:cut]:
-        chosen = chosen[:1]
+        chosen = chosen[:1] or [None]
     failed = []
     for kernel in chosen:
-        print(f"== {kernel}", flush=True)
-        run = [sys.executable, "-m", "pytest", "-m", "kernels", *words[cut + 1 :]]
+        print(f"== {kernel or 'the own kernel of the machine'}", flush=True)
+        run = [sys.executable, "-m", "pytest", *words[cut + 1 :]]
         if subprocess.run(run, env=environment(kernel), check=False).returncode:
-            failed.append(kernel)
+            failed.append(kernel or "the own kernel of the machine")
     if failed:
         print(f"failed under {', '.join(failed)}")
     return 1 if failed else 0
