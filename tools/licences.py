@@ -1,4 +1,4 @@
-"""Write docs/licences.md: what updyn stands on, and under which licences.
+"""Write docs/licences.md, the dependencies of updyn and their licences.
 
     python tools/licences.py
 
@@ -19,26 +19,26 @@ FILE = ROOT / "docs" / "licences.md"
 
 HEAD = """# Licences
 
-updyn is under the BSD 3-clause licence. It ships no other package but the JavaScript of its report and viewer, whose licences
-stand at the head of the files; pip installs the rest. Listed are the packages that updyn names itself, as their own metadata
-state it; `python tools/licences.py` writes this page anew.
+updyn is under the BSD 3-clause licence. It contains only one kind of third-party code, the JavaScript of its report and viewer, whose
+licences are at the head of the files; pip installs the other packages. The table lists the direct dependencies with the licences of
+their metadata; `python tools/licences.py` renews this page.
 
 | package | with | licence |
 |---|---|---|
 """
 
 FOOT = """
-## What to know
+## Notes
 
 - **MKL** (`mkl`) is not free software: Intel's Simplified Software License allows use and redistribution in binary form,
   without charge, and forbids reverse engineering. Without it updyn uses SuperLU of SciPy (BSD); results are the same.
-- **cuDSS** (`cuda`) is not free software: nvidia-cudss, which nvmath-python installs, is under NVIDIA's own licence. It is used only
-  where a job or a call names it.
+- **cuDSS** (`cuda`) is not free software: nvidia-cudss, which nvmath-python installs, is under NVIDIA's licence. It is used only
+  if a job or a call names it.
 - **OpenSeesPy** (`opensees`) is free for research, education and internal use; commercial redistribution (the application, or
   a service that runs it) needs a licence of the University of California. updyn calls it only for models in OpenSees scripts,
   and does not ship it.
-- **CalculiX** (`ccx`, GPL) and **MYSTRAN** (`nastran`) are started as programs of their own, as a user would.
-- **pyyeti** and **pyuff** are used by tests alone.
+- **CalculiX** (`ccx`, GPL) and **MYSTRAN** (`nastran`) are started as separate programs.
+- **pyyeti** and **pyuff** are used by tests only.
 """
 
 #: Where the metadata name no licence, or a whole text: as their own pages state it.

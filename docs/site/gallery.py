@@ -1,4 +1,4 @@
-"""The gallery of the manual: every build draws its pictures anew, by the lines below them."""
+"""The gallery of the manual, whose figures are drawn by every build."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-#: What all pictures are of: the shipped chain of twelve masses, updated from its measurement.
+#: Common code of all figures: the demo chain of twelve masses, updated to its measurement.
 SETUP = """\
 import tempfile
 from pathlib import Path
@@ -33,7 +33,7 @@ def computed(model):
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture: its title, the lines that return it, and the page that says more."""
+    """A figure with its title, its code, and the page that describes it."""
 
     name: str
     title: str
@@ -50,13 +50,13 @@ PICTURES = (
     ),
     Picture(
         "parameters",
-        "What has changed, with 95 % intervals",
+        "Changes of the unknowns, with 95 % intervals",
         "plots.parameters(result)",
         "uncertainty.md",
     ),
     Picture(
         "identifiability",
-        "What the data determine",
+        "Identifiability",
         "plots.identifiability(result)",
         "verdict.md",
     ),
@@ -94,7 +94,7 @@ PICTURES = (
 
 
 def write(folder: Path) -> None:
-    """Draw the pictures, and write the page that shows them.
+    """Draw the figures and write their page.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def page() -> str:
     lines = [
         "# Gallery",
         "",
-        "Each picture is drawn by the line below it when the manual is built; what the lines have",
-        "in common stands at the end. More, with numbers checked: the notebooks",
+        "Each figure is drawn by the line below it when the manual is built; the common code is at",
+        "the end. The notebooks have more figures and check their numbers:",
         "[gear train](../../notebooks/gear-train.md),",
         "[noise and data](../../notebooks/noise-and-data.md) and",
         "[look](../../notebooks/look.md), the last with the viewer in three dimensions.",
@@ -132,5 +132,5 @@ def page() -> str:
             "",
             f"See [{picture.page}](../../{picture.page}).",
         ]
-    lines += ["", "## What they have in common", "", "```python", SETUP.rstrip(), "```"]
+    lines += ["", "## Common code", "", "```python", SETUP.rstrip(), "```"]
     return "\n".join(lines) + "\n"

@@ -88,5 +88,5 @@ def test_every_kind_of_finding_is_in_the_table():
         path.read_text(encoding="utf-8") for path in Path(quality.__file__).parent.glob("*.py")
     )
     kinds = set(re.findall(r'RecordFinding\(\s*"([a-z-]+)"', source))
-    table = PAGE.split("## What is looked for")[1]
+    table = PAGE.split("## Checks")[1]
     assert set(re.findall(r"(?m)^\| `([a-z-]+)` \| ", table)) - {"kind"} == kinds

@@ -38,7 +38,7 @@ def test_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     "said",
     [
         f"(`starts={minima.STARTS}`; 0 leaves it out)",
-        f"Where it is above {diagnosis.CHAINS_AGREE:g}",
+        f"If it is above {diagnosis.CHAINS_AGREE:g}",
         f"up to {prediction._DRAWS} of them",
         f"more than {100 * bootstrap._FAILED:g} % of them make",
     ],
