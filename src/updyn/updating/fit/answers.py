@@ -37,7 +37,6 @@ __all__ = [
     "explains",
     "improves",
     "is_again",
-    "is_another",
     "is_at",
     "preferred",
     "put_back",
@@ -139,17 +138,19 @@ def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> l
     """
     found: list[Answer] = []
     for other in sorted(as_likely(chosen, others, less), key=lambda answer: answer.unlikelihood):
-        disagrees = improves(other, chosen) or contradicts(other, chosen)
-        if disagrees and all(differ(known, other) for known in found):
+        if contradicts(other, chosen) and all(differ(known, other) for known in found):
             found.append(other)
     return found
 
 
 def contradicts(other: Answer, chosen: Answer) -> bool:
-    """Return whether some unknown differs by more than the chosen answer allows it."""
+    """Return whether some unknown differs by more than the chosen answer allows it.
+
+    If the other one improves on the chosen one, by more than that one allows it.
+    """
     if chosen.local is None or other.local is None:
         return False
-    return _apart(chosen.x, other.x, _std(chosen.local))
+    return not (is_at(chosen.x, other) if improves(other, chosen) else is_at(other.x, chosen))
 
 
 def distance(answer: Answer, x: _Vector) -> float:
@@ -167,8 +168,8 @@ def is_at(x: _Vector, answer: Answer) -> bool:
 
 
 def is_again(found: Answer, answer: Answer) -> bool:
-    """Return whether what was found is an answer again: `is_at` it, and no better than it."""
-    return is_at(found.x, answer) and not improves(found, answer)
+    """Return whether what was found is an answer again, by the deviations of the better one."""
+    return is_at(answer.x, found) if improves(found, answer) else is_at(found.x, answer)
 
 
 def as_likely(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
@@ -179,21 +180,22 @@ def as_likely(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -
 def improves(answer: Answer, other: Answer) -> bool:
     """Return whether an answer fits better than another by more than `AS_WELL`.
 
-    The other one is then no answer, and its standard deviations do not cover this one: where the
-    misfit is larger than the noise, its Jacobian can be singular at a point between two answers.
+    The other one is then no answer, and its standard deviations say nothing: where the misfit is
+    larger than the noise, its Jacobian can be singular, as at a point between two answers.
     """
     return answer.unlikelihood < other.unlikelihood - AS_WELL
 
 
-def is_another(answer: Answer, other: Answer) -> bool:
-    """Return whether an answer fits better than another, or differs from it (`differ`)."""
-    return improves(answer, other) or differ(answer, other)
-
-
 def differ(a: Answer, b: Answer) -> bool:
-    """Return whether some unknown differs by more than both answers allow it."""
+    """Return whether some unknown differs by more than both answers allow it.
+
+    If one of them improves on the other, by more than that one allows it.
+    """
     if a.local is None or b.local is None:
         return False
+    for one, other in ((a, b), (b, a)):
+        if improves(one, other):
+            return not is_at(other.x, one)
     return _apart(a.x, b.x, np.maximum(_std(a.local), _std(b.local)))
 
 

@@ -40,10 +40,10 @@ from updyn.model import Model
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     as_likely,
+    differ,
     distance,
     equals,
     is_again,
-    is_another,
     is_at,
     preferred,
 )
@@ -529,7 +529,7 @@ class Reducing:
                 as_well = [*equals(best, _answers(known, held=False)), *ends]
                 (chosen,) = (one for one in known if one.answer is best)
                 rivals = [one for one in known if any(one.answer is answer for answer in as_well)]
-                if not is_another(best, before):
+                if not differ(best, before):
                     break
         self._use_again(chosen)
         worse = [one.answer.unlikelihood - chosen.answer.unlikelihood for one in rivals]

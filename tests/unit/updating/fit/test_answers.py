@@ -12,6 +12,7 @@ import updyn
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     AS_WELL,
+    differ,
     distance,
     elsewhere,
     equals,
@@ -19,7 +20,6 @@ from updyn.updating.fit.answers import (
     explains,
     improves,
     is_again,
-    is_another,
     is_at,
     preferred,
     put_back,
@@ -254,15 +254,19 @@ def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
     answer = answer_at(np.array([0.5, 0.0]))
     near = answer_at(np.array([0.5, 0.0]), 0.02 * AS_WELL)  # fits no better than the fold
     assert improves(answer, fold)
-    assert is_another(answer, fold)
+    assert differ(answer, fold)
+    assert differ(fold, answer)
     assert not is_again(answer, fold)
     assert equals(fold, [answer], less=15.0) == [answer]
     assert not improves(near, fold)
-    assert not is_another(near, fold)
+    assert not differ(near, fold)
     assert is_again(near, fold)
     assert equals(fold, [near], less=15.0) == []
-    # The other way round, the fold is no answer beside the better one.
-    assert not is_another(fold, answer)
+    # One that fits better where the worse one ended is the same, more exactly.
+    again = answer_at(np.array([0.02, 0.0]))
+    assert improves(again, fold)
+    assert not differ(again, fold)
+    assert is_again(again, fold)
 
 
 def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_not():

@@ -18,11 +18,11 @@ from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     AS_WELL,
     as_likely,
+    differ,
     elsewhere,
     equals,
     explains,
     improves,
-    is_another,
     preferred,
     put_back,
     restarted,
@@ -168,14 +168,14 @@ class MaximumLikelihood(SearchingMethod):
                 others = self._elsewhere(models, monitor, chosen)
                 answers += self._further(models, noises, others, monitor, chosen)
                 before, chosen = chosen, preferred(problem, answers)
-                if not is_another(chosen, before):
+                if not differ(chosen, before):
                     break
             most = None if problem.parts else fitted
             for _ in range(_HOPS):
                 ends, reached = self._valleys(models, noises, monitor, chosen, most)
                 answers += reached
                 before, chosen = chosen, preferred(problem, answers)
-                if not is_another(chosen, before):
+                if not differ(chosen, before):
                     break
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
@@ -277,7 +277,7 @@ class MaximumLikelihood(SearchingMethod):
         models: Models,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        best: Answer,
+        first: Answer,
         most: int,
     ) -> list[Answer]:
         """Return the answers of tries from all over the space of the unknowns, for modes alone.
@@ -292,7 +292,8 @@ class MaximumLikelihood(SearchingMethod):
         less likely than the best do not count.
         """
         problem, coordinates = models.exact, models.exact.coordinates
-        found, ends, begun = [best], [best.unlikelihood], len(monitor.history)
+        best, found, ends = first, [first], [first.unlikelihood]
+        begun = len(monitor.history)
         overdetermined = problem.n_numbers > problem.n
         settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
         far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
@@ -312,11 +313,14 @@ class MaximumLikelihood(SearchingMethod):
                     continue
                 if not any(models.is_known(x, answer) for answer in found):
                     answer = self._answer(problem, noises, x, monitor)
-                    if all(is_another(answer, other) for other in found):
+                    same = [i for i, other in enumerate(found) if not differ(answer, other)]
+                    if not same:
                         found.append(answer)
+                    elif improves(answer, found[same[0]]):
+                        found[same[0]] = answer
                     if improves(answer, best):
                         best = answer
-        return found[1:]
+        return [answer for answer in found if answer is not first]
 
     @classmethod
     def _is_in_vain(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
