@@ -91,7 +91,7 @@ def test_the_table_is_read(tmp_path: Path) -> None:
 def test_the_table_must_say_or_be_told_what_it_holds(tmp_path: Path) -> None:
     path = tmp_path / "silent.csv"
     path.write_text(block("csv", "text").split("\n", 1)[1], encoding="utf-8")
-    with pytest.raises(FormatError, match="does not say what was measured"):
+    with pytest.raises(FormatError, match="does not state the measured quantity"):
         read_frf(path)
     assert read_frf(path, quantity="mobility").quantity == "mobility"
 
@@ -125,7 +125,7 @@ def test_the_matrix_market_model_is_read(tmp_path: Path) -> None:
     assert model.geometry is not None
     np.testing.assert_array_equal(model.geometry.lines, [[1, 2]])
     np.testing.assert_array_equal(model.geometry.faces, [[1, 2, 3, 3]])
-    with pytest.raises(FormatError, match="one matrix alone is not a model"):
+    with pytest.raises(FormatError, match="one matrix is not a model"):
         read_model(tmp_path / "K_housing.mtx")
 
 

@@ -224,7 +224,7 @@ def test_one_unit_of_all_channels(tmp_path: Path) -> None:
     assert found["unit"].values.tolist() == ["g", "g"]
     given = TIMES["seconds"].copy()
     given.attrs["units"] = "g"
-    with pytest.raises(FormatError, match="channel 'h': unit 'N', and the records are in 'g'"):
+    with pytest.raises(FormatError, match="channel 'h': unit 'N', but the records are in 'g'"):
         updyn.read_records(put(given, tmp_path / "s.nc"))
 
 

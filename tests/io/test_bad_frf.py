@@ -72,7 +72,7 @@ EXPECTED = {
     "column_kind.csv": "column 'H(1:Z/1:Z) imag' is of kind 'imag'; did you mean 'im'?",
     "column_kinds_mixed.csv": "H(1:Z/1:Z) has re and phase_deg; expected",
     "column_name.csv": "column 'H11 im'; expected a name such as 'H(3:Z/1:X) re'",
-    "column_twice.csv": "column 'H(1:Z/1:Z) re' stands twice",
+    "column_twice.csv": "column 'H(1:Z/1:Z) re' occurs twice",
     "columns_none.csv": ":2: header: no column after 'freq_Hz'",
     "comments_only.csv": "no header: expected a line that starts with 'freq_Hz'",
     "decimal_comma.csv": ":4: column 2: '3,5' is not a number: a decimal comma",
@@ -110,7 +110,7 @@ EXPECTED = {
     "nan_binary.uff": "the ordinate of point 3 is not finite",
     "nan_text.uff": "data: expected a number, found 'NaN'",
     "no_functions.uff": "it holds a geometry of 3 nodes (see updyn.io.read_geometry)",
-    "no_lines.csv": "holds a header and no line of numbers",
+    "no_lines.csv": "holds a header but no line of numbers",
     "no_quantity.csv": "expected a line '# quantity: accelerance'",
     "node_garbled.uff": (
         ":8: record 6, response node: expected a whole number in columns 42 to 51, found '7x77'"
@@ -141,7 +141,7 @@ EXPECTED = {
     "quantity_mixed.uff": (
         "accelerance (dataset 58 on line 2) and mobility (line 18); expected one quantity"
     ),
-    "quantity_twice.csv": "quantity is said twice: accelerance and mobility",
+    "quantity_twice.csv": "quantity is stated twice: accelerance and mobility",
     "quantity_unknown.uff": ":11: records 9 and 10 do not define the measured quantity",
     "spacing_wrong.uff": ":9: record 7: abscissa spacing 3; expected 0 (uneven) or 1 (even)",
     "strain_over_force.uff": "records 9 and 10 state strain over excitation force",

@@ -390,7 +390,7 @@ def test_damping_of_the_whole_deck_stays_where_it_is(tmp_path):
     assert "17800.0" in text
     assert "*DAMPING" not in text
     assert (
-        "** ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and"
+        "** ALPHA and BETA apply to the whole deck: viscous damping changes with mass and"
         " stiffness." in text
     )
 
@@ -413,12 +413,12 @@ def test_damping_of_the_whole_deck_stays_where_it_is(tmp_path):
         ),
         (
             {"alu": {"viscous": 2.0}},
-            r"bar.inp:\d+: group 'alu': ALPHA and BETA hold for the whole deck",
+            r"bar.inp:\d+: group 'alu': ALPHA and BETA apply to the whole deck",
         ),
         ({"Ground": {"mass": 2.0}}, r"bar.inp:\d+: group 'Ground' has no mass to change"),
         (
             {"Ground": {"loss_factor": 0.1}},
-            r"group 'Ground': \*SPRING has no place for a loss factor",
+            r"group 'Ground': \*SPRING cannot hold a loss factor",
         ),
     ],
 )
@@ -433,7 +433,7 @@ def test_without_the_program_the_message_says_what_to_install(tmp_path):
     (tmp_path / "bar.inp").write_text(bar())
     with pytest.raises(
         OptionError,
-        match=r"bar.inp: CalculiX is needed.*no program 'no-such-ccx'.*apt install calc",
+        match=r"bar.inp: CalculiX is needed.*program 'no-such-ccx' was not found.*apt install calc",
     ):
         read_model(tmp_path / "bar.inp", ccx="no-such-ccx")
     with pytest.raises(OptionError, match=r"timeout 0; expected seconds above 0"):
@@ -451,27 +451,27 @@ def stand_in(folder, script):
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        ("sleep 30", r"ccx was stopped after 0.3 s; give it longer: timeout="),
+        ("sleep 30", r"ccx exceeded its time limit of 0.3 s; increase timeout="),
         (
             "echo ' *ERROR reading *X: bad'; echo '        card'; echo; exit 201",
-            r"ccx says: reading \*X: bad card",
+            r"ccx reports: reading \*X: bad card",
         ),
         (
             "echo ' *WARNING reading the input file. Card image:'; echo '   1,2'",
-            r"ccx says: .*Card image: 1,2",
+            r"ccx reports: .*Card image: 1,2",
         ),
         (
             "echo last words; exit 3",
-            r"ccx ended by exit code 3 and wrote no matrices; its last words: last words",
+            r"ccx ended by exit code 3 and wrote no matrices; its last output: last words",
         ),
         (
             "kill -SEGV $$",
-            r"ccx ended by signal SIGSEGV and wrote no matrices; its last words: none",
+            r"ccx ended by signal SIGSEGV and wrote no matrices; its last output: none",
         ),
         ("kill -KILL $$", r"ccx ended by signal SIGKILL \(out of memory\?\)"),
         (
             "echo 7.1 > job.dof; echo x > job.sti; touch job.mas",
-            r"what ccx wrote cannot be read: .*job.sti:1: found 'x'; expected row, column, entry",
+            r"the output of ccx cannot be read: .*job.sti:1: found 'x'; expected row, column, entry",
         ),
         (
             "echo 7.4 > job.dof; touch job.sti job.mas",
@@ -495,7 +495,7 @@ def test_what_the_program_itself_refuses_is_told_in_its_words(tmp_path):
     (tmp_path / "bar.inp").write_text(
         bar().replace("*BOUNDARY", "*EQUATION\n2\n40,1,1.\n*BOUNDARY", 1)
     )
-    with pytest.raises(FormatError, match=r"bar.inp: ccx says: .*EQUATION"):
+    with pytest.raises(FormatError, match=r"bar.inp: ccx reports: .*EQUATION"):
         read_model(tmp_path / "bar.inp")
 
 
@@ -524,7 +524,7 @@ def test_what_is_left_out_is_told(tmp_path):
         "*BOUNDARY", "*MATERIAL, NAME=spare\n*ELASTIC\n1.E9, .3\n*DENSITY\n1000.\n*BOUNDARY"
     )
     (tmp_path / "bar.inp").write_text(text)
-    with pytest.warns(UpdynWarning, match=r"no element is made of material 'spare': left out"):
+    with pytest.warns(UpdynWarning, match=r"no element is made of material 'spare': removed"):
         assert list(read_model(tmp_path / "bar.inp").groups) == list(NAMES)
     (tmp_path / "light.inp").write_text(bar().replace("*DENSITY\n2700\n", ""))
     with pytest.warns(
@@ -541,12 +541,12 @@ def test_matrices_of_a_full_disk_are_refused(tmp_path, name):
     for file, text in files.items():
         (tmp_path / file).write_text(text)
     program = Program("ccx", 1.0, tmp_path / "bar.inp")
-    found = program._read(tmp_path)
+    found = program._read_matrices(tmp_path)
     assert found.stiffness.toarray().tolist() == [[2.0, -1.0], [-1.0, 3.0]]
     whole = files[name].splitlines(keepends=True)
     for count in range(len(whole)):
         (tmp_path / name).write_text("".join(whole[:count]))
         with pytest.raises(
-            FormatError, match=r"bar\.inp: what ccx wrote cannot be read: .*cut short"
+            FormatError, match=r"bar\.inp: the output of ccx cannot be read: .*truncated"
         ):
-            program._read(tmp_path)
+            program._read_matrices(tmp_path)

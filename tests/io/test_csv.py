@@ -44,7 +44,7 @@ def test_a_decay_that_is_no_number_is_refused(tmp_path, said):
 
 def test_geometry_is_left_out_with_a_warning(tmp_path):
     path = tmp_path / "case.csv"
-    with pytest.warns(UpdynWarning, match="no place for the geometry"):
+    with pytest.warns(UpdynWarning, match="cannot hold the geometry"):
         updyn.write_frf(frf(), path)
     assert updyn.read_frf(path).geometry is None
 
@@ -90,7 +90,7 @@ def test_quantity_given_and_said_must_agree(tmp_path):
     path = put(tmp_path, HEAD + "10,1,2\n")
     assert updyn.read_frf(path, quantity="accelerance").quantity == "accelerance"
     with pytest.raises(
-        FormatError, match="'mobility' contradicts the file, which says 'accelerance'"
+        FormatError, match="'mobility' contradicts the file, which states 'accelerance'"
     ):
         updyn.read_frf(path, quantity="mobility")
 
@@ -106,7 +106,7 @@ def test_a_quantity_that_is_none_is_not_said_to_contradict_the_file(tmp_path):
 
 
 def test_average_does_not_apply(tmp_path):
-    with pytest.raises(OptionError, match="only 'raise' applies"):
+    with pytest.raises(OptionError, match="expected 'raise'"):
         updyn.read_frf(put(tmp_path, HEAD + "10,1,2\n"), duplicates="average")
 
 

@@ -75,7 +75,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
     shaped = ModeSet([3.0], [[1.0]], ["1:X"])
-    with pytest.raises(FormatError, match="a table holds no mode shapes"):
+    with pytest.raises(FormatError, match="a table cannot hold mode shapes"):
         updyn.write_modes(shaped, tmp_path / "modes.csv")
     with pytest.raises(FormatError, match="these modes have none; write a table"):
         updyn.write_modes(ModeSet([3.0]), tmp_path / "modes.uff")
@@ -91,14 +91,14 @@ def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
         ("10,11,12\n1,2\n", r"modes\.csv:2: 2 cells; expected 3"),
         ("10 11 12\n", "'10 11 12' is not a number; cells are separated by commas"),
         ("freqency,damping\n1,2\n", "column 'freqency'; did you mean 'frequency'"),
-        ("frequency [m]\n1\n", r"unit 'm' of 'frequency'; expected one of frequency"),
+        ("frequency [m]\n1\n", r"unit 'm' of 'frequency'; expected a unit of frequency"),
         ("frequency,damping [dB]\n1,2\n", "unit 'dB' of 'damping'; expected '%' or none"),
         ("damping,std_damping\n1,2\n", "'frequency' is missing"),
         ("frequency,damping,loss_factor\n1,2,3\n", "damping and loss factors; state one of them"),
         ("frequency,frequency\n1,2\n", "'frequency' occurs twice"),
-        ("frequency\n", "a header, and no line of numbers"),
+        ("frequency\n", "a header without lines of numbers"),
         ("# unit: kHz\n1,2\n", "'unit' would change the numbers"),
-        ("1,2", "does not end: the file may be cut short"),
+        ("1,2", "does not end: the file may be truncated"),
         ("nan,nan\n", "no test found a mode"),
         ("1,-2\n", "-2"),
     ],

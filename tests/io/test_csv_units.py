@@ -64,8 +64,8 @@ VALID = "# quantity: accelerance\n" + FRF.format(head="")
     [
         ("# q", "# unit: g\n# q", ":1: unit 'g'; expected a motion per force, such as 'g/N'"),
         ("# q", "# unit: dB\n# q", "unit 'dB'; expected .* decibels are a magnitude without phase"),
-        ("# q", "# unit: mm/N\n# q", "'accelerance' contradicts the unit 'mm/N', which is one of rec"),
-        ("# q", "# unit: g/N\n# units: m/s^2/N\n# q", "unit is said twice: g/N and m/s\\^2/N"),
+        ("# q", "# unit: mm/N\n# q", "'accelerance' contradicts the unit 'mm/N' of rec"),
+        ("# q", "# unit: g/N\n# units: m/s^2/N\n# q", "unit is stated twice: g/N and m/s\\^2/N"),
         ("# q", "# Scale factor: 2\n# q", ":1: comment .*'scale factor' would change the numbers"),
         ("# q", "# f in Hz, freq unit: kHz\n# q", ":1: .*'freq unit' would change the numbers"),
         ("# q", "# offset = 3\n# q", ":1: .*'offset' would change the numbers"),
@@ -73,7 +73,7 @@ VALID = "# quantity: accelerance\n" + FRF.format(head="")
         (") re", ") re [g]", ":2: header: column 'H.* re .g.': unit 'g'; expected a motion per"),
         (") re", ") re [mm/N]", "'mm/N' of a receptance; the others are of an? accelerance|quantity"),
         (") coh", ") coh [g/N]", "unit 'g/N'; expected none: a coherence"),
-        (") var", ") var [g/N]", "unit 'g/N'; expected the square of the unit of the values"),
+        (") var", ") var [g/N]", "unit 'g/N'; expected the squared unit of the values"),
         ("freq_Hz", "freq_ms", "the first column is 'freq_ms'; expected 'freq_Hz'"),
         ("freq_Hz", "freq", "the first column is 'freq'; expected 'freq_Hz'"),
     ],
@@ -91,11 +91,13 @@ def test_a_phase_in_other_units_is_refused(tmp_path):
 
 def test_the_unit_of_a_comment_and_of_a_column_must_agree(tmp_path):
     text = VALID.replace(") re", ") re [g/N]")
-    with pytest.raises(FormatError, match="'g/N' contradicts the comment, which says 'm/s\\^2/N'"):
+    with pytest.raises(
+        FormatError, match="'g/N' contradicts the comment, which states 'm/s\\^2/N'"
+    ):
         updyn.read_frf(put(tmp_path, "# unit: m/s^2/N\n" + text))
     text = "freq_Hz,H(1:X/1:X) re [m/s/N],H(1:X/1:X) im [m/s/N]\n1,2,3\n"
     with pytest.raises(
-        FormatError, match="'m/s/N' contradicts the comment, which says 'm/s\\^2/N'"
+        FormatError, match="'m/s/N' contradicts the comment, which states 'm/s\\^2/N'"
     ):
         updyn.read_frf(put(tmp_path, "# unit: m/s^2/N\n" + text))
 
@@ -268,7 +270,7 @@ def test_times_at_3_khz_as_they_are_printed(tmp_path, form, start):
 )
 def test_times_that_are_not_even(tmp_path, times):
     path = put(tmp_path, "time,a\n" + "".join(f"{t},1\n" for t in times))
-    with pytest.raises(FormatError, match="expected them to ascend in even steps"):
+    with pytest.raises(FormatError, match="expected ascending times in even steps"):
         updyn.read_records(path)
 
 

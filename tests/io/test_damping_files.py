@@ -53,7 +53,7 @@ def test_what_is_written_comes_back(tmp_path, name, left):
 
 def test_abaqus_gets_matrices_and_refuses_tables(tmp_path):
     with pytest.raises(
-        FormatError, match="group 'one' has loss_table, which this format has no place for"
+        FormatError, match="group 'one' has loss_table, which this format cannot hold"
     ):
         updyn.write_model(model(**DAMPING), tmp_path / "m.inp")
     with_matrices = model(loss_factor=0.02, mass_damping=1.5, stiffness_damping=1e-4)

@@ -40,7 +40,8 @@ def test_parts_come_back() -> None:
 
 def test_a_part_of_no_group_is_refused() -> None:
     with pytest.raises(
-        FormatError, match=r"deck.inp: the groups do not add up to K: at 1:X, 1:X 5 is left"
+        FormatError,
+        match=r"deck.inp: the groups do not add up to K: at 1:X, 1:X the difference is 5",
     ):
         groups_by_difference(
             ["soft", "stiff"], deck({}, 5.0), lambda name: deck({name: 2.0}, 5.0), DOFS, "deck.inp"

@@ -112,7 +112,7 @@ def without_entries(file):
         ),
         (
             lambda f: f["groups/0000"].attrs.__setitem__("name", "a_first"),
-            "group name 'a_first' stands twice",
+            "group name 'a_first' occurs twice",
         ),
         (lambda f: f["groups/0000"].attrs.__delitem__("loss_factor"), "no attribute 'loss_factor'"),
         (
@@ -130,15 +130,15 @@ def without_entries(file):
         ),
         (
             lambda f: f["groups/0000/stiffness/indices"].__setitem__(slice(0, 2), [1, 1]),
-            "an entry stands twice",
+            "an entry occurs twice",
         ),
         (
             lambda f: f["groups/0001/viscous/indices"].__setitem__(0, 0),
-            r"entry \(2, 1\) lies below the diagonal",
+            r"entry \(2, 1\) is below the diagonal",
         ),
         (lambda f: f["groups/0000/mass/data"].__setitem__(0, np.nan), "group 'shaft': mass: row 1"),
         (lambda f: f["groups/0000/mass"].__delitem__("indptr"), "no dataset 'indptr'"),
-        (without_entries, "/groups/0000/mass: indptr falls; expected where each row"),
+        (without_entries, "/groups/0000/mass: indptr decreases; expected the start of each row"),
     ],
 )
 def test_a_changed_file_is_refused(tmp_path, change, message):

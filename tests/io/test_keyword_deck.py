@@ -12,7 +12,7 @@ from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix.model import read_parts
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.keyword_deck.cards import read_cards, short_number
-from updyn.io.keyword_deck.structure import drawn, read_deck, read_properties
+from updyn.io.keyword_deck.structure import nodes_by_shape, read_deck, read_properties
 from updyn.shapes import edges_of, faces_of
 
 
@@ -77,10 +77,10 @@ def test_nodes_of_another_file(tmp_path):
             r"d.inp:2: \*INCLUDE, INPUT=d.inp: the file includes itself",
         ),
         ("1, 2\n*NODE\n", r"d.inp:1: found '1, 2' before the first keyword"),
-        ("** nothing\n", r"there is no keyword in it"),
+        ("** nothing\n", r"it contains no keyword"),
         (
             "*NODE\n1,0,0,0\n*NSET,\n",
-            r"d.inp:3: the keyword line ends with a comma and the file ends there",
+            r"d.inp:3: the file ends after a keyword line with a trailing comma",
         ),
     ],
 )
@@ -101,10 +101,12 @@ def test_what_the_bar_is_made_of(tmp_path):
     assert parts["ALU"].values("mass") == [2700.0]
     assert step == ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "*END STEP"]
     # 6 x 2 bricks side by side: 6*3*2 edges along X, 7*2*2 along Y, 7*3 along Z.
-    edges = edges_of(drawn(deck))
+    edges = edges_of(nodes_by_shape(deck))
     assert len(edges) == 36 + 28 + 21
     assert np.isin(deck.nodes, edges).all()
-    assert len(faces_of(drawn(deck))) == 2 * 12 + 2 * 6 + 2 * 2  # above and below, along, ends
+    assert (
+        len(faces_of(nodes_by_shape(deck))) == 2 * 12 + 2 * 6 + 2 * 2
+    )  # above and below, along, ends
 
 
 def test_supports_of_the_step_come_along_and_its_loads_do_not(tmp_path):
@@ -149,14 +151,18 @@ FAULTS = [
     (
         "Elset=PART2",
         "Elset=PART1",
-        r"\*SOLID SECTION: element 1 is of 'PART1' \(line \d+\) and of 'PART1'",
+        r"\*SOLID SECTION: element 1 is in 'PART1' \(line \d+\) and in 'PART1'",
     ),
     (
         "*Solid section, Elset=PART2, Material=alu\n",
         "",
         r"\*ELEMENT: element 5 has no \*SOLID SECTION \(4 such\)",
     ),
-    ("TYPE=C3D8", "TYPE=C3D9", r"bar.inp:\d+: \*ELEMENT: type 'C3D9' is not read; did you mean"),
+    (
+        "TYPE=C3D8",
+        "TYPE=C3D9",
+        r"bar.inp:\d+: \*ELEMENT: type 'C3D9' is not supported; did you mean",
+    ),
     (
         "TYPE=C3D8",
         "TYPE=S4R",
@@ -167,58 +173,58 @@ FAULTS = [
     (
         "*NSET, NSET=Fixed",
         "*SHELL SECTION, ELSET=A\n0.1\n*NSET, NSET=Fixed",
-        r"\*SHELL SECTION is not read: beams and",
+        r"\*SHELL SECTION is not supported: beams and",
     ),
     (
         "*NSET, NSET=Fixed",
         "*DISTRIBUTING\n*NSET, NSET=Fixed",
-        r"\*DISTRIBUTING is not read: its reference node has",
+        r"\*DISTRIBUTING is not supported: the matrices do not contain its reference node",
     ),
     (
         "*NSET, NSET=Fixed",
         "*PLASTIC\n1.,0.\n*NSET, NSET=Fixed",
-        r"\*PLASTIC: only linear elastic materials",
+        r"\*PLASTIC: expected only linear elastic materials",
     ),
     (
         "*NSET, NSET=Fixed",
         "*DENSITY\n1.\n*NSET, NSET=Fixed",
-        r"\*DENSITY stands below no \*MATERIAL",
+        r"\*DENSITY does not follow a \*MATERIAL",
     ),
     ("2.1e+11", "2.le+11", r"bar.inp:\d+: \*ELASTIC: '2.le\+11' is not a number"),
     (
         "2.1e+11",
         "000000000210000000000.",
-        r"'000000000210000000000.' has 22 characters; the programs read the first",
+        r"'000000000210000000000.' has 22 characters; expected at most 20",
     ),
     (
         "Fixed, 1, 3",
         "Fixed, 1, 3, 0.001",
-        r"\*BOUNDARY: found 'Fixed, 1, 3, 0.001'; a support holds at 0",
+        r"\*BOUNDARY: found 'Fixed, 1, 3, 0.001'; expected a support at 0",
     ),
-    ("1, 6, 1", "6, 1, 1", r"\*NSET, GENERATE: 6 to 1 by 1 holds nothing"),
+    ("1, 6, 1", "6, 1, 1", r"\*NSET, GENERATE: 6 to 1 by 1 is empty"),
     (", GENERATE\n1, 6, 1", "\n1, Nal", r"\*NSET: no set 'Nal' so far; did you mean 'NALL'"),
     (
         "*ELASTIC\n7",
         "*ELASTIC, TYPE=ORTO\n7",
-        r"\*ELASTIC: TYPE=ORTO is not read; did you mean 'ORTHO'",
+        r"\*ELASTIC: TYPE=ORTO is not supported; did you mean 'ORTHO'",
     ),
-    ("\n3, 0, 0.02, 0", "\n2, 0, 0.02, 0", r"\*NODE: node 2 stands twice"),
+    ("\n3, 0, 0.02, 0", "\n2, 0, 0.02, 0", r"\*NODE: node 2 is defined twice"),
     (
         "\n3, 0, 0.02, 0",
         "\n333, 0, 0.02, 0",
-        r"bar.inp:48: \*ELEMENT: element 1 names node 3, which is not in the deck",
+        r"bar.inp:48: \*ELEMENT: element 1 refers to node 3, which is not in the deck",
     ),
-    ("\n2, 3, 9", "\n1, 3, 9", r"bar.inp:49: \*ELEMENT: element 1 stands twice"),
+    ("\n2, 3, 9", "\n1, 3, 9", r"bar.inp:49: \*ELEMENT: element 1 is defined twice"),
     (
         "NAME=alu",
         "NAME=al.6061",
-        r"material 'al.6061' holds '.': unknowns are called name.quantity",
+        r"material 'al.6061' contains '.', which is reserved in names",
     ),
-    ("NAME=alu", "NAME=steel", r"\*MATERIAL: 'steel' stands twice, also on line"),
+    ("NAME=alu", "NAME=steel", r"\*MATERIAL: 'steel' is defined twice, also on line"),
     (
         "*STEP",
         "*STEP\n*STATIC\n*END STEP\n*STEP, PERTURBATION",
-        r"\*STEP, PERTURBATION after another step: stiffness by",
+        r"\*STEP, PERTURBATION after another step: preload stiffness",
     ),
 ]
 
@@ -232,7 +238,7 @@ def test_faults_name_file_and_line(tmp_path, old, new, message):
 
 
 def doubled(path, text):
-    return [part.scaled(2.0, 2.0) for part in parts_of(path, text)[3].values()]
+    return [part.scale_cards(2.0, 2.0) for part in parts_of(path, text)[3].values()]
 
 
 def test_moduli_of_each_kind_of_elasticity(tmp_path):
@@ -253,7 +259,7 @@ def test_moduli_of_each_kind_of_elasticity(tmp_path):
             f"*MATERIAL, NAME=m\n*ELASTIC, TYPE={kind}\n{old}\n*DENSITY\n5.\n*EXPANSION\n1e-5\n"
         )
         (part,) = read_properties(read_cards(path)).values()
-        lines = [line for card in part.scaled(2.0, 3.0) for line in card.text()]
+        lines = [line for card in part.scale_cards(2.0, 3.0) for line in card.text()]
         assert lines == [
             "*MATERIAL, NAME=m",
             f"*ELASTIC, TYPE={kind}",
@@ -306,7 +312,9 @@ def test_units_become_si():
     ],
 )
 def test_materials_that_are_no_solids_in_the_unit_stated(unit, E, rho, hint):
-    with pytest.warns(UpdynWarning, match=rf"material 'a': .*no solid in unit = '{unit}' .*{hint}"):
+    with pytest.warns(
+        UpdynWarning, match=rf"material 'a': .*not plausible in unit = '{unit}' .*{hint}"
+    ):
         check_materials([("a", E, rho)], system(unit), "d.inp")
 
 
@@ -345,7 +353,9 @@ def test_generate_makes_members_of_what_there_is(tmp_path):
     np.testing.assert_array_equal(deck.elsets["ALL"], np.arange(1, 13))
     assert not len(deck.nsets["NONE"])
     # What is handed to ccx ends with the last node and the last element.
-    sets = {c.need(c.name): [r.text for r in c.rows] for c in model if c.name in ("NSET", "ELSET")}
+    sets = {
+        c.require(c.name): [r.text for r in c.rows] for c in model if c.name in ("NSET", "ELSET")
+    }
     assert sets["big"] == ["2, 42, 2"]
     assert sets["all"] == ["1, 12, 1"]
     assert sets["none"] == []
@@ -384,13 +394,13 @@ def test_files_that_double_are_refused_soon(tmp_path):
         (tmp_path / f"f{n}.inp").write_text(include + include)
     (tmp_path / "f15.inp").write_text("*NODE\n1,0,0,0\n")
     with pytest.raises(
-        FormatError, match=r"f\d+.inp:\d: \*INCLUDE, INPUT=.*: files are included again"
+        FormatError, match=r"f\d+.inp:\d: \*INCLUDE, INPUT=.*: more than \d+ repeated inclusions"
     ):
         read_cards(tmp_path / "f0.inp")
     for n in range(15, 25):
         (tmp_path / f"f{n}.inp").write_text(f"*INCLUDE, INPUT=f{n + 1}.inp\n")
     for n in range(15):
         (tmp_path / f"f{n}.inp").write_text(f"*INCLUDE, INPUT=f{n + 1}.inp\n")
-    with pytest.raises(FormatError, match=r"files include files 20 deep"):
+    with pytest.raises(FormatError, match=r"nested 20 levels deep"):
         read_cards(tmp_path / "f0.inp")
     check()

@@ -141,8 +141,8 @@ def test_special_blocks_are_left_out_and_lines_counted_all_the_same(tmp_path):
     ("old", "new", "message"),
     [
         ("LabVIEW Measurement\n", "LabVIEW Measuremenz\n", "neither content nor suffix|no head"),
-        ("Samples\t3\t3", "Samples\t4\t4", ":7: Samples says 4, found 3 rows"),
-        ("Samples\t3\t3", "Samples\t3\t4", ":7: channels of one record with other Samples"),
+        ("Samples\t3\t3", "Samples\t4\t4", ":7: Samples is 4, found 3 rows"),
+        ("Samples\t3\t3", "Samples\t3\t4", ":7: channels of one record with different Samples"),
         ("Samples\t3\t3", "Samples\t3", ":7: Samples of this record: expected 2 values, found 1"),
         ("Samples\t3\t3", "Samples\t3.5\t3", "'3.5' is not a whole number"),
         ("\t2.5\t4.0", "\t2.5\tx", ":16: found '2.5 x'; expected 2 numbers"),
@@ -150,17 +150,17 @@ def test_special_blocks_are_left_out_and_lines_counted_all_the_same(tmp_path):
         ("\t2.5\t4.0", "\t2,5\t4.0", ":16: found '2,5 4.0'; expected 2 numbers"),
         ("\t2.5\t4.0\n", "\t2.5\t4.0", ":16: the last line does not end|last line"),
         ("force\ttop", "force", "1 names for 2 channels"),
-        ("Time\tTime", "Frequency\tFrequency", "X_Dimension 'Frequency': no time record"),
+        ("Time\tTime", "Frequency\tFrequency", "X_Dimension 'Frequency': not a time record"),
         ("X_Columns\tNo", "X_Columns\tNone", "X_Columns 'None'; "),
         (
             "X_Columns\tNo",
             "X_Columns No",
             ":4: found 'X_Columns No'; expected a name and its value",
         ),
-        ("X_Columns\tNo", "Separator\tTab", ":4: Separator stands twice"),
-        ("Delta_X\t0.25\t0.25", "Samples\t3\t3", ":11: Samples stands twice"),
+        ("X_Columns\tNo", "Separator\tTab", ":4: Separator occurs twice"),
+        ("Delta_X\t0.25\t0.25", "Samples\t3\t3", ":11: Samples occurs twice"),
         ("Separator\tTab", "Separator\tTabb", "Separator 'Tabb'; "),
-        ("Delta_X\t0.25\t0.25", "Delta_X\t-1\t-1", "a time of -1.0 s between samples"),
+        ("Delta_X\t0.25\t0.25", "Delta_X\t-1\t-1", "time between samples is -1.0 s"),
         ("Channels\t2\n", "", "without the line Channels|Channels of this record"),
     ],
 )
@@ -179,9 +179,9 @@ def test_what_is_damaged_is_refused_with_its_line(tmp_path, old, new, message):
         ("Delta_X\t", "X0\t0.0\t0.1\nDelta_X\t", r":7: channels .* start at 0 to 0.1 \(X0\)"),
         ("Delta_X\t", "Y_Scale\t2\t2\nDelta_X\t", ":11: tag 'Y_Scale' is not known and may"),
         ("Delta_X\t", "Gain factor\t2\t2\nDelta_X\t", ":11: tag 'Gain factor' is not known"),
-        ("N\tg", "dB\tdB", ":7: Y_Unit_Label 'dB': a spectrum, no time record"),
-        ("N\tg", "V^2/Hz\tV", r":7: Y_Unit_Label 'V\^2/Hz': a spectrum, no time record"),
-        ("force\ttop", "force\ttop (FFT - (RMS))", r":13: channel 'top .*': a spectrum by its name"),
+        ("N\tg", "dB\tdB", ":7: Y_Unit_Label 'dB': a spectrum, not a time record"),
+        ("N\tg", "V^2/Hz\tV", r":7: Y_Unit_Label 'V\^2/Hz': a spectrum, not a time record"),
+        ("force\ttop", "force\ttop (FFT - (RMS))", r":13: channel 'top .*': by its name a spectrum"),
         ("0.25\t0.25", "1.0\t1.0", ":15: a time of 0.25; expected 1 by Delta_X"),
         ("0.25\t0.25", "0.000250\t0.000250", ":15: a time of 0.25; expected 0.00025 by Delta_X"),
         ("Channels\t2", "Channels\t0", "Samples of this record: expected 0 values"),
@@ -226,7 +226,7 @@ def test_channels_without_samples_are_left_out(tmp_path, x):
         gap = ["", ""] if x == "Multi" else [""]
         lines.append("\t".join([*cells[:middle], *gap, *cells[middle:], *gap]))
     text = head + "Comment\n" + "\n".join(lines) + "\n"
-    message = "channels without samples are left out: 'Untitled', 'Untitled 1'"
+    message = "channels without samples are ignored: 'Untitled', 'Untitled 1'"
     with pytest.warns(UpdynWarning, match=message):
         found = read(tmp_path, text)
     assert found["channel"].values.tolist() == ["force", "top"]
@@ -274,7 +274,7 @@ def test_points_where_commas_are_announced_are_refused(tmp_path):
 
 
 def test_a_head_without_records_is_refused(tmp_path):
-    with pytest.raises(FormatError, match="a head without records"):
+    with pytest.raises(FormatError, match="a header without records"):
         read(tmp_path, written(segments=0))
 
 
@@ -282,7 +282,7 @@ def test_a_head_without_records_is_refused(tmp_path):
 def test_a_record_without_samples_is_refused(tmp_path):
     text = written().replace("Samples\t3\t3", "Samples\t0\t0")
     text = text[: text.index("X_Value")] + text[text.index("X_Value") :].partition("\n")[0] + "\n"
-    with pytest.raises(FormatError, match=r":7: Samples says 0, found 0 rows"):
+    with pytest.raises(FormatError, match=r":7: Samples is 0, found 0 rows"):
         read(tmp_path, text)
 
 
@@ -336,11 +336,11 @@ def test_packets_whose_times_run_on_are_one_record(tmp_path, x, lost):
     [
         (
             appended("No", rows_of([0.0, 0.0], "No")[:-1]),
-            r":8: 5 rows are no packets of 3 \(Samples\)",
+            r":8: 5 rows are not packets of 3 \(Samples\)",
         ),
         (
             appended("One", rows_of([0.0, 0.0], "One")[:-1]),
-            r":8: 5 rows are no packets of 3 \(Samples\), and their times do not run on",
+            r":8: 5 rows are not packets of 3 \(Samples\), and their times are not continuous",
         ),
         (
             appended("One", rows_of([0.0, 0.0], "One")).replace("0.500000\t12", "0.9\t12"),
@@ -354,7 +354,7 @@ def test_packets_whose_times_run_on_are_one_record(tmp_path, x, lost):
         ),
         (
             appended("One", rows_of([0.0, 0.0], "One"), "Yes"),
-            r":8: Samples says 3, found 6 rows; .*Multi_Headings",
+            r":8: Samples is 3, found 6 rows; .*Multi_Headings",
         ),
         (appended("One", rows_of([0.0], "One"), "no idea"), "Multi_Headings 'no idea'; valid"),
     ],

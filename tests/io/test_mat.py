@@ -132,7 +132,7 @@ def test_frf_without_damping_is_stored_real_by_matlab(path, save):
     save(path, {"H": H, **known})
     found = read_frf(path, real_valued=True)
     np.testing.assert_array_equal(found.values[:, 0, 0], [1.0, -2.0, -0.5])
-    with pytest.raises(FormatError, match=r"holds real numbers.*state real_valued=True"):
+    with pytest.raises(FormatError, match=r"holds real numbers.*set real_valued=True"):
         read_frf(path)
 
 
@@ -155,7 +155,7 @@ def test_frf_without_damping_is_stored_real_by_matlab(path, save):
         ({"groups": {"a": K}, "dofs": TABLE}, "groups: 'a' is float64 of shape"),
         (
             {"groups": {"a": {"K": K}, "b": {"K": K, "name": "a"}}, "dofs": TABLE},
-            "group 'a' stands twice",
+            "group 'a' occurs twice",
         ),
         ({"K": K, "dofs": TABLE, "stiffness": K}, "unknown name 'stiffness'"),
     ],

@@ -89,9 +89,9 @@ report = false
 
 
 def test_what_a_mesh_does_not_say_is_asked_for(mesh: Path) -> None:
-    with pytest.raises(OptionError, match="says nothing of its unit"):
+    with pytest.raises(OptionError, match="does not contain its unit"):
         updyn.read_model(mesh)
-    with pytest.raises(OptionError, match="says nothing of its materials"):
+    with pytest.raises(OptionError, match="does not contain its materials"):
         updyn.read_model(mesh, unit="mm")
     with pytest.raises(FormatError, match=r"table.msh: group .* has no material"):
         updyn.read_model(

@@ -99,7 +99,9 @@ def test_labels_that_are_stated_replace_those_of_the_file(tmp_path):
 def test_matrices_that_are_not_named_are_left_out_with_a_warning(tmp_path):
     """K may be the sum of K_1 and K_2."""
     save_5(tmp_path / "a.mat", {"K": K1 + K2, "K_1": K1, "K_2": K2, "M": M0, "dofs": DOFS})
-    with pytest.warns(UpdynWarning, match=r"a\.mat: K of the file not read, as variables do not"):
+    with pytest.warns(
+        UpdynWarning, match=r"a\.mat: K of the file not read, because variables do not"
+    ):
         model = updyn.read_model(tmp_path / "a.mat", variables={"M": "M", "groups": ["K_1", "K_2"]})
     np.testing.assert_array_equal(model.stiffness.toarray(), K1 + K2)
 
@@ -123,7 +125,7 @@ def test_matrices_that_are_not_named_are_left_out_with_a_warning(tmp_path):
             "no variable 'M1'; ",
             ("variables", "groups", "a", "M"),
         ),
-        ({"groups": ["K_1", "K_1"]}, "variables.groups: 'K_1' stands twice", None),
+        ({"groups": ["K_1", "K_1"]}, "variables.groups: 'K_1' occurs twice", None),
         ({"groups": []}, "variables.groups = .*: expected variables", None),
         ({"groups": 3}, "variables.groups = 3: expected variables", None),
         (
@@ -132,7 +134,7 @@ def test_matrices_that_are_not_named_are_left_out_with_a_warning(tmp_path):
             None,
         ),
         ({"groups": ["dofs"]}, "dofs: found 2 texts; expected a matrix, or a struct", None),
-        ({"groups": {"model": "K_1"}, "M": "M0"}, "M beside the groups become the group", None),
+        ({"groups": {"model": "K_1"}, "M": "M0"}, "M in addition to groups become the group", None),
         ({"Ks": "K_1"}, "variables: no item 'Ks'; did you mean 'K'", ("variables", "Ks")),
         ({"K": 3}, "variables.K = 3: expected the name of a variable", ("variables", "K")),
         ({}, "expected a table of item = variable", ("variables",)),
@@ -293,7 +295,9 @@ def test_objects_beside_a_model_of_plain_names_are_named(
     path = tmp_path / "work.mat"
     save_5(path, {"K": K1, "M": M0, "dofs": DOFS})
     path.write_bytes(path.read_bytes() + opaque(b"t0", b"datetime") + opaque(b"log", b"table"))
-    with pytest.warns(UpdynWarning, match="not read: t0: MATLAB class 'datetime'.*; log: MATLAB"):
+    with pytest.warns(
+        UpdynWarning, match="cannot be read: t0: MATLAB class 'datetime'.*; log: MATLAB"
+    ):
         assert_same_model(updyn.read_model(path), Model.from_groups({"model": Group(K1, M0)}, DOFS))
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr()

@@ -113,7 +113,7 @@ def test_one_triangle_is_refused(tmp_path, side):
         dofs=np.array(DOFS),
     )
     with pytest.raises(
-        FormatError, match=f"stiffness: holds the {side} triangle only.*completes it"
+        FormatError, match=f"stiffness: holds only the {side} triangle of.*completes it"
     ):
         updyn.read_model(tmp_path / "mk.npz")
 
@@ -121,20 +121,20 @@ def test_one_triangle_is_refused(tmp_path, side):
 @pytest.mark.parametrize(
     ("variables", "said"),
     [
-        ({"K": {"a": K1}, "M": M1}, "K is a struct, with a matrix for each part, and M is not"),
-        ({"K": {"a": K1}, "groups": {"a": {"K": K1}}}, "K is a struct, .* and groups is not"),
+        ({"K": {"a": K1}, "M": M1}, "K is a struct with a matrix for each part, but M is not"),
+        ({"K": {"a": K1}, "groups": {"a": {"K": K1}}}, "K is a struct .* but groups is not"),
         (
             {"K": {"a": K1}, "loss_factor": 0.1},
             "loss_factor is 0.1 for several parts; expected a struct",
         ),
         ({"K": {"a": K1}, "loss_factor": {"b": 0.1}}, "loss_factor: no part 'b' in K"),
         ({"groups": [{"K": K1}, {"K": K2}]}, r"groups\(1\) has no field 'name'; it has K"),
-        ({"groups": [{"name": "a", "K": K1}, {"name": "a", "K": K2}]}, "group 'a' stands twice"),
+        ({"groups": [{"name": "a", "K": K1}, {"name": "a", "K": K2}]}, "group 'a' occurs twice"),
         (
             {"groups": [{"name": "a", "kk": K1}, {"name": "b", "kk": K2}]},
             "group 'a': unknown name 'kk'",
         ),
-        ({"groups": ["a", "b"]}, "groups: expected one struct a group"),
+        ({"groups": ["a", "b"]}, "groups: expected one struct per group"),
         (
             {"K": K1, "dof_ref": np.array([[1.0, 0.0], [2.0, 0.0]])},
             "holds both 'dofs' and 'dof_ref'",

@@ -150,7 +150,11 @@ def test_included_files(deck, tmp_path):
             r"d.bdf:15: CBAR 12: no property 5; nearest: 3, 4, 2|nearest: 2, 3, 4",
         ),
         ("PBAR,1,1,", "PBAR,1,9,", r"d.bdf:19: PBAR 1: no material 9 among MAT1, MAT2.*nearest: 1"),
-        ("GRID,1,,0.", "GRID,2,,0.", r"d.bdf:10: grid|d.bdf:10: GRID 2 is defined twice: also d.bdf:9"),
+        (
+            "GRID,1,,0.",
+            "GRID,2,,0.",
+            r"d.bdf:10: grid|d.bdf:10: GRID 2 is defined twice: also d.bdf:9",
+        ),
         (
             "1.0     0.0     0.0",
             "1.x     0.0     0.0",
@@ -421,7 +425,7 @@ def test_files_that_double_are_refused_soon(deck, tmp_path):
     start = time.monotonic()
     with pytest.raises(FormatError, match=r"f\d+.bdf:\d: INCLUDE 'f\d+.bdf': nested 20"):
         deck("INCLUDE 'f0.bdf'\n")
-    with pytest.raises(FormatError, match=r"files are included again more than 100 times"):
+    with pytest.raises(FormatError, match=r"more than 100 repeated inclusions"):
         deck("INCLUDE 'f10.bdf'\n")
     assert time.monotonic() - start < 5.0
 

@@ -126,7 +126,7 @@ def test_order_of_axes_is_not_guessed_from_lengths(path):
         (
             {},
             {"quantity": "mobility"},
-            "quantity 'mobility' contradicts the file, which says 'receptance'",
+            "quantity 'mobility' contradicts the file, which states 'receptance'",
         ),
         (
             {},
@@ -147,7 +147,7 @@ def test_order_of_axes_is_not_guessed_from_lengths(path):
         ({"freq": None}, {}, "no 'freq'"),
         ({"values": np.ones(3)}, {}, "both 'H' and 'values'"),
         ({"H": None}, {}, "no 'H' .*found: freq, quantity"),
-        ({"H": np.abs(np.ones((3, 2, 2)))}, {}, "magnitudes and decibels are no FRFs"),
+        ({"H": np.abs(np.ones((3, 2, 2)))}, {}, "may be magnitudes or decibels"),
         ({"H": np.full((3, 2, 2), np.nan * 1j)}, {}, "is not finite"),
         ({"H": np.array(["a"])}, {}, "H: found 1 texts; expected numbers"),
         ({"responses": ["1:X", "1:-X"]}, {}, "responses: DOF 1:X stands twice"),
@@ -169,7 +169,7 @@ def test_frf_that_cannot_be_used(path, changes, options, message):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"duplicates": "first"}, "only 'raise' applies"), ({"order": ("f", "i", "o")}, "order=")],
+    [({"duplicates": "first"}, "expected 'raise'"), ({"order": ("f", "i", "o")}, "order=")],
 )
 def test_options_are_checked(path, options, message):
     np.savez(path, **frf_arrays())
@@ -190,9 +190,9 @@ def test_options_are_checked(path, options, message):
         ({"a.k": K, "dofs": LABELS}, "group 'a': unknown name 'k'; did you mean 'K'"),
         (
             {"a.K": K, "dofs": LABELS, "groups": np.array(["a", "b"])},
-            "names 'b', of which there is no array",
+            "contains 'b', which has no array",
         ),
-        ({"a.K": K, "dofs": LABELS, "groups": np.array(["a", "a"])}, "'a' stands twice"),
+        ({"a.K": K, "dofs": LABELS, "groups": np.array(["a", "a"])}, "'a' occurs twice"),
         ({"a.K": K, "b.K": K, "dofs": LABELS, "groups": np.array(["a"])}, "lacks 'b'"),
         (
             {"a.K.data": np.ones(1), "a.K.indices": np.zeros(1, int), "dofs": LABELS},
@@ -217,5 +217,5 @@ def test_model_that_cannot_be_used(path, arrays, message):
 
 def test_one_sparse_matrix_of_scipy_is_not_a_model(path):
     sp.save_npz(path, sp.csr_array(K))
-    with pytest.raises(FormatError, match=r"one sparse matrix as scipy.sparse.save_npz writes it"):
+    with pytest.raises(FormatError, match=r"one sparse matrix written by scipy.sparse.save_npz"):
         read_model(path)

@@ -87,7 +87,8 @@ def test_a_reduction_that_keeps_coordinates(tmp_path):
         transformation=T,
     )
     with pytest.warns(
-        UpdynWarning, match=r"1 coordinates that follow from the 3 states are left out, .* 104:RX"
+        UpdynWarning,
+        match=r"1 coordinates that are combinations of the 3 states are ignored; .* 104:RX",
     ):
         model = updyn.read_model(file)
     assert model.dofs.labels == ["101:X", "102:Y", "103:Z"]
@@ -101,7 +102,7 @@ def test_a_reduction_that_keeps_coordinates(tmp_path):
     [
         (
             {"transformation": np.linalg.qr(K)[0]},
-            "state 1 of 4 is no coordinate but part of several",
+            "state 1 of 4 is not a coordinate but part of several",
         ),
         ({"mass": None}, "no 'mass'; expected mass, stiffness"),
         ({"mass": M[:3, :3]}, r"mass of shape \(3, 3\), expected \(4, 4\)"),

@@ -68,7 +68,7 @@ def test_last_lines():
     check_last_line("a\r\n", "f")
     check_last_line("", "f")
     check_last_line("a\n# b", "f", harmless=re.compile(rb"#.*"))
-    with pytest.raises(FormatError, match=r"f:2: the last line, 'b', does not end: .*cut short"):
+    with pytest.raises(FormatError, match=r"f:2: the last line, 'b', does not end: .*truncated"):
         check_last_line("a\nb", "f", harmless=re.compile(rb"#.*"))
 
 

@@ -41,7 +41,7 @@ from torture_readers import (
 from updyn.elements.mesh import read_mesh
 from updyn.geometry import Geometry
 from updyn.io.atomic import write_json
-from updyn.io.items import guarded
+from updyn.io.items import guard_reader
 from updyn.io.named import frf_items, model_items
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -116,7 +116,7 @@ def _rst() -> Sample:
 
     def read(folder: Path) -> Content:
         path = folder / "a.rst"
-        with guarded(path, "ansys_rst"):
+        with guard_reader(path, "ansys_rst"):
             found = read_attributes(path)
         return leaves(
             {
@@ -332,7 +332,7 @@ def _ccx() -> Sample:
         return "".join(lines).encode()
 
     def read(folder: Path) -> Content:
-        with guarded(folder / "job.sti", "calculix"):
+        with guard_reader(folder / "job.sti", "calculix"):
             found = Program("ccx", 1.0, folder / "job.inp")._read(folder)
             return content_of(
                 Model.from_groups({"a": updyn.Group(found.stiffness, found.mass)}, found.dofs)
@@ -361,7 +361,7 @@ def _mystran() -> Sample:
             table += _fortran("i", value)
 
     def read(folder: Path) -> Content:
-        with guarded(folder / "run.bdf", "nastran"):
+        with guard_reader(folder / "run.bdf", "nastran"):
             dofs, _ = mystran._dofs(folder / "run.L1C", folder / "run.bdf")
             found = mystran._symmetric(folder / "run.L1L", len(dofs), folder / "run.bdf")
             return content_of(Model.from_groups({"a": updyn.Group(found)}, dofs))

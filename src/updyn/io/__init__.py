@@ -1,8 +1,8 @@
-"""Reading and writing: one module a format, chosen by a lazy registry.
+"""Reading and writing of files: one module per format, selected by a lazy registry.
 
-The functions here are the front doors. They look at the content of a file, then at its suffix (or
-do as ``format=`` says), load the one module that knows the format, and check the options by name.
-Whatever a reader did not foresee becomes a `FormatError` here. Formats: `updyn.io.formats`.
+The functions here are the public interface. They detect the format by the content of a file, then
+by its suffix (or use ``format=``), import only the module of that format, and check the options by
+name. Unexpected exceptions of a reader become a `FormatError` here. Formats: `updyn.io.formats`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from updyn.errors import OptionError, key_path, suggest
 from updyn.frf import check_quantity
 from updyn.io.formats import find_format, load
-from updyn.io.items import chosen, guarded, placed
+from updyn.io.items import guard_reader, locate_errors, parse_selection
 
 if TYPE_CHECKING:
     import xarray
@@ -42,14 +42,14 @@ __all__ = [
 
 
 class Changes(Protocol):
-    """Unknowns of an update, as far as `write_properties` needs them."""
+    """Unknowns of an update, as used by `write_properties`."""
 
     def changes(self, values: Sequence[float]) -> Mapping[str, dict[str, float]]:
-        """Return the changes by group that values of the unknowns stand for."""
+        """Return the changes by group for values of the unknowns."""
 
 
 class Updated(Protocol):
-    """The outcome of an update, as far as `write_properties` needs it."""
+    """The outcome of an update, as used by `write_properties`."""
 
     @property
     def parameters(self) -> Changes:
@@ -79,33 +79,32 @@ def read_frf(
     format : str, optional
         Format name, to force it: "uff", "netcdf", "npz", "mat", "csv".
     quantity : {"receptance", "mobility", "accelerance"}, optional
-        What was measured, where the file does not say. If the file says something else, that is an
-        error.
+        Measured quantity, required if the file does not state it. A contradiction is an error.
     duplicates : {"raise", "average"}
-        Several functions at one pair of response and reference: an error, or their mean, weighted
-        with their coherence where every one of them has it. Formats that hold each pair once take
-        "raise" only.
+        Treatment of several functions at one pair of response and reference: an error, or their
+        mean, weighted with the coherence if every function has one. Formats with a single function
+        per pair accept only "raise".
     responses, references : iterable of str or Dof, optional
-        DOFs to read, in the order given, all others left out; with the opposite sign ("5:-Z") the
-        values change sign. Of a universal file only that part has to be complete.
+        DOFs to read, in this order; all others are ignored. With the opposite sign ("5:-Z") the
+        values change sign. In a universal file only the selected part has to be complete.
     **options
-        Further options of the reader of that format, checked by name: ``real_valued=True`` of every
-        format, where values are real as their phase is 0 or pi; ``scalar_direction``, ``scale`` and
-        ``local_axes`` of a universal file (`updyn.io.uff.frf`); ``response_labels``,
-        ``reference_labels`` and ``order`` of bare arrays (`updyn.io.npz`, `updyn.io.matlab`).
+        Further options of the reader, checked by name: ``real_valued=True`` for every format if
+        the values are real with phase 0 or pi; ``scalar_direction``, ``scale`` and ``local_axes``
+        for universal files (`updyn.io.uff.frf`); ``response_labels``, ``reference_labels`` and
+        ``order`` for arrays without labels (`updyn.io.npz`, `updyn.io.matlab`).
 
     Returns
     -------
     FRF
-        What the file holds, in SI units, in the order of the file or as asked for.
+        The FRFs in SI units, in the order of the file or of the selection.
 
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, the content is not valid, or a response or
-        reference is not there; the message says where.
+        If the file does not exist, no format fits, the content is not valid, or a response or
+        reference is missing; the message gives the place.
     OptionError
-        If the format has no such option; the nearest is named.
+        If the format has no such option; the message gives the nearest one.
 
     Examples
     --------
@@ -121,23 +120,25 @@ def read_frf(
     early = wanted if {"responses", "references"} <= _options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
     known = _known(reader, name, given, ("responses", "references"))
-    if quantity is not None:  # one that is none contradicts no file
-        with placed(path), key_path("quantity"):
+    if quantity is not None:  # an invalid quantity is an error in itself
+        with locate_errors(path), key_path("quantity"):
             check_quantity(quantity)
-    with guarded(path, name):
+    with guard_reader(path, name):
         frf: FRF = reader(path, **known)
         return frf if early else _part(frf, wanted, path)
 
 
 def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
-    """Write frequency response functions, the file replaced as a whole once it is complete.
+    """Write frequency response functions.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
     frf : FRF
         The data.
     path : path
-        File to write; its suffix chooses the format.
+        File to write; its suffix selects the format.
     format : str, optional
         Format name, to force it.
 
@@ -157,7 +158,7 @@ def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
 
 
 def read_geometry(path: str | Path, *, format: str | None = None, **options: Any) -> Geometry:
-    """Read where nodes stand.
+    """Read node positions.
 
     Parameters
     ----------
@@ -167,21 +168,21 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     format : str, optional
         Format name, to force it: "uff", "nastran", "op2", "exodus" or "csv".
     **options
-        What the reader of that format takes, checked by name: of each ``unit``, the unit of length
-        of a file that does not say it, "m" where it is not given either.
+        Options of the reader, checked by name: for every format ``unit``, the unit of length if
+        the file does not state one, by default "m".
 
     Returns
     -------
     Geometry
-        Positions in m in the global system, with the lines to draw where the file has them.
+        Positions in m in the global system, with the lines to draw of the file.
 
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says
-        where.
+        If the file does not exist, no format fits, or the content is not valid; the message gives
+        the place.
     OptionError
-        If the format has no such option; the nearest is named.
+        If the format has no such option; the message gives the nearest one.
 
     Examples
     --------
@@ -191,7 +192,7 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     >>> updyn.read_geometry("nodes.csv", unit="mm").position([2])
     array([[0.25, 0.  , 0.  ]])
     """
-    return _read(path, "read_geometry", format, options)  # type: ignore[no-any-return]
+    return _run_reader(path, "read_geometry", format, options)  # type: ignore[no-any-return]
 
 
 def read_records(
@@ -212,12 +213,12 @@ def read_records(
     format : str, optional
         Format name, to force it: "lvm", "uff", "wav", "mat", "netcdf", "csv".
     units : mapping of str to str, optional
-        Unit by channel, where the file does not say; a contradiction is an error.
+        Unit by channel if the file does not state it; a contradiction is an error.
     factors : mapping of str to float, optional
-        What the values of a channel are multiplied by, such as the inverse of a sensitivity; its
-        unit is then that of `units`.
+        Factors on the values of channels, such as the inverse of a sensitivity; the unit of the
+        result is that of `units`.
     **options
-        What the reader of that format takes, checked by name: docs/formats.md.
+        Options of the reader, checked by name: docs/formats.md.
 
     Returns
     -------
@@ -228,10 +229,10 @@ def read_records(
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says
-        where.
+        If the file does not exist, no format fits, or the content is not valid; the message gives
+        the place.
     OptionError
-        If the format has no such option; the nearest is named.
+        If the format has no such option; the message gives the nearest one.
 
     Examples
     --------
@@ -242,8 +243,8 @@ def read_records(
     >>> records.shape  # records, channels, samples
     (1, 2, 3)
     """
-    records: Records = _read(path, "read_records", format, options)
-    with placed(path):
+    records: Records = _run_reader(path, "read_records", format, options)
+    with locate_errors(path):
         return records.calibrated(units, factors).to_xarray()
 
 
@@ -254,28 +255,27 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     ----------
     path : path
         A universal file with datasets 55 or 2414 (normal or complex modes), an OUTPUT2 file of
-        Nastran (.op2), or a table of natural frequencies (.csv, .txt; one test a line, or with a
-        header one mode a line).
+        Nastran (.op2), or a table of natural frequencies (.csv, .txt; one test per line, or with a
+        header one mode per line).
     format : str, optional
         Format name, to force it: "uff", "op2" or "csv".
     **options
-        What the reader of that format takes, checked by name: of an OUTPUT2 file ``unit`` and
-        ``subcase``; of a table ``test`` (which line, from 1; by default the means over all lines)
-        and ``modes`` (which columns or lines, from 1).
+        Options of the reader, checked by name: for an OUTPUT2 file ``unit`` and ``subcase``; for a
+        table ``test`` (number of the line, from 1; by default the mean over all lines) and
+        ``modes`` (numbers of the columns or lines, from 1).
 
     Returns
     -------
     ModeSet
-        Frequencies in Hz, loss factors, shapes, and the DOFs of their rows. From a table without
-        shapes.
+        Frequencies in Hz, loss factors, shapes, and the DOFs of their rows. Tables have no shapes.
 
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says
-        where.
+        If the file does not exist, no format fits, or the content is not valid; the message gives
+        the place.
     OptionError
-        If the format has no such option; the nearest is named.
+        If the format has no such option; the message gives the nearest one.
 
     Examples
     --------
@@ -285,11 +285,11 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     >>> updyn.read_modes("modes.uff").dofs.labels
     ['1:Z', '2:Z']
     """
-    return _read(path, "read_modes", format, options)  # type: ignore[no-any-return]
+    return _run_reader(path, "read_modes", format, options)  # type: ignore[no-any-return]
 
 
 def read_contents(path: str | Path, *, format: str | None = None, **options: Any) -> Any:
-    """Read all that a file of several kinds of content holds, to say what is in it.
+    """Read the whole content of a file that holds several kinds of data.
 
     Parameters
     ----------
@@ -298,32 +298,34 @@ def read_contents(path: str | Path, *, format: str | None = None, **options: Any
     format : str, optional
         Format name, to force it: "op2".
     **options
-        What the reader of that format takes, checked by name: ``unit``.
+        Options of the reader, checked by name: ``unit``.
 
     Returns
     -------
     Contents
-        As `updyn.io.nastran.op2` has it: names of tables and matrices, geometry and modes.
+        Names of tables and matrices, geometry and modes (`updyn.io.nastran.op2`).
 
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the file is damaged.
+        If the file does not exist, no format fits, or the file is damaged.
     OptionError
-        If the format has no such option; the nearest is named.
+        If the format has no such option; the message gives the nearest one.
     """
-    return _read(path, "read_contents", format, options)
+    return _run_reader(path, "read_contents", format, options)
 
 
 def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:
-    """Write modes, the file replaced as a whole once it is complete.
+    """Write modes.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
     modes : ModeSet
         The modes.
     path : path
-        File to write; its suffix chooses the format: a universal file (datasets 55).
+        File to write; its suffix selects the format: a universal file (datasets 55).
     format : str, optional
         Format name, to force it.
 
@@ -353,20 +355,19 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     format : str, optional
         Format name, to force it.
     **options
-        What the reader of that format takes, checked by name.
+        Options of the reader, checked by name.
 
     Returns
     -------
     Model
-        What the file holds.
 
     Raises
     ------
     FormatError
-        If there is no such file, no format fits, or the content is not valid; the message says
-        where.
+        If the file does not exist, no format fits, or the content is not valid; the message gives
+        the place.
     OptionError
-        If the format has no such option; the nearest is named.
+        If the format has no such option; the message gives the nearest one.
 
     Examples
     --------
@@ -375,18 +376,20 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     >>> updyn.read_model("chain.h5").n_dofs
     12
     """
-    return _read(path, "read_model", format, options)  # type: ignore[no-any-return]
+    return _run_reader(path, "read_model", format, options)  # type: ignore[no-any-return]
 
 
 def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:
-    """Write a model, the file replaced as a whole once it is complete.
+    """Write a model.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
     model : Model
         The model.
     path : path
-        File to write; its suffix chooses the format.
+        File to write; its suffix selects the format.
     format : str, optional
         Format name, to force it.
 
@@ -412,17 +415,17 @@ def write_properties(
     *,
     format: str | None = None,
 ) -> None:
-    """Write the updated properties of a model's groups as a file that its source deck can include.
+    """Write the updated properties of groups to a file that the source deck can include.
 
     Parameters
     ----------
     result : UpdateResult or mapping of str to mapping of str to float
-        The outcome of an update, or changes by group as `Model.scaled` takes them: ``stiffness``,
-        ``mass`` and ``viscous`` as factors on what the deck has, ``loss_factor`` as a value.
+        The outcome of an update, or changes by group as for `Model.scaled`: ``stiffness``,
+        ``mass`` and ``viscous`` as factors on the values of the deck, ``loss_factor`` as a value.
     deck : path
-        The deck that the model was read from. It is not changed.
+        The source deck of the model, which is not changed.
     path : path
-        File to write, replaced as a whole once it is complete.
+        File to write. An existing file is replaced only once the new one is complete.
     format : str, optional
         Format name of the deck, to force it.
 
@@ -442,7 +445,7 @@ def write_properties(
     >>> updyn.write_properties({"PROD 3": {"stiffness": 1.1}}, "rod.bdf", "updated.bdf")
     >>> with open("updated.bdf") as file:
     ...     print(file.read(), end="")
-    $ New values of properties of rod.bdf; the cards that they replace are named.
+    $ New values of properties of rod.bdf; comments give the replaced cards.
     $ Instead of MAT1 7 (rod.bdf, line 5):
     $   MAT1,7,2.1+11,,0.3,7850.
     MAT1*                  72.31000000000+11                             0.3
@@ -450,26 +453,26 @@ def write_properties(
     """
     source, target = Path(deck), Path(path)
     if target.exists() and source.exists() and target.samefile(source):
-        raise OptionError(f"{path}: is the deck itself, which is not changed; name another file")
+        raise OptionError(f"{path}: is the deck itself, which is not changed; give another file")
     if isinstance(result, Mapping):
         changes = {group: dict(change) for group, change in result.items()}
     else:
         changes = dict(result.parameters.changes(list(result.values.values())))
     writer, name = _function(deck, "write_properties", format)
-    with guarded(deck, name):
+    with guard_reader(deck, name):
         writer(changes, source, target)
 
 
-def _read(path: str | Path, verb: str, format: str | None, options: dict[str, Any]) -> Any:
-    """Return what the reader of the file's format makes of it."""
+def _run_reader(path: str | Path, verb: str, format: str | None, options: dict[str, Any]) -> Any:
+    """Read a file with the function `verb` of its format."""
     reader, name = _function(path, verb, format)
     known = _known(reader, name, options, ("format",))
-    with guarded(path, name):
+    with guard_reader(path, name):
         return reader(path, **known)
 
 
 def _function(path: str | Path, verb: str, format: str | None) -> tuple[Callable[..., Any], str]:
-    """Return what does that in the format of the file, and the name of the format."""
+    """Return the function `verb` of the format of the file, and the name of the format."""
     chosen = find_format(path, verb, format)
     return getattr(load(chosen), verb), chosen.name
 
@@ -483,7 +486,7 @@ def _options(reader: Callable[..., Any]) -> set[str]:
 def _known(
     reader: Callable[..., Any], kind: str, options: dict[str, Any], others: Iterable[str] = ()
 ) -> dict[str, Any]:
-    """Return the options; the reader must have each, `others` are those of `read_frf` itself."""
+    """Return the options after checking their names; `others` are names for messages only."""
     known = _options(reader)
     for name in options:
         if name not in known:
@@ -496,11 +499,11 @@ def _known(
 
 
 def _part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:
-    """Select, as `updyn.io.uff.frf` does while it reads."""
+    """Select responses and references of FRFs, for formats without a selection while reading."""
     if "responses" in wanted:
-        with placed(path, "responses"):
-            frf = frf.select(responses=chosen(wanted["responses"], "responses", path))
+        with locate_errors(path, "responses"):
+            frf = frf.select(responses=parse_selection(wanted["responses"], "responses", path))
     if "references" in wanted:
-        with placed(path, "references"):
-            frf = frf.select(references=chosen(wanted["references"], "references", path))
+        with locate_errors(path, "references"):
+            frf = frf.select(references=parse_selection(wanted["references"], "references", path))
     return frf

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing: a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["atomic_path", "sync_folder", "write_bytes", "write_json"]
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder; it replaces `path` when the block ends well.
+    """Yield a temporary path in the same folder that replaces `path` after a successful block.
 
     Parameters
     ----------
@@ -28,18 +28,17 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        Where to write: an empty file. It is removed when the block raises; `path` is then as it
-        was. One that a killed process left is removed at the next write of the same file.
+        An empty temporary file. It is removed if the block raises, and `path` remains unchanged. A
+        temporary file of a killed process is removed at the next write of the same file.
 
     Raises
     ------
     FormatError
-        If the folder is not there or nothing can be written in it, `path` is a folder, or the disk
-        is full.
+        If the folder does not exist or is not writable, `path` is a folder, or the disk is full.
     """
     path = Path(path)
     if "\0" in str(path):
-        raise FormatError(f"{str(path)!r}: no file can have that name")
+        raise FormatError(f"{str(path)!r} is not a valid file name")
     if not path.parent.is_dir():
         raise FormatError(f"the folder {str(path.parent)!r} does not exist", path)
     if path.is_dir():
@@ -47,8 +46,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     sweep(path, suffix=path.suffix)
     temporary = path.with_name(new_name(path, suffix=path.suffix))
     try:
-        # Not tempfile: its files are for their owner alone, and stay so once they have replaced a
-        # shared one.
+        # Not tempfile: its files are readable only by their owner, even after they have replaced a
+        # shared file.
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666))
         if path.exists():
             temporary.chmod(path.stat().st_mode & 0o777)
@@ -58,10 +57,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     try:
         yield temporary
         with temporary.open("rb+") as file:
-            os.fsync(file.fileno())  # else a crash may leave the new name with no content
+            os.fsync(file.fileno())  # otherwise a crash may leave an empty file
         temporary.replace(path)
         sync_folder(path.parent)
-    except OSError as error:  # a full disk, a quota, a limit on the size of files
+    except OSError as error:  # a full disk, a quota, a limit on file size
         if error.filename not in (None, str(temporary), temporary):
             raise
         raise FormatError(f"cannot be written: {error.strerror or error}", path) from error
@@ -70,25 +69,19 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on disk, where the system can say so.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder; its files are synchronised one by one, by whoever writes them.
-    """
-    if sys.platform == "win32":  # no folder can be opened there
+    """Wait until the file names of a folder are on disk, if the system supports it."""
+    if sys.platform == "win32":  # Windows cannot open folders
         return
     number = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(OSError):  # network file systems may refuse it for a folder
+        with suppress(OSError):  # network file systems may refuse it for folders
             os.fsync(number)
     finally:
         os.close(number)
 
 
 def write_bytes(path: str | Path, *parts: bytes | memoryview) -> None:
-    """Write bytes, the file replaced as a whole once it is complete.
+    """Write bytes to a file; an existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
@@ -100,20 +93,19 @@ def write_bytes(path: str | Path, *parts: bytes | memoryview) -> None:
     Raises
     ------
     FormatError
-        As of `atomic_path`.
+        As for `atomic_path`.
     """
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.writelines(parts)
 
 
 def write_json(content: Any, path: str | Path) -> None:
-    """Write plain values as JSON, the file replaced as a whole once it is complete.
+    """Write plain values as JSON; an existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
     content : mapping
-        Numbers, texts, lists and mappings; no number may be infinite or nan, which JSON does not
-        have.
+        Numbers, texts, lists and mappings, without infinities and NaN, which JSON does not support.
     path : path
         File to write.
     """

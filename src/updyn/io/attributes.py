@@ -1,7 +1,8 @@
-"""Attributes of netCDF variables and HDF5 datasets that say what their numbers mean.
+"""Attributes of netCDF variables and HDF5 datasets that define the meaning of their numbers.
 
 Packed numbers and missing values follow the NetCDF Climate and Forecast conventions 1.11, sections
-2.5.1 (missing data) and 8.1 (packed data); ``_Unsigned``, the NetCDF Users Guide, appendix A.
+2.5.1 (missing data) and 8.1 (packed data); ``_Unsigned`` follows the NetCDF Users Guide, appendix
+A.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ _LINEAR = ("scale_factor", "add_offset")
 def unpack(
     values: NDArray[Any], attributes: Mapping[str, Any], name: str, path: str | Path
 ) -> NDArray[Any]:
-    """Return the unpacked values; missing ones are NaN.
+    """Return the unpacked values, with NaN for missing ones; texts are returned unchanged.
 
     Parameters
     ----------
     values : ndarray
-        As stored. Texts are returned as they are.
+        As stored.
     attributes : mapping of str to object
         Attributes of the variable.
     name : str
@@ -49,8 +50,8 @@ def unpack(
         if key in attributes and key != "_Unsigned":
             stated[key] = _numbers(attributes[key], f"{name}: attribute {key!r}", path)
     if str(attributes.get("_Unsigned", "")).lower() == "true":
-        values = _unsigned(values)
-        stated |= {key: _unsigned(stated[key]) for key in stated if key not in _LINEAR}
+        values = _view_unsigned(values)
+        stated |= {key: _view_unsigned(stated[key]) for key in stated if key not in _LINEAR}
     out = values
     if any(key in stated for key in _LINEAR):
         scale, offset = (_one(stated, key, name, path) for key in _LINEAR)
@@ -62,15 +63,15 @@ def unpack(
 
 
 def _numbers(given: Any, where: str, path: str | Path) -> NDArray[Any]:
-    """Return an attribute as a row of numbers."""
+    """Return an attribute as a one-dimensional array of numbers."""
     found = np.atleast_1d(np.asarray(given)).ravel()
     if found.dtype.kind not in "iufc":
         raise FormatError(f"{where} is {_shown(given)!r}; expected numbers", path)
     return found
 
 
-def _unsigned(values: NDArray[Any]) -> NDArray[Any]:
-    """Return signed integers as the unsigned ones of the same bits."""
+def _view_unsigned(values: NDArray[Any]) -> NDArray[Any]:
+    """Return signed integers as unsigned integers with the same bits."""
     if values.dtype.kind != "i":
         return values
     return values.astype(f"u{values.dtype.itemsize}")
@@ -89,12 +90,12 @@ def _one(stated: Mapping[str, NDArray[Any]], key: str, name: str, path: str | Pa
 
 
 def _is_missing(values: NDArray[Any], stated: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """Return which of the stored numbers mark a missing value."""
+    """Return which stored numbers mark a missing value."""
     out = np.zeros(values.shape, dtype=bool)
     for key in ("_FillValue", "missing_value"):
         for mark in stated.get(key, ()):
             with np.errstate(over="ignore"):
-                # 1e20 in double precision marks numbers in single precision, too.
+                # 1e20 in double precision also marks numbers in single precision.
                 is_float = values.dtype.kind == "f" and mark.dtype.kind != "c"
                 out |= values == (values.dtype.type(mark) if is_float else mark)
     return out
@@ -103,13 +104,13 @@ def _is_missing(values: NDArray[Any], stated: Mapping[str, NDArray[Any]]) -> NDA
 def _is_outside(
     packed: NDArray[Any], unpacked: NDArray[Any], stated: Mapping[str, NDArray[Any]]
 ) -> NDArray[np.bool_]:
-    """Return which numbers are outside of the valid range."""
+    """Return which numbers are outside the valid range."""
     out = np.zeros(packed.shape, dtype=bool)
     for key, side in (("valid_min", 0), ("valid_max", 1), ("valid_range", 0), ("valid_range", 1)):
         bounds = stated.get(key, np.empty(0))
         if not bounds.size or packed.dtype.kind == "c":
             continue
-        # Bounds of the type of the packed numbers are for these.
+        # Bounds of the packed type apply to packed numbers.
         values = unpacked if bounds.dtype.kind == "f" else packed
         out |= values > bounds[-1] if side else values < bounds[0]
     return out
@@ -120,21 +121,12 @@ def _shown(given: Any) -> Any:
 
 
 def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str:
-    """Return the unit in the attributes ``units`` or ``unit`` (in any case); empty without one.
-
-    Parameters
-    ----------
-    attributes : mapping of str to object
-        Attributes of the dataset.
-    name : str
-        The dataset, for messages.
-    path : path
-        The file, for messages.
+    """Return the unit in the attributes ``units`` or ``unit`` (in any case), or an empty text.
 
     Raises
     ------
     FormatError
-        If one is not a text, or two differ.
+        If an attribute is not a text, or the two differ.
     """
     labels: dict[str, str] = {}
     for key, given in attributes.items():
@@ -147,7 +139,7 @@ def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str
 
 
 def _label(given: Any, key: str, name: str, path: str | Path) -> str:
-    """Return the text of an attribute, also of an array of one text."""
+    """Return the text of an attribute, which may be an array of one text."""
     if isinstance(given, np.ndarray) and given.size == 1:
         given = given.ravel().tolist()[0]
     if isinstance(given, bytes):

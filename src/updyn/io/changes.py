@@ -1,4 +1,4 @@
-"""Changes of groups that `write_properties` puts into a deck: quantities and values, checked."""
+"""Checks of the changes of groups for `write_properties`: quantities and values."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from updyn.group import is_number
 __all__ = ["check_changes"]
 
 _QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
-#: Those that may be 0.
+#: Quantities that may be 0.
 _LEAST_ZERO = ("viscous", "loss_factor")
 
 
 def check_changes(changes: Mapping[str, Mapping[str, float]], deck: Path) -> None:
-    """Refuse quantities that no deck has, and values that none can have.
+    """Refuse unknown quantities and invalid values.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def check_changes(changes: Mapping[str, Mapping[str, float]], deck: Path) -> Non
     Raises
     ------
     FormatError
-        If there is one; the message names the group.
+        For the first one, with the group.
     """
     for name, change in changes.items():
         for quantity, value in change.items():

@@ -1,8 +1,8 @@
 """Consistent units of decks and matrix files: conversion to SI, and a check of moduli.
 
-With a unit of length L (m) and one of energy W (J), angles in rad, a matrix of stiffness, damping
-or mass becomes W T A T with T = 1/L at translations and 1 at rotations, as u^T A u is an energy (or
-power, or twice an energy over seconds squared) in any of them.
+With a unit of length L (m), a unit of energy W (J) and angles in rad, a matrix A of stiffness,
+damping or mass becomes W T A T with T = 1/L at translations and 1 at rotations, because u^T A u is
+an energy (or power, or twice an energy over seconds squared) in every system.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ __all__ = ["UNITS", "System", "check_materials", "system"]
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """A consistent system of units; seconds and radians in all of them.
+    """A consistent system of units, always with seconds and radians.
 
     Parameters
     ----------
     name : str
-        Its unit of length, and how users call it.
+        Unit of length, the name for users.
     length : float
         Unit of length, in m.
     energy : float
         Unit of energy (force times length), in J.
     described : str
-        Length, force, mass, in words.
+        Units of length, force and mass, as text.
     """
 
     name: str
@@ -44,26 +44,12 @@ class System:
     described: str
 
     def to_si(self, matrix: Matrix, dofs: DofSet) -> Matrix:
-        """Return a matrix of stiffness, damping or mass in SI.
-
-        Parameters
-        ----------
-        matrix : sparse, shape (N, N)
-            In this system.
-        dofs : DofSet
-            The N degrees of freedom.
-
-        Returns
-        -------
-        sparse, shape (N, N)
-            In N/m, N s/m, kg, and the same with rad.
-        """
+        """Return a matrix of stiffness, damping or mass, given in this system, in SI."""
         if self.length == self.energy == 1.0:
             return matrix
         entry = sp.coo_array(matrix)
         power = (dofs.axes < 3).astype(np.int64)
-        # Powers of the unit of length are taken together, so that 1e-3 / 1e-3^2 is 1000 to the last
-        # bit or nearly.
+        # Combined powers of the unit of length make 1e-3 / 1e-3^2 equal to 1000 within rounding.
         factors = np.array([self.energy * (1.0 / self.length) ** k for k in range(3)])
         data = entry.data * factors[power[entry.row] + power[entry.col]]
         return sp.csr_array(sp.coo_array((data, (entry.row, entry.col)), shape=entry.shape))
@@ -93,22 +79,7 @@ UNITS = {
 
 
 def system(name: str) -> System:
-    """Return a system of units by its unit of length.
-
-    Parameters
-    ----------
-    name : {"m", "mm", "in"}
-        Unit of length.
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    OptionError
-        If there is no such system.
-    """
+    """Return a system of units by its unit of length; raise an OptionError if it is unknown."""
     if name not in UNITS:
         known = "; ".join(f"{s.name!r} ({s.described})" for s in UNITS.values())
         raise OptionError(
@@ -117,29 +88,28 @@ def system(name: str) -> System:
     return UNITS[name]
 
 
-#: What solids have, with room on both sides: rubber and foam to diamond, aerogel to osmium, gels to
-#: beryllium.
+#: Ranges of solids with a margin: rubber and foam to diamond, aerogel to osmium, gels to beryllium.
 _MODULUS, _DENSITY, _SPEED = (1e4, 2e12), (1.0, 3e4), (10.0, 3e4)
 
 
 def check_materials(
     materials: Iterable[tuple[str, float | None, float | None]], chosen: System, path: str | Path
 ) -> None:
-    """Warn where moduli and densities are not those of a solid in the units stated.
+    """Warn if moduli and densities are not those of a solid in the given units.
 
     Parameters
     ----------
     materials : iterable of (str, float or None, float or None)
-        Name, Young's modulus and density in `chosen`; None: there is none.
+        Name, Young's modulus and density in `chosen`; None if not given.
     chosen : System
-        The units that were stated.
+        The units.
     path : path
         The deck, for the message.
 
     Warns
     -----
     UpdynWarning
-        For the first material that does not fit; a system in which it would is named.
+        For the first implausible material, with a system of units that would fit.
     """
     for name, modulus, density in materials:
         if _plausible(modulus, density, chosen):
@@ -152,7 +122,7 @@ def check_materials(
             + ", ".join(repr(s) for s in UNITS)
             + ": units are mixed in the deck"
         )
-        said = " and ".join(
+        values = " and ".join(
             f"{what} {value:g} ({value * factor:.3g} {unit})"
             for what, value, factor, unit in (
                 ("modulus", modulus, chosen.pressure, "Pa"),
@@ -161,7 +131,7 @@ def check_materials(
             if value is not None
         )
         warnings.warn(
-            f"{path}: material {name!r}: {said} is no solid in unit = {chosen.name!r}"
+            f"{path}: material {name!r}: {values} is not plausible in unit = {chosen.name!r}"
             f" ({chosen.described}); {hint}",
             UpdynWarning,
             stacklevel=2,

@@ -1,4 +1,4 @@
-"""FRFs as a table in text, one line a frequency.
+"""FRFs as a text table with one line per frequency.
 
 For instance::
 
@@ -7,15 +7,15 @@ For instance::
     freq_Hz,H(3:Z/1:X) re [g/N],H(3:Z/1:X) im [g/N],H(3:Z/1:X) coh
     10.0,0.12,-0.03,0.98
 
-Columns are separated by commas, semicolons or tabs; decimals have a point, between semicolons or
-tabs a comma, too. The first column is ``freq_Hz``, or has another unit of frequency
-(``freq_kHz``, ``freq [rad/s]``). The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any
-order, WHAT being ``re`` and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary
-coherence) and ``var`` (variance), for every pair of response and reference; a unit may follow in
-brackets, SI by default. Lines that start with ``#`` are comments; ``quantity:``, ``unit:`` (of all
-values), ``averages:``, ``source:`` and ``decay:`` in them are read, and others that state a unit or
-a scale are refused. Tables of time records are read by `updyn.io.csv_records`, of natural
-frequencies by `updyn.io.csv_modes`.
+Columns are separated by commas, semicolons or tabs. Decimals have a point; with semicolons or tabs
+a comma is also accepted. The first column is ``freq_Hz``, or has another unit of frequency
+(``freq_kHz``, ``freq [rad/s]``). The other columns are named ``H(RESPONSE/REFERENCE) KIND`` in any
+order, where KIND is ``re`` and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh``
+(ordinary coherence) and ``var`` (variance), for every pair of response and reference; a unit may
+follow in brackets, by default SI. Lines that start with ``#`` are comments. The comments
+``quantity:``, ``unit:`` (of all values), ``averages:``, ``source:`` and ``decay:`` are read; other
+comments that state a unit or a scale are refused. `updyn.io.csv_records` reads tables of time
+records, `updyn.io.csv_modes` tables of natural frequencies.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from updyn.io.csv_modes import holds_frequencies, read_modes, write_modes
 from updyn.io.csv_records import read_records
 from updyn.io.csv_text import UNITS, check_comments, comment, plain_numbers, split_axis
 from updyn.io.dof_table import read_geometry
-from updyn.io.items import check_phase, placed, utf8_text
+from updyn.io.items import check_phase, locate_errors, utf8_text
 from updyn.io.text_numbers import check_last_line, real_of
 from updyn.units import Unit, find_unit, split_ratio
 
@@ -54,11 +54,11 @@ _COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+([^\s\[(]+)(?:\s*(?:\[(
 _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")
 _OPTIONAL = {"coh": "coherence", "var": "variance"}
 _COMMENT = re.compile(rb"(?:#.*)?")
-#: Names of comments that are read.
+#: Names of comments with a meaning.
 _KNOWN = ("quantity", "averages", "source", "decay", *UNITS)
 #: Names of the first column.
 _FREQ = ("freq", "frequency", "f")
-#: Accepted units of columns whose kind fixes the unit, and the expected unit for messages.
+#: Accepted units of columns whose kind defines the unit, and the expected unit for messages.
 _PLAIN = {
     "phase_deg": (("deg", "degree", "degrees", "°"), "deg"),
     "coh": (("-", "1"), "none: a coherence has no unit"),
@@ -68,7 +68,7 @@ _Pair = tuple[Dof, Dof]
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A column after the first: its pair, its kind, its unit (empty: not stated) and its name."""
+    """A column after the first: its pair, its kind, its unit (empty if not stated) and its name."""
 
     pair: _Pair
     kind: str
@@ -83,7 +83,7 @@ class _Header:
     Attributes
     ----------
     separator : str
-        Between two cells.
+        Separator of cells.
     frequency : float
         Factor of the first column to Hz.
     columns : list of _Column
@@ -109,11 +109,11 @@ def read_frf(
     path : path
         The file, in UTF-8.
     quantity : str, optional
-        What was measured, where the file does not say; a contradiction is an error.
+        Measured quantity, required if the file does not state it; a contradiction is an error.
     duplicates : {"raise"}
-        For the sake of the other formats; a column stands once.
+        For compatibility with other formats; columns are unique.
     real_valued : bool
-        Whether the values are real because their phase is 0 or pi: columns ``re`` need no ``im``.
+        Whether the values are real with phase 0 or pi; columns ``re`` then need no ``im``.
 
     Returns
     -------
@@ -123,13 +123,13 @@ def read_frf(
     Raises
     ------
     FormatError
-        If the header or a cell is not as described; the message says on which line.
+        If the header or a cell is not valid; the message gives the line.
     OptionError
         If an option does not apply.
     """
     if duplicates != "raise":
         raise OptionError(
-            f"duplicates={duplicates!r}: in this format a column stands once; only 'raise' applies"
+            f"duplicates={duplicates!r}: columns are unique in this format; expected 'raise'"
         )
     text = utf8_text(path).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
@@ -137,8 +137,8 @@ def read_frf(
     number, names = lines[0]
     if holds_frequencies(names):
         raise AbsentError(
-            "a table of natural frequencies (updyn.read_modes, or [test] modes in a job), not of"
-            " FRFs",
+            "a table of natural frequencies (read it with updyn.read_modes, or [test] modes in a"
+            " job), not of FRFs",
             path,
             number,
         )
@@ -150,7 +150,7 @@ def read_frf(
     units = _units(header.columns, unit, path, number)
     arrays = _arrays(header.columns, units, table[:, 1:], rows, references, path)
     check_phase(arrays["values"], real_valued, "the table", path)
-    with placed(path):
+    with locate_errors(path):
         return FRF(
             table[:, 0],
             arrays["values"],
@@ -169,7 +169,7 @@ _Head = dict[str, list[tuple[int, str]]]
 
 
 def _split_head(text: str, path: str | Path) -> tuple[_Head, list[tuple[int, str]]]:
-    """Return the values of comments by name, and the other lines, the header first, by number."""
+    """Return the values of comments by name, and the other lines by number, header first."""
     head: _Head = {}
     lines, comments = [], []
     for number, line in enumerate(text.split("\n"), 1):
@@ -189,10 +189,9 @@ def _split_head(text: str, path: str | Path) -> tuple[_Head, list[tuple[int, str
 
 
 def _header(header: str, path: str | Path, line: int) -> _Header:
-    """Return the names of the columns, read."""
+    """Parse the names of the columns."""
     separator = next((sign for sign in (";", "\t") if sign in header), ",")
-    # A name such as H(3:Z,1:X) may hold the separator, in quotes or not: commas in brackets do not
-    # separate.
+    # A name such as H(3:Z,1:X) may contain the separator, so commas in brackets do not separate.
     parts = re.split(re.escape(separator) + r"(?![^(]*\))", header)
     cells = [part.strip().strip('"').strip() for part in parts]
     freq = split_axis(cells[0], _FREQ, "frequency")
@@ -210,13 +209,13 @@ def _header(header: str, path: str | Path, line: int) -> _Header:
     for cell in cells[1:]:
         column = _column(cell, path, line)
         if (column.pair, column.kind) in columns:
-            raise FormatError(f"header: column {cell!r} stands twice", path, line)
+            raise FormatError(f"header: column {cell!r} occurs twice", path, line)
         columns[column.pair, column.kind] = column
     return _Header(separator, unit.factor, list(columns.values()))
 
 
 def _column(cell: str, path: str | Path, line: int) -> _Column:
-    """Return a column by its cell of the header."""
+    """Return a column from its cell in the header."""
     found = _COLUMN.fullmatch(cell)
     if found is None:
         raise FormatError(
@@ -237,7 +236,7 @@ def _column(cell: str, path: str | Path, line: int) -> _Column:
 
 @dataclass(frozen=True, slots=True)
 class _Ratio:
-    """A unit of values as it was stated: its label, and the units of the motion and the force."""
+    """A stated unit of values: its label, and the units of the motion and the force."""
 
     label: str
     motion: Unit
@@ -245,7 +244,7 @@ class _Ratio:
 
     @classmethod
     def of(cls, label: str, where: str, path: str | Path, line: int) -> _Ratio:
-        """Return the unit that a label names."""
+        """Return the unit of a label."""
         found = split_ratio(label)
         if found is None:
             hint = ""
@@ -265,7 +264,7 @@ class _Ratio:
         return self.motion.factor / self.force.factor
 
     def agrees(self, other: _Ratio) -> bool:
-        """Return whether another unit is of the same quantity and size."""
+        """Return whether another unit has the same quantity and size."""
         return (self.motion.kind, self.factor) == (other.motion.kind, other.factor)
 
     def check(self, pair: _Pair, path: str | Path, line: int) -> None:
@@ -287,7 +286,7 @@ _Units = dict[tuple[_Pair, str], _Ratio | None]
 
 
 def _unit(head: _Head, path: str | Path) -> _Ratio | None:
-    """Return the unit of all values that a comment states; None without such a comment."""
+    """Return the unit of all values in a comment, or None."""
     label = _one(head, "unit", path)
     return None if label is None else _Ratio.of(label, "", path, head["unit"][0][0])
 
@@ -303,7 +302,7 @@ def _units(
         if own is not None and general is not None and not own.agrees(general):
             raise FormatError(
                 f"header: column {column.name!r}: {column.unit!r} contradicts the comment, which"
-                f" says {general.label!r}",
+                f" states {general.label!r}",
                 path,
                 line,
             )
@@ -319,7 +318,7 @@ def _units(
 
 
 def _own_unit(column: _Column, path: str | Path, line: int) -> _Ratio | None:
-    """Return the unit that a column states; None if it states none, or its kind fixes it."""
+    """Return the unit that a column states; None if it states none, or its kind defines it."""
     where, label = f"header: column {column.name!r}: ", column.unit
     if not label:
         return None
@@ -333,8 +332,7 @@ def _own_unit(column: _Column, path: str | Path, line: int) -> _Ratio | None:
     square = re.fullmatch(r"\(?(.*?)\)?(?:\^2|²)", label)
     if square is None or split_ratio(square[1]) is None:
         raise FormatError(
-            f"{where}unit {label!r}; expected the square of the unit of the values, such as"
-            " '(g/N)^2'",
+            f"{where}unit {label!r}; expected the squared unit of the values, such as '(g/N)^2'",
             path,
             line,
         )
@@ -347,16 +345,16 @@ def _sides(columns: Sequence[_Column], path: str | Path, line: int) -> tuple[Dof
     references = {column.pair[1]: None for column in columns}
     try:
         return DofSet(responses), DofSet(references)
-    except DofError as error:  # one DOF with both senses
+    except DofError as error:  # a DOF in both senses
         raise FormatError(f"header: {error}", path, line) from error
 
 
 def _table(
     lines: Sequence[tuple[int, str]], header: _Header, path: str | Path
 ) -> NDArray[np.float64]:
-    """Return the numbers, those of the first column in Hz."""
+    """Return the numbers, with the first column in Hz."""
     if not lines:
-        raise FormatError("holds a header and no line of numbers", path)
+        raise FormatError("holds a header but no line of numbers", path)
     separator, width = header.separator, len(header.columns) + 1
     out = np.empty((len(lines), width))
     rows = plain_numbers("\n".join(line for _, line in lines), separator).split("\n")
@@ -396,7 +394,7 @@ def _check_complete(
     path: str | Path,
     line: int,
 ) -> None:
-    """Refuse a table without the same kinds of columns for every pair of response and reference."""
+    """Refuse a table in which pairs of response and reference have different kinds of columns."""
     kinds: dict[_Pair, set[str]] = {}
     for column in columns:
         kinds.setdefault(column.pair, set()).add(column.kind)
@@ -418,11 +416,11 @@ def _check_complete(
 
 
 def _incomplete(name: str, found: Sequence[str], path: str | Path, line: int) -> FormatError:
-    """Return the error for a pair whose columns are no FRF."""
+    """Return the error for a pair whose columns do not form an FRF."""
     is_real = list(found) == ["re"]
     hint = ""
     if is_real:
-        hint = "; if the values are real because their phase is 0 or pi, state real_valued=True"
+        hint = "; if the values are real because their phase is 0 or pi, set real_valued=True"
     return FormatError(
         f"header: {name} has {' and '.join(found) or 'no column'}; expected re and im, or abs and"
         f" phase_deg, for every pair of response and reference{hint}",
@@ -444,7 +442,7 @@ def _arrays(
     at = {}
     for column, values in zip(columns, table.T, strict=True):
         unit = units[column.pair, column.kind]
-        if unit is None and column.kind == "var":  # of the values, whose unit was stated
+        if unit is None and column.kind == "var":  # use the stated unit of the values
             unit = units[column.pair, "re" if (column.pair, "re") in units else "abs"]
         if unit is not None and column.kind in ("re", "im", "abs"):
             values = values * unit.factor
@@ -483,30 +481,32 @@ def _polar(
 def _one(head: _Head, name: str, path: str | Path) -> str | None:
     found = {value.strip(): None for _, value in head.get(name, [])}
     if len(found) > 1:
-        raise FormatError(f"{name} is said twice: {' and '.join(sorted(found))}", path)
+        raise FormatError(f"{name} is stated twice: {' and '.join(sorted(found))}", path)
     return next(iter(found), None)
 
 
 def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -> str:
-    """Return the quantity that the file, its units or the user states."""
+    """Return the quantity stated by the file, its units or the user."""
     said = _one(head, "quantity", path)
     unit = next((unit for unit in units.values() if unit is not None), None)
     by_unit = None if unit is None else unit.motion.kind
     if said is not None and given is not None and said != given:
         raise FormatError(
-            f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
+            f"quantity {given!r} contradicts the file, which states {said!r}",
+            path,
+            key=("quantity",),
         )
     stated = given if said is None else said
     if unit is not None and stated is not None and stated != by_unit:
         raise FormatError(
-            f"quantity {stated!r} contradicts the unit {unit.label!r}, which is one of {by_unit}",
+            f"quantity {stated!r} contradicts the unit {unit.label!r} of {by_unit}",
             path,
             key=("quantity",) if said is None else (),
         )
     stated = by_unit if stated is None else stated
     if stated is None:
         raise FormatError(
-            "does not say what was measured: expected a line '# quantity: accelerance' (or"
+            "does not state the measured quantity: expected a line '# quantity: accelerance' (or"
             " mobility, receptance), or quantity= when reading",
             path,
         )
@@ -533,7 +533,7 @@ def _decay(head: _Head, path: str | Path) -> float:
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
-    """Write FRFs as a table with real and imaginary parts; every number is read back exactly.
+    """Write FRFs as a table with real and imaginary parts, without loss of digits.
 
     Parameters
     ----------
@@ -545,11 +545,11 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     Warns
     -----
     UpdynWarning
-        If there is a geometry: the table has no place for it.
+        If there is a geometry, which the table cannot hold.
     """
     if frf.geometry is not None:
         warnings.warn(
-            f"{path}: the table has no place for the geometry; written without it",
+            f"{path}: the table cannot hold the geometry; written without it",
             UpdynWarning,
             stacklevel=2,
         )

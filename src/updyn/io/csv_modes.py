@@ -1,15 +1,15 @@
-"""Natural frequencies as a table in text: one test a line, or one mode a line.
+"""Natural frequencies as a text table: one test per line, or one mode per line.
 
 Without a header, each line is one test and each column one mode, in Hz; an empty cell or ``nan``
-is a mode that the test did not find. A single column is one test, one mode a line. With a header,
-each line is one mode::
+is a mode that the test did not find. A single column is one test with one mode per line. With a
+header, each line is one mode::
 
     frequency [Hz],std_frequency [Hz],damping [%]
     15.57,0.01,0.6
     44.70,0.04,0.5
 
-Columns: ``frequency``, and optionally ``std_frequency``, ``damping`` and ``std_damping`` (shares of
-critical damping, or in %), or ``loss_factor`` and ``std_loss_factor``. Separators are commas,
+Columns: ``frequency``, and optionally ``std_frequency``, ``damping`` and ``std_damping`` (fractions
+of critical damping, or in %), or ``loss_factor`` and ``std_loss_factor``. Separators are commas,
 semicolons or tabs; lines that start with ``#`` are comments.
 """
 
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from updyn.errors import AbsentError, FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.csv_text import check_comments, plain_numbers
-from updyn.io.items import existing, placed, utf8_text
+from updyn.io.items import locate_errors, require_file, utf8_text
 from updyn.io.text_numbers import check_last_line, real_of
 from updyn.modal import ModeSet
 from updyn.units import find_unit
@@ -45,7 +45,7 @@ _COLUMNS = {
     "std_loss_factor": False,
 }
 _HEADER = re.compile(r"(\w+)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
-#: Units of shares: name, factor.
+#: Units of fractions: name, factor.
 _SHARES = {"": 1.0, "-": 1.0, "1": 1.0, "%": 0.01}
 _COMMENT = re.compile(rb"(?:#.*)?")
 _REMEDY = "state units in the header, such as 'frequency [Hz]'"
@@ -61,10 +61,10 @@ def read_modes(
     path : path
         The file, in UTF-8.
     test : int, optional
-        Which test, from 1, of a file with several. None: the mean over those that found the mode,
-        with the standard deviation of the mean.
+        Number of the test, from 1, in a file with several. By default the mean over the tests that
+        found the mode, with the standard deviation of the mean.
     modes : sequence of int, optional
-        Which modes, from 1 in the order of the file. None: all that were found.
+        Numbers of modes, from 1 in the order of the file, by default all modes found.
 
     Returns
     -------
@@ -74,13 +74,13 @@ def read_modes(
     Raises
     ------
     FormatError
-        If a cell is no number, or lines differ in length; the message says on which line.
+        If a cell is not a number, or lines differ in length; the message gives the line.
     AbsentError
         If it is another table.
     OptionError
-        If there is no such test or mode.
+        If the test or a mode does not exist.
     """
-    text = utf8_text(existing(path)).replace("\r\n", "\n")
+    text = utf8_text(require_file(path)).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
     lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
     check_comments([one for one in lines if one[1].startswith("#")], (), _REMEDY, path)
@@ -97,14 +97,14 @@ def read_modes(
 
 
 def holds_frequencies(line: str) -> bool:
-    """Return whether the first line of a table is one of natural frequencies."""
+    """Return whether the first line of a table belongs to a table of natural frequencies."""
     _, cells = _cells(line)
     kinds = _kinds(cells)
     return _is_row(cells) or ("frequency" in kinds and kinds <= _COLUMNS.keys())
 
 
 def _kinds(cells: Sequence[str]) -> set[str]:
-    """Return the names of columns in the cells of a header, without units where there are any."""
+    """Return the names of columns in the cells of a header, without units."""
     found = [_HEADER.fullmatch(cell) for cell in cells]
     return {
         cell if one is None else one[1].casefold() for cell, one in zip(cells, found, strict=True)
@@ -118,7 +118,7 @@ def _cells(line: str) -> tuple[str, list[str]]:
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Return whether cells are numbers, or empty, rather than names."""
+    """Return whether cells are numbers or empty, rather than names."""
     return not any(re.match(r"[^\W\d_]", cell) and cell.lower() != "nan" for cell in cells)
 
 
@@ -133,7 +133,7 @@ def _modes_by_line(
     """Return the modes of a table with a header."""
     if test is not None:
         raise OptionError(
-            f"test={test!r}: this file holds one test, one mode a line", key=("test",)
+            f"test={test!r}: this file holds one test, with one mode per line", key=("test",)
         )
     if not _kinds(names) & _COLUMNS.keys():
         raise AbsentError(
@@ -155,13 +155,13 @@ def _modes_by_line(
         raise FormatError(f"header: {wrong}", path, lines[0][0])
     table = _numbers(lines[1:], len(columns), separator, path)
     if not len(table):
-        raise FormatError("a header, and no line of numbers", path, lines[0][0])
+        raise FormatError("a header without lines of numbers", path, lines[0][0])
     values = {kind: table[:, i] * factor for i, (kind, factor) in enumerate(columns)}
     for kind in ("damping", "std_damping"):
         if kind in values:
             values[kind.replace("damping", "loss_factor")] = 2.0 * values.pop(kind)
-    number = _chosen(modes, len(table))
-    with placed(path):
+    number = _parse_modes(modes, len(table))
+    with locate_errors(path):
         chosen: dict[str, Any] = {kind: value[number] for kind, value in values.items()}
         return ModeSet(source=Path(path).name, **chosen)
 
@@ -171,7 +171,7 @@ def _tests(
 ) -> ModeSet:
     """Return the modes of one test, or the means over all tests."""
     n_tests, name = len(table), Path(path).name
-    number = _chosen(modes, table.shape[1])
+    number = _parse_modes(modes, table.shape[1])
     if test is not None:
         if isinstance(test, bool) or not isinstance(test, int) or not 1 <= test <= n_tests:
             raise OptionError(
@@ -196,12 +196,12 @@ def _tests(
         several = count > 1
         std = np.full(len(count), np.nan)
         std[several] = np.sqrt(squares[several] / (count[several] - 1.0) / count[several])
-    with placed(path):
+    with locate_errors(path):
         return ModeSet(mean, source=name, std_frequency=std)
 
 
-def _chosen(modes: Sequence[int] | None, number: int) -> NDArray[np.intp]:
-    """Return the modes of an option, from 0."""
+def _parse_modes(modes: Sequence[int] | None, number: int) -> NDArray[np.intp]:
+    """Return the positions of the modes of an option, from 0."""
     if modes is None:
         return np.arange(number)
     chosen = list(modes) if isinstance(modes, Sequence) and not isinstance(modes, str) else None
@@ -216,7 +216,7 @@ def _chosen(modes: Sequence[int] | None, number: int) -> NDArray[np.intp]:
 
 
 def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
-    """Return the kind of a column and the factor of its numbers, by its cell of the header."""
+    """Return the kind of a column and the factor of its numbers, from its cell in the header."""
     found = _HEADER.fullmatch(cell)
     kind = "" if found is None else found[1].casefold()
     if found is None or kind not in _COLUMNS:
@@ -233,7 +233,7 @@ def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
     known = find_unit(unit or "Hz", "frequency")
     if known is None:
         raise FormatError(
-            f"header: unit {unit!r} of {kind!r}; expected one of frequency, such as 'Hz'",
+            f"header: unit {unit!r} of {kind!r}; expected a unit of frequency, such as 'Hz'",
             path,
             line,
         )
@@ -243,7 +243,7 @@ def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
 def _numbers(
     lines: Sequence[tuple[int, str]], width: int, separator: str, path: str | Path
 ) -> _Real:
-    """Return lines of numbers as a table; an empty cell, or ``nan``, is nan."""
+    """Return lines of numbers as a table, with NaN for empty cells and ``nan``."""
     if not lines:
         return np.zeros((0, width))
     plain = plain_numbers("\n".join(line for _, line in lines), separator).split("\n")
@@ -267,7 +267,7 @@ def _numbers(
 
 
 def write_modes(modes: ModeSet, path: str | Path) -> None:
-    """Write natural frequencies and loss factors, one mode a line.
+    """Write natural frequencies and loss factors, one mode per line.
 
     Parameters
     ----------
@@ -279,11 +279,11 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
     Raises
     ------
     FormatError
-        If the modes have shapes, which a table does not hold.
+        If the modes have shapes, which a table cannot hold.
     """
     if modes.has_shapes:
         raise FormatError(
-            "a table holds no mode shapes; write a universal file (.uff), or"
+            "a table cannot hold mode shapes; write a universal file (.uff), or"
             " updyn.ModeSet(modes.frequency)",
             path,
         )

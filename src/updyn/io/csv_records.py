@@ -1,4 +1,4 @@
-"""Time records as a table in text, one line a sample.
+"""Time records as a text table with one line per sample.
 
 For instance::
 
@@ -7,12 +7,12 @@ For instance::
     0.0,0.1,-0.02
     0.001,35.2,0.31
 
-Columns are separated by commas, semicolons or tabs; decimals have a point, between semicolons or
-tabs a comma, too. The first line that does not start with ``#`` has the names; a unit may follow in
-brackets, round ones only if it is a known unit, or units are on a line below the names. Times are
-in s, or in the unit of their column (``time [ms]``, ``t/ms``). The column ``record``, if there is
-one, has the number of the record, rows of one record together. Comments that state a unit or a
-scale are refused.
+Columns are separated by commas, semicolons or tabs. Decimals have a point; with semicolons or tabs
+a comma is also accepted. The first line that does not start with ``#`` contains the names. A unit
+may follow in square brackets, a known unit also in round ones, or units are on the line below the
+names. Times are in s, or in the unit of their column (``time [ms]``, ``t/ms``). The optional column
+``record`` contains the number of the record; the rows of a record are consecutive. Comments that
+state a unit or a scale are refused.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.csv_text import check_comments, plain_numbers, split_axis
-from updyn.io.items import existing, placed, windows_text
+from updyn.io.items import locate_errors, require_file, windows_text
 from updyn.io.text_numbers import number_rows, rounding_of
 from updyn.signals.records import Records, step_of
 from updyn.units import CHANNEL, Unit, find_unit, strip_brackets, suggest_unit
@@ -38,13 +38,13 @@ __all__ = ["read_records"]
 _SQUARE = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 _ROUND = re.compile(r"(.*?)\s*\(([^()]*|\([^()]*\)[^()]*)\)")
 _RECORD = "record"
-#: Names of the column of times, without regard to case; the second only with a unit.
+#: Names of the time column, in any case; the second only with a unit.
 _TIME, _TIMES = "time", ("time", "t")
 
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A column: its cell of the header, and the name and unit in it (empty: not stated)."""
+    """A column: its cell of the header, and the name and unit in it (empty if not stated)."""
 
     cell: str
     name: str
@@ -52,7 +52,7 @@ class _Column:
 
     @property
     def is_time(self) -> bool:
-        """Whether its unit is one of time."""
+        """Whether its unit is a unit of time."""
         return find_unit(self.unit, "time") is not None
 
 
@@ -66,9 +66,9 @@ def read_records(
     path : path
         The file, in UTF-8 or Windows-1252.
     time : str, optional
-        Name of the column of times, by default "time", or that of the column with a unit of time.
+        Name of the time column, by default "time", or the column with a unit of time.
     rate : float, optional
-        Samples a second, of a table without times.
+        Samples per second, for a table without times.
 
     Returns
     -------
@@ -78,11 +78,11 @@ def read_records(
     Raises
     ------
     FormatError
-        If the header or a line is not as described, or times are not evenly spaced.
+        If the header or a line is not valid, or times are not evenly spaced.
     OptionError
-        If there are times and a rate, or neither.
+        If there are both times and a rate, or neither.
     """
-    text = windows_text(existing(path))
+    text = windows_text(require_file(path))
     first, header, body = _split(text, path)
     separator = next((sign for sign in ("\t", ";") if sign in header), ",")
     columns = _columns(header, separator, path, first)
@@ -91,13 +91,13 @@ def read_records(
     rows = number_rows(
         body.encode(),
         "r" * len(columns),
-        f"{len(columns)} numbers, as the header has names",
+        f"{len(columns)} numbers, one for each name in the header",
         path,
         first + 1,
         separator=separator.encode(),
     )
     if not len(rows):
-        raise FormatError("a header, and no line of numbers", path, first)
+        raise FormatError("a header without lines of numbers", path, first)
     numbers = {column.name: values for column, values in zip(columns, rows.T, strict=True)}
     spans = _spans(numbers.pop(_RECORD, np.ones(len(rows))), path)
     clock = _time_column(columns, time, rate, path, first)
@@ -109,15 +109,15 @@ def read_records(
         ]
         step = _step(numbers.pop(clock.name), texts, _factor(clock, path, first), spans, path)
     if not numbers:
-        raise FormatError("no channel beside time and record", path, first)
+        raise FormatError("no channel in addition to time and record", path, first)
     values = [[channel[span] for channel in numbers.values()] for span in spans]
     units = [column.unit for column in columns if column.name in numbers]
-    with placed(path):
+    with locate_errors(path):
         return Records.of(values, step, list(numbers), units, Path(path).name)
 
 
 def _split(text: str, path: str | Path) -> tuple[int, str, str]:
-    """Return the line of the header, the header, and what follows, comments as empty lines."""
+    """Return the line of the header, the header, and the remaining lines with comments blanked."""
     lines = text.split("\n")
     comments = [(n, line) for n, line in enumerate(lines, 1) if line.lstrip().startswith("#")]
     check_comments(comments, (), "write units in the header, such as 'time [ms]'", path)
@@ -130,25 +130,25 @@ def _split(text: str, path: str | Path) -> tuple[int, str, str]:
 
 
 def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_Column]:
-    """Return the columns, each name once."""
+    """Return the columns; refuse repeated names."""
     found: dict[str, _Column] = {}
     for number, cell in enumerate(header.split(separator), 1):
         column = _column(cell.strip().strip('"').strip())
         if not column.name:
             raise FormatError(
-                f"header: column {number} is {cell.strip()[:40]!r}; expected a name, and a unit in"
-                " square brackets if any",
+                f"header: column {number} is {cell.strip()[:40]!r}; expected a name, optionally"
+                " with a unit in square brackets",
                 path,
                 line,
             )
         if column.name in found:
-            raise FormatError(f"header: column {column.name!r} stands twice", path, line)
+            raise FormatError(f"header: column {column.name!r} occurs twice", path, line)
         found[column.name] = column
     return list(found.values())
 
 
 def _column(cell: str) -> _Column:
-    """Return a column by its cell of the header; its name is empty if the cell is not valid."""
+    """Return a column from its cell in the header, with an empty name if the cell is not valid."""
     axis = split_axis(cell, _TIMES, "time")
     if axis is not None:
         return _Column(cell, *axis)
@@ -164,16 +164,16 @@ def _column(cell: str) -> _Column:
 
 
 def _known_unit(label: str) -> Unit | None:
-    """Return the unit of a channel or of times that a label names."""
+    """Return the unit of channels or times with this label, or None."""
     return find_unit(label, "time", *CHANNEL)
 
 
 def _with_units_below(
     columns: list[_Column], body: str, separator: str, path: str | Path, line: int
 ) -> tuple[list[_Column], str]:
-    """Return the columns with the units of the line below their names, and the rows without it.
+    """Return the columns with units from the line below their names, and the rows without it.
 
-    That line has a known unit, or nothing, in each cell.
+    Each cell of that line is a known unit or empty.
     """
     row, _, rest = body.partition("\n")
     cells = [cell.strip().strip('"').strip() for cell in row.split(separator)]
@@ -199,9 +199,9 @@ def _time_column(
     path: str | Path,
     line: int,
 ) -> _Column | None:
-    """Return the column of times; None where a rate is given instead."""
+    """Return the time column; None if a rate is given instead."""
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise OptionError(f"rate {rate!r}: expected samples a second, above 0", key=("rate",))
+        raise OptionError(f"rate {rate!r}: expected samples per second, above 0", key=("rate",))
     if time is not None:
         found = [column for column in columns if time in (column.cell, column.name)]
     else:
@@ -209,7 +209,7 @@ def _time_column(
         found = found or [column for column in columns if column.is_time]
     if len(found) > 1:
         names = " and ".join(repr(column.name) for column in found)
-        raise FormatError(f"columns {names} have units of time; time= names one", path, line)
+        raise FormatError(f"columns {names} have units of time; select one with time=", path, line)
     if rate is not None:
         if found or time is not None:
             name = found[0].cell if found else time
@@ -230,7 +230,7 @@ def _time_column(
 
 
 def _factor(clock: _Column, path: str | Path, line: int) -> float:
-    """Return the factor of times to s."""
+    """Return the factor that converts times to s."""
     unit = find_unit(clock.unit or "s", "time")
     if unit is None:
         raise FormatError(
@@ -252,13 +252,14 @@ def _spans(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
         number = float(numbers[span.start])
         if number in seen or number != round(number):
             raise FormatError(
-                f"record {number:g}: expected whole numbers, rows of one record together", path
+                f"record {number:g}: expected whole numbers, with consecutive rows of each record",
+                path,
             )
         seen.add(number)
     if len(lengths) > 1:
         raise FormatError(
-            f"records of {min(lengths)} to {max(lengths)} samples; records of a file have to be"
-            " alike",
+            f"records of {min(lengths)} to {max(lengths)} samples; expected records of the same"
+            " length",
             path,
         )
     return spans
@@ -271,15 +272,16 @@ def _step(
     spans: list[slice],
     path: str | Path,
 ) -> float:
-    """Return the step in s of times, given with their factor to s: one step, within rounding."""
+    """Return the common step of all records in s, checked within rounding."""
     rounding = factor * rounding_of(texts, times)
     times = factor * times
-    with placed(path, "time"):
+    with locate_errors(path, "time"):
         steps = [step_of(times[span], rounding[span]) for span in spans]
     allowed = 1e-6 * steps[0] + 2.0 * rounding.max() / max(spans[0].stop - spans[0].start - 1, 1)
     for number, step in enumerate(steps, 1):
         if abs(step - steps[0]) > allowed:
             raise FormatError(
-                f"record {number} has {step:g} s between samples, the first {steps[0]:g} s", path
+                f"record {number} has {step:g} s between samples, the first record {steps[0]:g} s",
+                path,
             )
     return steps[0]

@@ -1,4 +1,4 @@
-"""What tables of FRFs and of time records in text have in common: comments, units, numbers."""
+"""Comments, units and numbers of text tables of FRFs and time records."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
 _COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
 #: Names of comments that state the unit of all values.
 UNITS = ("unit", "units")
-#: Names of comments that change what the numbers mean, and are not read.
+#: Names of comments that would change the meaning of the numbers and are not supported.
 _MEANINGS = {
     *UNITS,
     *(f"{what} {unit}" for what in ("time", "x", "y", "abscissa", "ordinate") for unit in UNITS),
@@ -30,19 +30,19 @@ _MEANINGS = {
     *("scale", "scaling", "scale factor", "factor", "multiplier", "offset", "gain"),
     *("db", "db reference", "reference level"),
 }
-#: Similarity above which a name is taken for a misspelt one.
+#: Similarity above which a name is considered a misspelling.
 _MISSPELT = 0.86
 
 #: A name and the unit of an axis: "freq_kHz", "freq (Hz)", "t/ms", "time [ms]".
 _AXIS = re.compile(r"(\w+?)\s*(?:[/_ ]\s*(\S.*)|\[([^\[\]]*)\]|\(([^()]*)\))")
 
-#: A decimal comma that cannot separate thousands: not three digits behind it, or digits before it
-#: that no grouped number begins with.
+#: A decimal comma that cannot separate thousands: not followed by three digits, or preceded by
+#: digits that cannot start a grouped number.
 _DECIMAL_COMMA = re.compile(r"(?<![\d,])(?:0\d*|\d{4,}),\d|,(?:\d{1,2}|\d{4,})(?!\d)")
 
 
 def comment(line: str) -> tuple[str, str] | None:
-    """Return name and value that a line of comment states; None if it states none."""
+    """Return name and value in a comment line, or None."""
     found = _COMMENT.fullmatch(line.strip())
     if found is None:
         return None
@@ -52,30 +52,30 @@ def comment(line: str) -> tuple[str, str] | None:
 def check_comments(
     comments: Iterable[tuple[int, str]], known: Collection[str], remedy: str, path: str | Path
 ) -> None:
-    """Refuse comments that change what the numbers mean, other than those that are read.
+    """Refuse comments that change the meaning of the numbers, except those that are read.
 
     Parameters
     ----------
     comments : iterable of (int, str)
         Lines of comment, with their numbers.
     known : collection of str
-        Names of comments that the reader understands.
+        Names of comments that the reader supports.
     remedy : str
-        Where units belong, for the message.
+        Proper place of units, for the message.
     path : path
         The file, for the message.
 
     Raises
     ------
     FormatError
-        If a comment states a unit or a scale, or its name is a misspelt known one.
+        If a comment states a unit or a scale, or its name is a misspelling of a known one.
     """
     for number, line in comments:
         shown = f"comment {line.strip()[:60]!r}"
         for name in _names(line, known):
             if name in _MEANINGS:
                 raise FormatError(
-                    f"{shown}: {name!r} would change the numbers and is not read; {remedy}, or"
+                    f"{shown}: {name!r} would change the numbers and is not supported; {remedy}, or"
                     " delete the line",
                     path,
                     number,
@@ -88,7 +88,7 @@ def check_comments(
 
 
 def _names(line: str, known: Collection[str]) -> list[str]:
-    """Return the names to which a comment assigns values; none if it begins with a known one."""
+    """Return the names to which a comment assigns values; empty if the first one is known."""
     stated = comment(line)
     if stated is not None and stated[0] in known:
         return []
@@ -97,21 +97,9 @@ def _names(line: str, known: Collection[str]) -> list[str]:
 
 
 def split_axis(cell: str, names: Collection[str], kind: str) -> tuple[str, str] | None:
-    """Return name and unit of an axis that a cell of the header states.
+    """Return name and unit of an axis in a header cell such as ``"t/ms"`` or ``"Time (s)"``.
 
-    Parameters
-    ----------
-    cell : str
-        ``"t/ms"``, ``"Time (s)"``, ``"freq_kHz"``, ...
-    names : collection of str
-        Names of the axis, in lower case.
-    kind : str
-        Kind of its unit, as of `updyn.units.find_unit`.
-
-    Returns
-    -------
-    (str, str) or None
-        None if the name is another, or the unit is not known.
+    None if the name is not in `names` (lower case), or the unit is not a known unit of the kind.
     """
     found = _AXIS.fullmatch(cell)
     if found is None or found[1].casefold() not in names:
@@ -121,22 +109,11 @@ def split_axis(cell: str, names: Collection[str], kind: str) -> tuple[str, str] 
 
 
 def plain_numbers(rows: str, separator: str) -> str:
-    """Return rows with decimal points, minus signs of ASCII and no quotes around cells.
+    """Return rows with decimal points, ASCII minus signs and no quotes around cells.
 
-    Decimal commas are converted if the separator is another sign, no number has a point, and at
-    least one comma cannot separate thousands. All else stays as it is, for the reader to refuse.
-
-    Parameters
-    ----------
-    rows : str
-        The lines of numbers, without comments.
-    separator : str
-        Sign between two cells.
-
-    Returns
-    -------
-    str
-        The same lines.
+    Decimal commas are converted if the separator is another character, no number has a point, and
+    at least one comma cannot separate thousands. Everything else is unchanged, and the reader
+    refuses it.
     """
     rows = rows.replace("\u2212", "-")
     if '"' in rows:

@@ -1,4 +1,4 @@
-"""The damping coefficients of a group as file formats keep them: by name, a table as two rows."""
+"""Damping coefficients of a group in file formats: by name, the loss table as two rows."""
 
 from __future__ import annotations
 
@@ -15,10 +15,7 @@ __all__ = ["DAMPING", "plain_damping", "refuse_damping"]
 def plain_damping(group: Group) -> dict[str, Any]:
     """Return the damping of a group by name; the table is two lists, lines in Hz and factors.
 
-    Parameters
-    ----------
-    group : Group
-        The group. What it has not is left out, but for the loss factor.
+    Absent coefficients are omitted, except the loss factor.
     """
     out = group.damping
     if group.loss_table is not None:
@@ -27,27 +24,15 @@ def plain_damping(group: Group) -> dict[str, Any]:
 
 
 def refuse_damping(model: Model, path: str | Path, *able: str) -> None:
-    """Refuse a model with damping that a format has no place for.
+    """Refuse a model with damping that a format cannot hold.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    path : path
-        File to write.
-    *able : str
-        Which of `DAMPING` the format can hold.
-
-    Raises
-    ------
-    FormatError
-        If a group has other damping; the message names group and quantity.
+    `able` are the names of `DAMPING` that the format supports.
     """
     for name, group in model.groups.items():
         for quantity in group.damping:
             if quantity not in able:
                 raise FormatError(
-                    f"group {name!r} has {quantity}, which this format has no place for; write .h5,"
+                    f"group {name!r} has {quantity}, which this format cannot hold; write .h5,"
                     " .npz, .mat or .toml",
                     path,
                 )

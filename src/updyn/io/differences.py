@@ -1,8 +1,8 @@
-"""Groups of a model from a program that gives only the sums K and M: by difference, checked.
+"""Groups of a model by difference, for programs that write only the sums K and M.
 
-A deck is run as it stands, then once for each group with its stiffness and its density doubled;
-what grows is the group's. Elements whose stiffness is not proportional to what was doubled, and
-parts that belong to no group, show in the sum.
+A deck is run unchanged, then once for each group with doubled stiffness and density; the difference
+is the matrix of the group. The check of the sum detects elements whose stiffness is not
+proportional to the doubled property, and parts that belong to no group.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from updyn.model import Matrix
 
 __all__ = ["Matrices", "groups_by_difference"]
 
-#: K and M of a deck, each real and symmetric, shape (N, N); None: there is none.
+#: K and M of a deck, each real and symmetric, shape (N, N), or None.
 Matrices: TypeAlias = tuple[Matrix | None, Matrix | None]
 
-_ROUNDING = 1e-13  # of the entry that two numbers are the difference of
+_ROUNDING = 1e-13  # relative rounding error of an entry
 
 
 def groups_by_difference(
@@ -34,38 +34,38 @@ def groups_by_difference(
     path: str | Path,
     tolerance: float = 1e-10,
 ) -> dict[str, Matrices]:
-    """Take the sums apart.
+    """Split K and M into groups by difference.
 
     Parameters
     ----------
     names : iterable of str
         The groups.
     total : (matrix or None, matrix or None)
-        K (N/m) and M (kg) of the deck as it stands, shape (N, N).
+        K (N/m) and M (kg) of the unchanged deck, shape (N, N).
     doubled : callable
-        Returns K and M with stiffness and density of the named group doubled.
+        Returns K and M with doubled stiffness and density of a group.
     dofs : DofSet
         The N degrees of freedom, for the message.
     path : path
         The deck, for the message.
     tolerance : float
-        How far the groups may miss the sum, as a share of the largest entry of row and column.
-        Programs that print few digits need more than the default.
+        Allowed deviation of the groups from the sum, relative to the largest entry of row and
+        column. Programs that print few digits need more than the default.
 
     Returns
     -------
     dict of str to (matrix or None, matrix or None)
-        K and M of each group; None where it has none.
+        K and M of each group, or None.
 
     Raises
     ------
     FormatError
-        If the groups do not add up, or a run has other DOFs than the first; the message names the
+        If the groups do not add up, or a run has other DOFs than the first; the message gives the
         pair of DOFs.
     """
     groups = {
         name: tuple(
-            _grown(one, two, name, what, path)
+            _difference(one, two, name, what, path)
             for one, two, what in zip(total, doubled(name), ("K", "M"), strict=True)
         )
         for name in names
@@ -76,21 +76,21 @@ def groups_by_difference(
     return {name: (K, M) for name, (K, M) in groups.items()}
 
 
-def _grown(
+def _difference(
     one: Matrix | None, two: Matrix | None, name: str, what: str, path: str | Path
 ) -> Matrix | None:
     if one is None or two is None:
         if one is two:
             return None
-        raise FormatError(f"group {name!r}: {what} is there in one run and not in the other", path)
+        raise FormatError(f"group {name!r}: {what} is present in only one of two runs", path)
     if one.shape != two.shape:
         raise FormatError(
-            f"group {name!r}: {what} has {two.shape[0]} DOFs where it is doubled and {one.shape[0]}"
-            " as it stands",
+            f"group {name!r}: {what} has {two.shape[0]} DOFs in the doubled run and {one.shape[0]}"
+            " in the unchanged run",
             path,
         )
     out = sp.csr_array(two - one)
-    # What is left of equal numbers by rounding is no part of the group.
+    # Rounding differences of equal numbers do not belong to the group.
     scale = _scale(one)
     entry = out.tocoo()
     out = sp.csr_array(
@@ -124,7 +124,7 @@ def _check_sum(
         worst = int(np.argmax(beyond))
         raise FormatError(
             f"the groups do not add up to {what}: at {dofs[int(entry.row[worst])]},"
-            f" {dofs[int(entry.col[worst])]} {entry.data[worst]:.3g} is left (at most"
+            f" {dofs[int(entry.col[worst])]} the difference is {entry.data[worst]:.3g} (allowed"
             f" {allowed[worst]:.1g}); a part belongs to no group, or is not proportional to its"
             " modulus or density",
             path,

@@ -1,10 +1,10 @@
-"""Comma-separated tables beside a model: its DOFs, and the positions of its nodes.
+"""Comma-separated tables of a model: its DOFs, and the positions of its nodes.
 
-DOFs: header ``dof``, one label a line (``12:Z``), or header ``node,direction`` (``12,Z``). Nodes:
-header ``node,x,y,z`` in m, and for nodes with their own directions nine more columns
+DOFs: header ``dof``, one label per line (``12:Z``), or header ``node,direction`` (``12,Z``). Nodes:
+header ``node,x,y,z`` in m, and for nodes with local directions nine further columns
 ``xx,xy,xz,yx,...,zz``. Lines to draw: header ``from,to``, node numbers; faces: header ``a,b,c,d``,
-the nodes around each, the last of a triangle twice. Empty lines and lines that start with ``#`` are
-passed over.
+the nodes of each face, with the last node of a triangle repeated. Empty lines and lines that start
+with ``#`` are ignored.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
 from updyn.io.csv_text import check_comments
-from updyn.io.items import placed, utf8_text
+from updyn.io.items import locate_errors, utf8_text
 from updyn.io.lengths import length
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
@@ -40,13 +40,7 @@ _COMMENT = re.compile(rb"(?:#.*)?")
 
 
 def read_dofs(path: str | Path) -> DofSet:
-    """Read a table of DOFs, in order.
-
-    Raises
-    ------
-    FormatError
-        If the header or a line is not as described; the message says which line.
-    """
+    """Read a table of DOFs, in order; the message of a FormatError gives the line."""
     _, rows = _table(path, (("dof",), ("node", "direction")))
     dofs: list[Dof] = []
     seen: dict[tuple[int, str], int] = {}
@@ -57,7 +51,7 @@ def read_dofs(path: str | Path) -> DofSet:
             raise FormatError(str(error), path, line) from error
         if (dof.node, dof.direction) in seen:
             raise FormatError(
-                f"DOF {dof} stands twice: also on line {seen[dof.node, dof.direction]}", path, line
+                f"DOF {dof} occurs twice: also on line {seen[dof.node, dof.direction]}", path, line
             )
         seen[dof.node, dof.direction] = line
         dofs.append(dof)
@@ -76,23 +70,23 @@ def read_geometry(
     *,
     unit: str = "m",
 ) -> Geometry:
-    """Read node positions, and lines and faces to draw where there are tables of them.
+    """Read node positions, and optional tables of lines and faces to draw.
 
     Parameters
     ----------
     path : path
         The table of positions.
     lines_path, faces_path : path, optional
-        Those of lines and of faces.
+        Tables of lines and of faces.
     unit : {"m", "cm", "mm", "in", "ft"}
         Unit of length of the positions.
 
     Raises
     ------
     FormatError
-        If a header or a line is not as described, or the geometry is not valid.
+        If a header, a line or the geometry is not valid.
     OptionError
-        If the unit is not known.
+        If the unit is unknown.
     """
     scale = length(unit)
     header, rows = _table(path, (_POINT, _POINT + _AXES), has_numbers=True)
@@ -106,12 +100,12 @@ def read_geometry(
         axes = numbers[:, 3:].reshape(-1, 3, 3)
     lines = _node_rows(lines_path, _LINE)
     faces = _node_rows(faces_path, _FACE)
-    with placed(path):
+    with locate_errors(path):
         return Geometry(nodes, numbers[:, :3] * scale, lines, axes, faces)
 
 
 def write_geometry(geometry: Geometry, path: str | Path) -> None:
-    """Write node positions, exactly."""
+    """Write node positions without loss of digits."""
     columns: tuple[str, ...] = _POINT
     numbers = geometry.xyz
     if geometry.axes is not None:
@@ -134,7 +128,7 @@ def write_faces(geometry: Geometry, path: str | Path) -> None:
 
 
 def _node_rows(path: str | Path | None, header: tuple[str, ...]) -> NDArray[np.int64]:
-    """Return the node numbers of a table, shape (m, len(header)); none where there is no table."""
+    """Return the node numbers of a table, shape (m, len(header)); no rows without a table."""
     rows: list[list[int]] = []
     if path is not None:
         for line, cells in _table(path, (header,), has_numbers=True)[1]:
@@ -167,7 +161,7 @@ def _table(
     header = tuple(first)
     if header not in headers:
         raise FormatError(f"header {','.join(first)!r}; expected {expected}", path, line)
-    if has_numbers:  # no part of the label of a DOF is another label
+    if has_numbers:  # a truncated number is still a number, unlike a truncated label
         check_last_line(text, path, harmless=_COMMENT)
     for line, cells in rows[1:]:
         if len(cells) != len(header):

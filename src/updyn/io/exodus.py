@@ -1,9 +1,8 @@
-"""Exodus II files (Cubit, Coreform, Sierra, MOOSE): where nodes stand, and the elements to draw.
+"""Exodus II files (Cubit, Coreform, Sierra, MOOSE): node positions, and the elements to draw.
 
-Positions are ``coordx``, ``coordy``, ``coordz``, or the rows of ``coord``; of plane files z is 0.
-Node numbers are ``node_num_map``, else 1, 2, ... Blocks of elements ``connect1``, ... name nodes by
-their place in the file, and their ``elem_type`` says which shape they have. The file states no
-unit.
+Positions are ``coordx``, ``coordy``, ``coordz``, or the rows of ``coord``; z is 0 in plane files.
+Node numbers are ``node_num_map``, else 1, 2, ... Blocks of elements ``connect1``, ... refer to
+nodes by their position in the file, and ``elem_type`` defines their shape. The file states no unit.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.foreign import box
 from updyn.geometry import Geometry
-from updyn.io.items import placed, real, vector, whole
+from updyn.io.items import locate_errors, real, vector, whole
 from updyn.io.lengths import length
 from updyn.shapes import (
     HEXAHEDRON,
@@ -36,7 +35,7 @@ from updyn.shapes import (
 
 __all__ = ["read_geometry"]
 
-#: Shapes by the start of their type, None: nothing is drawn.
+#: Shapes by the start of their type; None if nothing is drawn.
 _SHAPES = {
     "SPHERE": None,
     "CIRCLE": None,
@@ -57,12 +56,12 @@ _SHAPES = {
     "WEDGE": WEDGE,
     "HEX": HEXAHEDRON,
 }
-#: A shell may be a triangle, and of a plane file a line.
+#: A shell may be a triangle, or a line in a plane file.
 _SHELLS = {2: LINE, 3: TRIANGLE}
 
 
 def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
-    """Read where the nodes of an Exodus II file stand.
+    """Read the node positions of an Exodus II file.
 
     Parameters
     ----------
@@ -86,7 +85,7 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
     Warns
     -----
     UpdynWarning
-        If there are elements of a type whose edges are not known; they are not drawn.
+        If elements of unknown types are not drawn.
     """
     scale = length(unit)
     found = box.load(
@@ -103,8 +102,8 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
             raise FormatError(
                 f"node_num_map: {len(numbers)} numbers for {len(xyz)} positions", path
             )
-    with placed(path):
-        drawn = _drawn(found, len(xyz), path)
+    with locate_errors(path):
+        drawn = _corners_by_shape(found, len(xyz), path)
         lines, faces = numbers[edges_of(drawn)], numbers[faces_of(drawn)]
         return Geometry(numbers, xyz * scale, lines, faces=faces)
 
@@ -132,10 +131,10 @@ def _positions(variables: Mapping[str, Any], path: str | Path) -> NDArray[np.flo
     return xyz
 
 
-def _drawn(
+def _corners_by_shape(
     found: Mapping[str, Any], n_nodes: int, path: str | Path
 ) -> list[tuple[Shape, NDArray[np.int64]]]:
-    """Return the elements by shape, with the places of their nodes."""
+    """Return the elements by shape, with the positions of their nodes."""
     drawn: list[tuple[Shape, NDArray[np.int64]]] = []
     unknown: dict[str, int] = {}
     for name, values in found["variables"].items():
@@ -161,7 +160,7 @@ def _drawn(
     if unknown:
         said = ", ".join(f"{number} of type {kind!r}" for kind, number in unknown.items())
         warnings.warn(
-            f"{path}: elements whose edges are not known are not drawn: {said}",
+            f"{path}: elements of unknown types are not drawn: {said}",
             UpdynWarning,
             stacklevel=3,
         )

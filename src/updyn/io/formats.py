@@ -1,17 +1,17 @@
-"""File formats by name, with the module that reads and writes each: a lazy registry.
+"""File formats by name, with the module of each: a lazy registry.
 
 A format of another package is one `Format` and one registration::
 
     FORMATS.register("toy", Format("toy", "toy_package.files", (".toy",), (), ("read_frf",)))
 
-or an entry point of the group ``updyn.readers`` that names such an object. The handler is imported
-when a file of that format is met. It offers, as far as it can,
+or an entry point of the group ``updyn.readers`` that refers to such an object. The handler is
+imported when a file of that format is read or written. It provides some of
 ``read_frf(path, *, quantity, duplicates, ...)``, ``write_frf(frf, path)``, ``read_model(path)``,
 ``write_model(model, path)``, ``read_geometry(path)``, ``read_modes(path)``,
 ``write_modes(modes, path)``, ``read_records(path)``,
-``write_properties(changes, deck, path)`` and ``read_contents(path)``, which returns all that a
-file of several kinds of content holds. A ``read_frf`` with ``responses`` and ``references`` selects
-while it reads; with the others `updyn.io.read_frf` selects afterwards.
+``write_properties(changes, deck, path)`` and ``read_contents(path)``, which returns the whole
+content of a file. A ``read_frf`` with ``responses`` and ``references`` selects while it reads;
+otherwise `updyn.io.read_frf` selects afterwards.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.items import existing, is_folder, unreadable
+from updyn.io.items import is_folder, require_file, unreadable
 from updyn.registry import Registry, load_object
 
 __all__ = ["FORMATS", "Format", "find_format", "load"]
@@ -37,16 +37,17 @@ class Format:
     Parameters
     ----------
     name : str
-        What users call it, in ``format=`` and in job files.
+        Name for users, in ``format=`` and in job files.
     handler : str
-        Module that handles it, or ``"module:object"`` where the verbs are methods of an object.
+        Module of the format, or ``"module:object"`` if the functions are methods of an object.
     suffixes : tuple of str
         File suffixes, lower case, with the dot.
     magic : tuple of bytes
-        What files of this format may start with; empty if the content does not identify them.
+        Possible first bytes of such files; empty if the content does not identify them.
     can : tuple of str
-        Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``,
-        ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``, ``read_contents``.
+        Provided functions: ``read_frf``, ``write_frf``, ``read_model``, ``write_model``,
+        ``read_geometry``, ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``,
+        ``read_contents``.
     needs_magic : bool
         Whether every file of the format starts with one of `magic`. If not, its suffix is enough.
     """
@@ -64,7 +65,7 @@ _MODEL = ("read_model", "write_model")
 _MODES = ("read_modes", "write_modes")
 _NASTRAN = ("read_model", "read_geometry", "write_properties")
 _OP2 = ("read_model", "read_geometry", "read_modes", "read_contents")
-#: The first record of `updyn.io.nastran.op2_file`: one word, 3 (of a date) or 2 (of a name).
+#: The first record of `updyn.io.nastran.op2_file`: one word, 3 (for a date) or 2 (for a name).
 _OP2_STARTS = tuple(
     size.to_bytes(4, order) + words.to_bytes(size, order) + size.to_bytes(4, order)
     for order in ("little", "big")
@@ -73,13 +74,13 @@ _OP2_STARTS = tuple(
 )
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ARRAYS = (*_FRF, *_MODEL, "read_records")
-#: The first releases of MATLAB that wrote version 7.3 called it 7.0. Version 4 has no mark.
+#: The first releases of MATLAB with version 7.3 wrote 7.0. Version 4 has no magic number.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
-#: MED is HDF5.
+#: MED files are HDF5 files.
 _MESH = (".msh", ".vtu", ".vtk", ".med")
 _EXODUS = (".exo", ".e", ".ex2", ".exii", ".g", ".gen")
 _DECK = ("read_model", "write_properties")
-#: A header of 100 words (flags: whole numbers), of file type 4 or 2.
+#: A header of 100 words (flags: integers), of file type 4 or 2.
 _ANSYS = b"d\0\0\0\0\0\0\x80"
 
 _BUILT_IN = (
@@ -123,37 +124,37 @@ _BUILT_IN = (
     Format("mesh", "updyn.io.mesh", _MESH, (_HDF5,), ("read_model",), needs_magic=False),
     Format("exodus", "updyn.io.exodus", _EXODUS, (_HDF5, b"CDF"), ("read_geometry",)),
 )
-#: All formats in order of preference where several share a suffix.
+#: All formats, in order of preference for shared suffixes.
 FORMATS: Registry[Format] = Registry("format", "updyn.readers", {f.name: f for f in _BUILT_IN})
 
 
 def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
-    """Choose the format of a file, by name if given, else by content, else by suffix.
+    """Select the format of a file: by name if given, else by content, else by suffix.
 
     Parameters
     ----------
     path : path
-        The file; it need not exist for a verb that writes.
+        The file; it may not exist yet for writing.
     verb : str
-        What is to be done, as in `Format.can`.
+        Name of the function to call, as in `Format.can`.
     name : str, optional
         Format name, to force it.
 
     Raises
     ------
     FormatError
-        If the file is not there, or no format fits.
+        If the file does not exist, or no format fits.
     OptionError
-        If it is not a path.
+        If `path` is not a path.
     """
     if not isinstance(path, str | os.PathLike):
         raise OptionError(f"path: expected the name of a file, found {type(path).__name__}")
     path = Path(path)
     able = [f for f in FORMATS.values() if verb in f.can]
     if name is not None:
-        return _called(name, able, verb, path)
+        return _find_by_name(name, able, verb, path)
     suffix = path.suffix.lower()
-    # A new file is of the format of its suffix; `write_properties` is asked about its deck.
+    # A new file has the format of its suffix; for `write_properties`, `path` is the deck.
     candidates = able
     if verb.startswith("read") or verb == "write_properties":
         start = _start(path)
@@ -163,8 +164,8 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
                 return candidate
         if by_magic:
             return by_magic[0]
-        # A file that does not start as a binary format says is not of that format, whatever its
-        # suffix.
+        # A file without the magic number of a binary format does not have this format, whatever
+        # its suffix.
         candidates = [f for f in able if not f.magic or not f.needs_magic]
     for candidate in candidates:
         if suffix in candidate.suffixes:
@@ -177,8 +178,8 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     )
 
 
-def _called(name: str, able: list[Format], verb: str, path: Path) -> Format:
-    """Return the format of that name."""
+def _find_by_name(name: str, able: list[Format], verb: str, path: Path) -> Format:
+    """Return the format with this name."""
     for candidate in able:
         if candidate.name == name:
             return candidate
@@ -190,10 +191,10 @@ def _called(name: str, able: list[Format], verb: str, path: Path) -> Format:
 
 
 def _start(path: Path) -> bytes:
-    """Return the first bytes of a file that has to be there."""
+    """Return the first bytes of an existing file."""
     if is_folder(path):
         raise FormatError("is a folder, not a file", path)
-    existing(path)
+    require_file(path)
     try:
         with path.open("rb") as file:
             start = file.read(64)
@@ -205,7 +206,7 @@ def _start(path: Path) -> bytes:
 
 
 def load(chosen: Format) -> Any:
-    """Import the handler of a format: a module, or an object of one."""
+    """Import the handler of a format: a module, or an object in a module."""
     if ":" in chosen.handler:
         return load_object(chosen.handler)
     return importlib.import_module(chosen.handler)

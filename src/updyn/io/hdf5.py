@@ -1,6 +1,6 @@
-"""The native model file: one HDF5 file a model, exact to the last bit.
+"""The native model file: one HDF5 file per model, exact to the last bit.
 
-Layout (``*`` where present)::
+Layout (``*``: optional)::
 
     /                      attributes updyn_kind = "model", updyn_format = 1 (2: with the damping
                            below), updyn_version, title
@@ -16,7 +16,7 @@ Layout (``*`` where present)::
         mass *
         viscous *
 
-Groups are numbered, as their names may hold characters that HDF5 keeps for itself.
+Groups are numbered, because their names may contain characters that HDF5 reserves.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from updyn.foreign.plain import Other
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
 from updyn.io.attributes import PACKING, read_unit
-from updyn.io.items import compressed, known_only, placed
+from updyn.io.items import build_sparse, known_only, locate_errors
 from updyn.io.native import load_native, write_native
 from updyn.model import Model
 
@@ -58,28 +58,24 @@ __all__ = [
 ]
 
 FORMAT_VERSION = 1
-_DAMPED_VERSION = (
-    2  # where groups have what version 1 had no place for: a reader of version 1 would drop it
-)
+_DAMPED_VERSION = 2  # for groups with content that a reader of version 1 would ignore
 _READERS = {
     "model": "read_model",
     "frf": "read_frf",
     "result": "read_result",
     "uncertainty": "read_uncertainty",
 }
-#: Units that arrays of a model may state: all of them are in SI.
+#: Units that arrays of a model may state, all SI.
 _SI = ("m", "N/m", "kg", "N s/m", "Hz")
 _LIBVER = (
     "v108",
     "v110",
-)  # from 1.8 on, what describes the data carries checksums; any HDF5 since 2016 reads it
-_COMPRESS_FROM = (
-    2048  # entries; a compressed dataset is chunked, which costs more than it saves on short ones
-)
+)  # metadata have checksums from 1.8 on; any HDF5 since 2016 reads it
+_COMPRESS_FROM = 2048  # entries; chunking costs more than compression saves for shorter datasets
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model to an HDF5 file, replaced as a whole once it is complete.
+    """Write a model to an HDF5 file; an existing file is replaced once the new one is complete.
 
     Parameters
     ----------
@@ -98,7 +94,7 @@ def write_model(model: Model, path: str | Path) -> None:
 
 
 def read_model(path: str | Path) -> Model:
-    """Read a model from an HDF5 file as `write_model` makes it.
+    """Read a model from an HDF5 file written by `write_model`.
 
     Parameters
     ----------
@@ -108,13 +104,13 @@ def read_model(path: str | Path) -> Model:
     Returns
     -------
     Model
-        Equal to the one written, bit for bit.
+        Equal to the written model, bit for bit.
 
     Raises
     ------
     FormatError
-        If the file is damaged, is not a model file (the right reader is named), or holds a model
-        that is not valid.
+        If the file is damaged, is not a model file (the message gives the right reader), or
+        contains a model that is not valid.
     """
     found = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
     root = Folder.of("/", found)
@@ -124,7 +120,7 @@ def read_model(path: str | Path) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A group of an HDF5 file, as it was loaded.
+    """A loaded group of an HDF5 file.
 
     Parameters
     ----------
@@ -135,7 +131,7 @@ class Folder:
     members : mapping of str to object
         Folders, arrays and `updyn.foreign.plain.Other`.
     meanings : mapping of str to mapping
-        By name of an array, its attributes that say what its numbers mean.
+        Attributes that define the meaning of the numbers, by name of the array.
     """
 
     name: str
@@ -145,19 +141,7 @@ class Folder:
 
     @classmethod
     def of(cls, name: str, found: Mapping[str, Any]) -> Folder:
-        """Return what `updyn.foreign.hdf5` loaded as a folder.
-
-        Parameters
-        ----------
-        name : str
-            Full name of the group.
-        found : mapping
-            The group.
-
-        Returns
-        -------
-        Folder
-        """
+        """Return a group loaded by `updyn.foreign.hdf5` as a folder with its full name."""
         members = {}
         for key, item in found["members"].items():
             is_group = isinstance(item, Mapping)
@@ -165,9 +149,9 @@ class Folder:
         return cls(name, found["attributes"], members, found["meanings"])
 
 
-# -- what every HDF5 file of updyn says about itself --------------------------------------------
+# -- identification of HDF5 files of updyn ------------------------------------------------------
 def put_kind(file: Any, kind: str) -> None:
-    """Write the attributes that say what the file is."""
+    """Write the attributes that identify the kind of file."""
     from updyn import __version__
 
     _put_text(file, "updyn_kind", kind)
@@ -176,7 +160,7 @@ def put_kind(file: Any, kind: str) -> None:
 
 
 def check_kind(root: Folder, path: str | Path, expected: str) -> None:
-    """Refuse a file that is something else; the right reader is named.
+    """Refuse a file of another kind; the message gives the right reader.
 
     Parameters
     ----------
@@ -185,13 +169,12 @@ def check_kind(root: Folder, path: str | Path, expected: str) -> None:
     path : path
         The file.
     expected : str
-        What it has to be: ``"model"``, ``"frf"``, ...
+        Required kind: ``"model"``, ``"frf"``, ...
 
     Raises
     ------
     FormatError
-        If the file says that it is another kind, says nothing (`AbsentError`), or is of a later
-        format.
+        If the file is of another kind or a later format version, or states no kind (`AbsentError`).
     """
     if "updyn_kind" not in root.attributes:
         held = ", ".join(sorted(root.members)[:8]) or "nothing"
@@ -228,12 +211,12 @@ def put_model(parent: Any, model: Model, stored: dict[int, Any] | None = None) -
     Parameters
     ----------
     parent : h5py.Group
-        Where to.
+        The group to write to.
     model : Model
         The model.
     stored : dict, optional
-        Matrices already in this file, by identity. A matrix met again (the groups that an update
-        left alone) becomes a second link to the same data.
+        Matrices already in this file, by identity. A repeated matrix (of a group that an update did
+        not change) becomes a second link to the same data.
     """
     stored = {} if stored is None else stored
     _put_text(parent, "title", model.title)
@@ -274,7 +257,7 @@ def _take_damping(place: Folder, path: str | Path) -> dict[str, Any]:
     out |= {name: take_number(place, name, path) for name in VALUES if name in place.attributes}
     if "loss_table" in place.members:
         table = _group(place, "loss_table", path)
-        with placed(path, table.name):
+        with locate_errors(path, table.name):
             out["loss_table"] = LossTable(
                 *(take_array(table, name, path, "iuf", 1) for name in ("freq", "relative"))
             )
@@ -282,7 +265,7 @@ def _take_damping(place: Folder, path: str | Path) -> dict[str, Any]:
 
 
 def take_model(parent: Folder, path: str | Path) -> Model:
-    """Read a model from a group as `put_model` makes it.
+    """Read a model from a group written by `put_model`.
 
     Raises
     ------
@@ -300,7 +283,7 @@ def take_model(parent: Folder, path: str | Path) -> Model:
         item = _group(place, number, path)
         name = take_text(item, "name", path)
         if name in groups:
-            raise FormatError(f"{item.name}: group name {name!r} stands twice", path)
+            raise FormatError(f"{item.name}: group name {name!r} occurs twice", path)
         groups[name] = _take_group(item, path, name)
     geometry = (
         take_geometry(_group(parent, "geometry", path), path)
@@ -308,7 +291,7 @@ def take_model(parent: Folder, path: str | Path) -> Model:
         else None
     )
     title = take_text(parent, "title", path) if "title" in parent.attributes else ""
-    with placed(path):
+    with locate_errors(path):
         return Model.from_groups(groups, dofs, geometry=geometry, title=title)
 
 
@@ -320,7 +303,7 @@ def _take_group(place: Folder, path: str | Path, name: str) -> Group:
         if what in place.members
     }
     damping = _take_damping(place, path)
-    with placed(path, f"group {name!r}"):
+    with locate_errors(path, f"group {name!r}"):
         return Group(**matrices, **damping)
 
 
@@ -330,7 +313,7 @@ def take_dofs(place: Folder, path: str | Path) -> DofSet:
     Raises
     ------
     FormatError
-        If an array is missing, a direction is not one, or a DOF stands twice.
+        If an array is missing, a direction is not valid, or a DOF occurs twice.
     """
     nodes = take_array(place, "node", path, "iu", 1)
     texts = take_array(place, "direction", path, "SO", 1)
@@ -344,15 +327,13 @@ def take_dofs(place: Folder, path: str | Path) -> DofSet:
         raise FormatError(
             f"{place.name}: direction {at + 1} is {found!r}; {suggest(found, DIRECTIONS)}", path
         )
-    with placed(path, place.name):
+    with locate_errors(path, place.name):
         return DofSet.from_arrays(nodes, axes)
 
 
 def _put_matrix(place: Any, matrix: Matrix) -> Any:
     row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-    upper = (
-        matrix.indices >= row
-    )  # a mask on the entries: scipy.sparse.triu would drop explicit zeros
+    upper = matrix.indices >= row  # a mask keeps explicit zeros, which scipy.sparse.triu would drop
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row[upper], minlength=matrix.shape[0]))])
     place.attrs["size"] = matrix.shape[0]
     _put_text(place, "storage", "upper triangle with diagonal, CSR")
@@ -367,15 +348,15 @@ def _take_matrix(place: Folder, path: str | Path) -> Matrix:
     data = take_array(place, "data", path, "iuf", 1)
     indices = take_array(place, "indices", path, "iu", 1)
     indptr = take_array(place, "indptr", path, "iu", 1)
-    upper = compressed(sp.csr_array, data, indices, indptr, (size, size), place.name, path)
+    upper = build_sparse(sp.csr_array, data, indices, indptr, (size, size), place.name, path)
     row = np.repeat(np.arange(size, dtype=upper.indices.dtype), np.diff(upper.indptr))
     column = upper.indices
     below = np.flatnonzero(column < row)
     if below.size:
         at = int(below[0])
         raise FormatError(
-            f"{place.name}: entry ({row[at] + 1}, {column[at] + 1}) lies below the diagonal;"
-            " expected the upper triangle only",
+            f"{place.name}: entry ({row[at] + 1}, {column[at] + 1}) is below the diagonal;"
+            " expected only the upper triangle",
             path,
         )
     off = column > row
@@ -402,13 +383,7 @@ def put_geometry(place: Any, geometry: Geometry) -> None:
 
 
 def take_geometry(place: Folder, path: str | Path) -> Geometry:
-    """Read node positions from a group.
-
-    Raises
-    ------
-    FormatError
-        If an array is missing, unknown or not valid.
-    """
+    """Read node positions from a group; refuse missing, unknown or invalid arrays."""
     known_only(place.members, ("node", "xyz", "line", "axes", "face"), path, place.name)
     nodes = take_array(place, "node", path, "iu", 1)
     xyz = take_array(place, "xyz", path, "iuf", 2)
@@ -421,7 +396,7 @@ def take_geometry(place: Folder, path: str | Path) -> Geometry:
     if lines.shape[1] != 2:
         raise FormatError(f"{place.name}: line has shape {lines.shape}; expected (m, 2)", path)
     faces = take_array(place, "face", path, "iu", 2) if "face" in place.members else None
-    with placed(path, place.name):
+    with locate_errors(path, place.name):
         return Geometry(nodes, xyz, lines, axes, faces)
 
 
@@ -437,9 +412,9 @@ def _put_array(place: Any, name: str, array: NDArray[Any]) -> None:
 
 
 def _put_text(place: Any, name: str, text: str) -> None:
-    """Write a text of fixed length: texts of variable length lie in a heap without a checksum."""
+    """Write a text of fixed length, because the heap of variable-length texts has no checksum."""
     if "\0" in text:
-        raise InputError(f"{name} {text!r} holds a NUL character, which HDF5 cannot store")
+        raise InputError(f"{name} {text!r} contains a NUL character, which HDF5 cannot store")
     import h5py
 
     raw = text.encode("utf-8")
@@ -460,18 +435,18 @@ def _group(parent: Folder, name: str, path: str | Path) -> Folder:
 def take_array(
     parent: Folder, name: str, path: str | Path, kinds: str, n_dims: int
 ) -> NDArray[Any]:
-    """Return a dataset and check its type (numpy kind letters) and number of dimensions.
+    """Return a dataset, checked for its type and number of dimensions.
 
     Parameters
     ----------
     parent : Folder
-        Where it is.
+        Its folder.
     name : str
         Its name.
     path : path
         The file, for messages.
     kinds : str
-        Letters of the kinds that it may be of.
+        Allowed NumPy kinds of numbers.
     n_dims : int
         Number of dimensions.
 
@@ -489,7 +464,7 @@ def take_array(
     if isinstance(found, Other) or found.dtype.kind not in kinds:
         kind = found.kind if isinstance(found, Other) else found.dtype
         is_complex = isinstance(found, np.ndarray) and found.dtype.kind == "c"
-        hint = "; damping goes into loss_factor and viscous" if is_complex else ""
+        hint = "; give damping as loss_factor or viscous" if is_complex else ""
         raise FormatError(f"{place}: holds {kind}, expected another type of number{hint}", path)
     if found.ndim != n_dims:
         raise FormatError(f"{place}: has shape {found.shape}, expected {n_dims} dimension(s)", path)
@@ -498,11 +473,11 @@ def take_array(
 
 
 def _check_meaning(meaning: Mapping[str, Any], place: str, path: str | Path) -> None:
-    """Refuse an array whose attributes say that it is packed, or not in SI."""
+    """Refuse an array whose attributes state packed numbers or units other than SI."""
     for name in PACKING:
         if name in meaning:
             raise FormatError(
-                f"{place}: attribute {name!r}; expected the numbers as they are, without it", path
+                f"{place}: attribute {name!r}; expected plain numbers without it", path
             )
     unit = read_unit(meaning, place, path)
     if unit and unit not in _SI:
@@ -512,13 +487,7 @@ def _check_meaning(meaning: Mapping[str, Any], place: str, path: str | Path) -> 
 
 
 def take_attribute(place: Folder, name: str, path: str | Path) -> Any:
-    """Return an attribute.
-
-    Raises
-    ------
-    FormatError
-        If there is none.
-    """
+    """Return an attribute; raise a FormatError if it is missing."""
     if name not in place.attributes:
         raise FormatError(
             f"{place.name}: no attribute {name!r}; {suggest(name, place.attributes)}", path
@@ -527,13 +496,7 @@ def take_attribute(place: Folder, name: str, path: str | Path) -> Any:
 
 
 def take_text(place: Folder, name: str, path: str | Path) -> str:
-    """Return an attribute that is a text.
-
-    Raises
-    ------
-    FormatError
-        If there is none, or it is not a text.
-    """
+    """Return an attribute that must be a text."""
     value = take_attribute(place, name, path)
     if not isinstance(value, str):
         raise FormatError(f"{place.name}: attribute {name!r} is {value!r}, expected a text", path)
@@ -541,13 +504,7 @@ def take_text(place: Folder, name: str, path: str | Path) -> str:
 
 
 def take_number(place: Folder, name: str, path: str | Path) -> float:
-    """Return an attribute that is one number.
-
-    Raises
-    ------
-    FormatError
-        If there is none, or it is not one number.
-    """
+    """Return an attribute that must be one number."""
     value = np.asarray(take_attribute(place, name, path))
     if value.size != 1 or value.dtype.kind not in "iuf":
         raise FormatError(

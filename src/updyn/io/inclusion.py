@@ -1,7 +1,7 @@
 """Limits on files that include other files.
 
-A deck that includes a file twice, which does the same with the next one, doubles with every file:
-24 files of two lines are 16 million lines.
+Repeated inclusions can grow exponentially: if each file includes the next one twice, 24 files of
+two lines have 16 million lines.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 __all__ = ["DEEPEST", "Inclusions"]
 
-#: Largest depth of files that include files: the lines of each level are in memory.
+#: Largest depth of nested inclusions: the lines of each level are in memory.
 DEEPEST = 20
 #: Largest number of repeated inclusions, and of their lines: a deck may include a file with few
 #: lines for each of many parts, but its size may not grow exponentially.
@@ -27,27 +27,14 @@ class Inclusions:
         self._lines = 0
 
     def excess(self, path: Path, lines: int) -> str | None:
-        """Count an inclusion; return the limit that it exceeds, None if it exceeds no limit.
-
-        Parameters
-        ----------
-        path : Path
-            The file that is included, resolved.
-        lines : int
-            Its number of lines.
-
-        Returns
-        -------
-        str or None
-            The limit, for a message.
-        """
+        """Count an inclusion of a resolved path; return the exceeded limit as text, or None."""
         if path not in self._seen:
             self._seen.add(path)
             return None
         self._repeats += 1
         self._lines += lines
         if self._repeats > _REPEATS:
-            return f"files are included again more than {_REPEATS} times"
+            return f"more than {_REPEATS} repeated inclusions"
         if self._lines > _REPEATED_LINES:
-            return f"files that are included again have more than {_REPEATED_LINES} lines in all"
+            return f"repeated inclusions have more than {_REPEATED_LINES} lines in total"
         return None

@@ -1,8 +1,7 @@
-"""Items of a file (arrays, matrices, texts, DOFs), checked and converted, or refused by name.
+"""Checks and conversions of the items of a file: arrays, matrices, texts, DOFs.
 
-The libraries that read archives raise many kinds of exceptions for a damaged file. `library`
-catches them at the call into the library and nowhere else, so that a mistake of our own is not
-taken for a bad file.
+Libraries that read archives raise many kinds of exceptions for damaged files. `library` catches
+them only around the call into the library, which does not hide errors of updyn.
 """
 
 from __future__ import annotations
@@ -36,26 +35,26 @@ from updyn.model import Matrix
 __all__ = [
     "FAILURES",
     "Items",
+    "build_sparse",
     "check_phase",
-    "chosen",
-    "compressed",
-    "counted",
     "dofs",
-    "existing",
-    "guarded",
+    "format_counts",
+    "format_names",
+    "guard_reader",
     "is_file",
     "is_folder",
     "kind_of",
     "known_only",
     "library",
-    "listed",
+    "locate_errors",
     "matrix",
     "nearest",
     "number",
     "numbers",
     "once",
-    "placed",
+    "parse_selection",
     "real",
+    "require_file",
     "text",
     "unreadable",
     "utf8_text",
@@ -69,7 +68,7 @@ Items = Mapping[str, Any]
 _LONGEST_NAME = 255
 
 
-def compressed(
+def build_sparse(
     make: Any,
     data: NDArray[Any],
     indices: NDArray[Any],
@@ -78,26 +77,25 @@ def compressed(
     where: str,
     path: str | Path,
 ) -> Matrix:
-    """Return a sparse matrix from its three arrays, after checking that they fit each other.
+    """Return a sparse matrix from its three arrays, after checking their consistency.
 
     Parameters
     ----------
     make : type
         ``scipy.sparse.csr_array`` or ``csc_array``.
     data, indices, indptr : ndarray, one-dimensional
-        The entries, their columns (CSR) or rows (CSC), and where each row (column) starts.
+        The entries, their columns (CSR) or rows (CSC), and the start of each row (column).
     shape : (int, int)
         Shape of the matrix.
     where : str
-        Which matrix, for the message.
+        Name of the matrix, for the message.
     path : path
         The file, for the message.
 
     Raises
     ------
     FormatError
-        If the arrays are not of numbers, do not fit each other or the shape, or an entry stands
-        twice.
+        If the arrays are not numbers, contradict each other or the shape, or an entry occurs twice.
     """
     for name, array, kinds in (
         ("data", data, "biufc"),
@@ -108,9 +106,11 @@ def compressed(
             raise FormatError(
                 f"{where}: {name} is {kind_of(array)}; expected one row of numbers", path
             )
-    # Of a matrix without entries scipy does not check it, and follows it anywhere.
+    # scipy does not check this for a matrix without entries, and reads out of bounds.
     if (indptr[1:] < indptr[:-1]).any():
-        raise FormatError(f"{where}: indptr falls; expected where each row or column starts", path)
+        raise FormatError(
+            f"{where}: indptr decreases; expected the start of each row or column", path
+        )
     try:
         out = make((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=shape)
         out.check_format(full_check=True)
@@ -121,23 +121,17 @@ def compressed(
             f"{where}: not a sparse matrix of shape {shape} ({error})", path
         ) from error
     if out.nnz != entries:
-        raise FormatError(f"{where}: an entry stands twice", path)
+        raise FormatError(f"{where}: an entry occurs twice", path)
     if (
         max(*shape, entries) < 2**31
-    ):  # the index type that scipy itself chooses; checked above with room to spare
+    ):  # the index type that scipy would choose; the range is checked above
         out.indices, out.indptr = out.indices.astype(np.int32), out.indptr.astype(np.int32)
     return out
 
 
 def dofs(given: Any, name: str, path: str | Path) -> DofSet:
-    """Return DOFs from labels, or from a table of node and direction 1..6, negative if opposite.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
-    with placed(path, name):
+    """Return DOFs from labels, or from a table of node and direction 1..6, negative if opposite."""
+    with locate_errors(path, name):
         if isinstance(given, str):
             return DofSet([given])
         if isinstance(given, list):
@@ -161,14 +155,9 @@ def dofs(given: Any, name: str, path: str | Path) -> DofSet:
 
 
 def matrix(given: Any, name: str, path: str | Path) -> Matrix:
-    """Return a matrix, sparse as CSR or a two-dimensional array.
+    """Return a matrix, as sparse CSR or a two-dimensional array.
 
-    Truth values are 0 and 1, and complex numbers without an imaginary part are real.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
+    Truth values become 0 and 1, and complex numbers without an imaginary part become real.
     """
     if sp.issparse(given):
         out = sp.csr_array(given)
@@ -182,7 +171,7 @@ def matrix(given: Any, name: str, path: str | Path) -> Matrix:
 
 
 def _plain_entries(entries: NDArray[Any]) -> NDArray[Any]:
-    """Return entries as real numbers if they are truth values, or have no imaginary part."""
+    """Return truth values, and complex entries without an imaginary part, as real numbers."""
     if entries.dtype.kind == "b":
         return entries.astype(np.float64)
     if entries.dtype.kind == "c" and not entries.imag.any():
@@ -191,13 +180,7 @@ def _plain_entries(entries: NDArray[Any]) -> NDArray[Any]:
 
 
 def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
-    """Return a number array.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
+    """Return an item as a number array."""
     if sp.issparse(given):
         return np.asarray(given.toarray())
     if isinstance(given, Unread):
@@ -211,13 +194,7 @@ def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
 
 
 def real(given: Any, name: str, path: str | Path) -> NDArray[Any]:
-    """Return an array of real numbers.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
+    """Return an item as an array of real numbers."""
     array = numbers(given, name, path)
     if array.dtype.kind == "c":
         raise FormatError(f"{name}: found complex numbers; expected real ones", path)
@@ -225,13 +202,7 @@ def real(given: Any, name: str, path: str | Path) -> NDArray[Any]:
 
 
 def whole(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
-    """Return an array of whole numbers, from whichever type they are stored in.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
+    """Return an item as an array of integers, from any stored type."""
     array = real(given, name, path)
     if (
         not np.isfinite(array).all()
@@ -243,13 +214,7 @@ def whole(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
 
 
 def vector(given: Any, name: str, path: str | Path) -> NDArray[Any]:
-    """Return real numbers in one row or column, as one dimension.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
+    """Return real numbers in one row or column, as one dimension."""
     array = real(given, name, path)
     if array.size != max(array.shape, default=1):
         raise FormatError(f"{name}: found shape {array.shape}; expected one row or column", path)
@@ -257,13 +222,7 @@ def vector(given: Any, name: str, path: str | Path) -> NDArray[Any]:
 
 
 def number(given: Any, name: str, path: str | Path) -> float:
-    """Return one real number.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
+    """Return an item as one real number."""
     array = real(given, name, path)
     if array.size != 1:
         raise FormatError(f"{name}: found shape {array.shape}; expected one number", path)
@@ -271,13 +230,7 @@ def number(given: Any, name: str, path: str | Path) -> float:
 
 
 def text(given: Any, name: str, path: str | Path) -> str:
-    """Return one text.
-
-    Raises
-    ------
-    FormatError
-        If the item called `name` is not that.
-    """
+    """Return an item as one text."""
     if isinstance(given, list) and len(given) <= 1:
         given = given[0] if given else ""
     if not isinstance(given, str):
@@ -286,7 +239,7 @@ def text(given: Any, name: str, path: str | Path) -> str:
 
 
 def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | Path) -> None:
-    """Refuse real FRFs that are not stated to be real-valued, and complex ones that are.
+    """Refuse real FRFs without `real_valued`, and complex FRFs with it.
 
     Parameters
     ----------
@@ -302,7 +255,7 @@ def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | 
     Raises
     ------
     FormatError
-        If they are real without the statement, or contradict it.
+        If real FRFs are not declared, or complex ones contradict the declaration.
     OptionError
         If `real_valued` is not a bool.
     """
@@ -319,17 +272,17 @@ def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | 
             )
     elif not real_valued:
         raise FormatError(
-            f"{name}: holds real numbers, and magnitudes and decibels are no FRFs; expected complex"
-            " ones. If the values are real because their phase is 0 or pi, state real_valued=True",
+            f"{name}: holds real numbers, which may be magnitudes or decibels; expected complex"
+            " ones. If the values are real because their phase is 0 or pi, set real_valued=True",
             path,
             key=("real_valued",),
         )
 
 
 def kind_of(given: Any) -> str:
-    """Say what an item is, for a message."""
+    """Describe an item, for messages."""
     if isinstance(given, Mapping):
-        return f"a struct with {listed(given)}"
+        return f"a struct with {format_names(given)}"
     if isinstance(given, Unread):
         return "not readable"
     if isinstance(given, np.ndarray):
@@ -337,13 +290,13 @@ def kind_of(given: Any) -> str:
     return f"{len(given)} texts" if isinstance(given, list) else f"a {type(given).__name__}"
 
 
-def counted(numbers: Mapping[str, int]) -> str:
-    """Return how often there is what, for a message: ``3 coherence, 1 spectrum``."""
+def format_counts(numbers: Mapping[str, int]) -> str:
+    """Format names with their counts, for messages: ``3 coherence, 1 spectrum``."""
     return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
 
-def listed(items: Items) -> str:
-    """Say which names there are, for a message."""
+def format_names(items: Items) -> str:
+    """Format the available names, for messages."""
     names = sorted(str(n) for n in items)
     return (
         ", ".join(names[:10]) + (f", ... ({len(names)} in all)" if len(names) > 10 else "")
@@ -351,8 +304,8 @@ def listed(items: Items) -> str:
     )
 
 
-#: What h5py, numpy, scipy.io and zipfile raise for damaged files (found by flipping bytes in good
-#: ones).
+#: Exceptions of h5py, numpy, scipy.io and zipfile for damaged files (found by changing bytes of
+#: valid files).
 FAILURES = (
     ArithmeticError,
     AssertionError,
@@ -374,7 +327,7 @@ FAILURES = (
 
 @contextmanager
 def library(path: str | Path, what: str) -> Iterator[None]:
-    """Report any failure of a library that reads `path`, a `what`, as a `FormatError`."""
+    """Report failures of a library that reads `path`, a `what`, as a `FormatError`."""
     try:
         yield
     except InputError:
@@ -384,8 +337,8 @@ def library(path: str | Path, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def guarded(path: str | Path, reader: str) -> Iterator[None]:
-    """Report whatever else goes wrong in a reader as a `FormatError`: the last net below it.
+def guard_reader(path: str | Path, reader: str) -> Iterator[None]:
+    """Report unexpected exceptions of a reader as a `FormatError`, as the last resort.
 
     Parameters
     ----------
@@ -401,7 +354,7 @@ def guarded(path: str | Path, reader: str) -> Iterator[None]:
     Raises
     ------
     FormatError
-        For any exception that is not ours. Warnings that a caller turns into exceptions pass.
+        For any exception other than those of updyn. Warnings turned into exceptions pass.
     """
     try:
         yield
@@ -420,8 +373,8 @@ def guarded(path: str | Path, reader: str) -> Iterator[None]:
 
 
 @contextmanager
-def placed(path: str | Path, item: str = "") -> Iterator[None]:
-    """Give an error about what a file holds the path, and the item, that it belongs to."""
+def locate_errors(path: str | Path, item: str = "") -> Iterator[None]:
+    """Add the path, and the item, to errors about the content of a file."""
     try:
         yield
     except FormatError:
@@ -431,14 +384,8 @@ def placed(path: str | Path, item: str = "") -> Iterator[None]:
         raise FormatError(text, path, key=error.key) from error
 
 
-def existing(path: str | Path) -> Path:
-    """Return the path of a file that is there.
-
-    Raises
-    ------
-    FormatError
-        If it is not; the nearest name beside it is given.
-    """
+def require_file(path: str | Path) -> Path:
+    """Return the path of an existing file; raise a FormatError with the nearest name otherwise."""
     path = Path(path)
     if not is_file(path):
         raise FormatError(f"no such file; {nearest(path)}", path)
@@ -446,15 +393,15 @@ def existing(path: str | Path) -> Path:
 
 
 def is_file(path: str | Path) -> bool:
-    """Return whether there is such a file; of a name that no file can have, that there is none."""
+    """Return whether a file exists; False for an invalid name."""
     try:
         return Path(path).is_file()
-    except (OSError, ValueError):  # too long, a null character, a folder that cannot be entered
+    except (OSError, ValueError):  # too long, a null character, a folder without permission
         return False
 
 
 def is_folder(path: str | Path) -> bool:
-    """Return whether there is such a folder; of a name that none can have, that there is none."""
+    """Return whether a folder exists; False for an invalid name."""
     try:
         return Path(path).is_dir()
     except (OSError, ValueError):
@@ -462,18 +409,12 @@ def is_folder(path: str | Path) -> bool:
 
 
 def unreadable(path: str | Path, error: OSError) -> FormatError:
-    """Return the error to raise where the system refuses to open or to read a file."""
+    """Return the error for a file that the system cannot open or read."""
     return FormatError(f"cannot be read: {error.strerror or error}", path)
 
 
 def utf8_text(path: str | Path) -> str:
-    """Return the text of a file.
-
-    Raises
-    ------
-    FormatError
-        If it cannot be read, or is not in UTF-8.
-    """
+    """Return the text of a file in UTF-8."""
     try:
         return Path(path).read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -485,14 +426,9 @@ def utf8_text(path: str | Path) -> str:
 
 
 def windows_text(path: str | Path) -> str:
-    """Return the text of a file in UTF-8, or in Windows-1252 as LabVIEW and Excel write it.
+    """Return the text of a file in UTF-8, or in Windows-1252 as written by LabVIEW and Excel.
 
     Lines end with a line feed.
-
-    Raises
-    ------
-    FormatError
-        If it cannot be read, or is in neither encoding.
     """
     try:
         raw = Path(path).read_bytes()
@@ -513,56 +449,41 @@ def windows_text(path: str | Path) -> str:
 
 
 def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the names and values of a JSON object: the ``object_pairs_hook`` of `json.loads`.
+    """Return a JSON object as a dict (an ``object_pairs_hook``); refuse repeated names.
 
-    Raises
-    ------
-    ValueError
-        If a name stands twice, of which JSON would keep the last.
+    The default of `json.loads` keeps the last value of a repeated name. Raises a ValueError.
     """
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise ValueError(f"{name!r} stands twice")
+            raise ValueError(f"{name!r} occurs twice")
         found[name] = value
     return found
 
 
 def nearest(missing: Path) -> str:
-    """Return what to say of a file that is not there: the nearest names in its folder."""
+    """Return a hint about a missing file: the nearest names in its folder."""
     if len(missing.name) > _LONGEST_NAME:
-        return "there cannot be one of so long a name"
+        return "the name is too long for a file"
     if not is_folder(missing.parent):
         return "its folder does not exist"
     names = [entry.name for entry in missing.parent.iterdir() if entry.is_file()]
     return suggest(missing.name, sorted(names)) if names else "its folder is empty"
 
 
-def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:
-    """Return the DOFs to select of a side, "responses" or "references", at least one.
-
-    Raises
-    ------
-    FormatError
-        If there is none, one cannot be read or stands twice.
-    """
-    with placed(path, side), key_path(side):
+def parse_selection(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:
+    """Return the DOFs to select as "responses" or "references" (`side`), at least one."""
+    with locate_errors(path, side), key_path(side):
         dofs = DofSet(labels)
     if not len(dofs):
-        raise FormatError(f"{side}: an empty list; leave it out to read all", path, key=(side,))
+        raise FormatError(f"{side}: an empty list; omit it to read all", path, key=(side,))
     return dofs
 
 
 def known_only(
     found: Collection[str], known: Collection[str], path: str | Path, where: str = ""
 ) -> None:
-    """Refuse names that mean nothing here: a misspelt one would be left out without a word.
-
-    Raises
-    ------
-    FormatError
-        If a name of `found` is not in `known`; the nearest known ones are given.
-    """
+    """Refuse unknown names, because a misspelt one would otherwise be ignored silently."""
     for name in found:
         if name not in known:
             raise FormatError(

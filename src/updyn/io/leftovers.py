@@ -1,10 +1,10 @@
-"""What a killed process left of a file that it was writing, removed at the next write of that file.
+"""Temporary files of killed processes, removed at the next write of the same file.
 
-The name of a temporary file or folder says which process made it: a digest of the machine, its
-start and the namespace of its process numbers, then the number of the process and when it started.
-Of the same machine since the same start it can be told for certain that this process has ended;
-whatever is of another machine, an earlier start or another program is left alone. Where the system
-says none of this (it is not Linux), names say nothing, and nothing is removed.
+The name of a temporary file or folder identifies its process: a digest of the machine, its boot and
+the namespace of process numbers, then the number of the process and its start time. On the same
+machine since the same boot, this shows with certainty whether the process has ended. Files of
+another machine, an earlier boot or another program are kept. On systems without this information
+(other than Linux), names do not identify processes, and nothing is removed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 
 __all__ = ["new_name", "sweep"]
 
-#: Longest part of the name of a file in that of its temporary one.
+#: Longest part of a file name in the name of its temporary file.
 _LONGEST = 40
 _MARK = re.compile(r"([0-9a-f]{16})-([0-9a-f]+)-([0-9a-f]+)-[0-9a-f]{6}")
 #: States of processes that have ended: zombie, dead.
@@ -28,19 +28,19 @@ _ENDED = ("Z", "X", "x")
 
 
 def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
-    """Return a name that no file has, for what becomes a file.
+    """Return an unused name for a temporary file that becomes `path`.
 
     Parameters
     ----------
     path : Path
-        The file that is to be written.
+        The file to write.
     prefix, suffix : str
-        What the name starts with and ends with.
+        Start and end of the name.
 
     Returns
     -------
     str
-        Of this process, as far as the system says which it is.
+        Includes the identification of this process, if available.
     """
     token = secrets.token_hex(6)
     where = _where()
@@ -51,14 +51,14 @@ def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
 
 
 def sweep(path: Path, prefix: str = ".", suffix: str = "") -> None:
-    """Remove what processes that have ended left of a file.
+    """Remove temporary files of `path` whose processes have ended.
 
     Parameters
     ----------
     path : Path
-        The file that is to be written.
+        The file to write.
     prefix, suffix : str
-        As of `new_name`.
+        As for `new_name`.
     """
     start = _stem(path, prefix)
     where = _where()
@@ -87,11 +87,11 @@ def _stem(path: Path, prefix: str) -> str:
 
 
 def _where() -> str | None:
-    """Return a digest of machine, its start and process numbers; None where that is not known."""
+    """Return a digest of machine, boot and process namespace, or None if unknown."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_bytes()
         space = Path("/proc/self/ns/pid").stat().st_ino
-        # A process of another namespace sees other numbers, and itself by another one.
+        # Process numbers differ between namespaces.
         if str(Path("/proc/self").readlink()) != str(os.getpid()):
             return None
         _state(os.getpid())
@@ -102,12 +102,12 @@ def _where() -> str | None:
 
 
 def _state(number: int) -> tuple[str, int]:
-    """Return the state of a process, and when it started, in ticks since the machine did.
+    """Return the state of a process, and its start in ticks since the boot of the machine.
 
     Raises
     ------
     OSError, ValueError, IndexError
-        If that is not known.
+        If they are unknown.
     """
     fields = Path(f"/proc/{number}/stat").read_text(encoding="latin-1").rpartition(")")[2].split()
     return fields[0], int(fields[19])

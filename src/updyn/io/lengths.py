@@ -6,23 +6,12 @@ from updyn.errors import OptionError, suggest
 
 __all__ = ["LENGTHS", "length"]
 
-#: Metres in a unit of length.
+#: Units of length in m.
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 
 def length(unit: str) -> float:
-    """Return how many metres a unit of length is.
-
-    Parameters
-    ----------
-    unit : {"m", "cm", "mm", "in", "ft"}
-        The unit.
-
-    Raises
-    ------
-    OptionError
-        If it is not one of these.
-    """
+    """Return a unit of length in m; raise an OptionError for an unknown unit."""
     if not isinstance(unit, str) or unit not in LENGTHS:
         raise OptionError(f"unit {unit!r}: {suggest(str(unit), LENGTHS)}", key=("unit",))
     return LENGTHS[unit]

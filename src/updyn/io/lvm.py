@@ -1,17 +1,16 @@
 """Time records of LabVIEW measurement files (.lvm).
 
-The layout is that of National Instruments, "Specification for the LabVIEW Measurement File (.lvm)":
-a head of the file and one of each segment, both of lines ``name TAB value`` that end with
-``***End_of_Header***``, the lines of a head in any order; then a line of names, ``X_Value`` first,
-``Comment`` last; then rows, whose comments are left out, as are special blocks. A segment is a
-record. Numbers have the decimal sign that the head names. Channels without samples are left out
-with a warning. ``Delta_X`` is in s and has to agree with the times of the rows, if there are any.
-Tags that may change what the numbers mean and are not known, spectra, and channels that start at
-different times (``X0``) are refused.
+The layout is defined by National Instruments, "Specification for the LabVIEW Measurement File
+(.lvm)": a header of the file and one of each segment, both with lines ``name TAB value`` in any
+order, ended by ``***End_of_Header***``; then a line of names, from ``X_Value`` to ``Comment``; then
+rows, whose comments are ignored, as are special blocks. A segment is a record. Numbers have the
+decimal sign stated in the header. Channels without samples are ignored with a warning. ``Delta_X``
+is in s and has to agree with the times of the rows, if there are any. Unknown tags that may change
+the meaning of numbers, spectra, and channels that start at different times (``X0``) are refused.
 
-With ``Multi_Headings No`` only the first segment has a head, and the rows of the others follow.
-Each segment is a record all the same, of as many rows as the head says, unless all times run on
-without a gap: then they are one record.
+With ``Multi_Headings No`` only the first segment has a header, and the rows of the others follow.
+Each segment is then a record with the number of rows in the header, unless all times are
+continuous: then all rows form one record.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, UpdynWarning, suggest
-from updyn.io.items import existing, placed, windows_text
+from updyn.io.items import locate_errors, require_file, windows_text
 from updyn.io.text_numbers import number_rows, real_of, rounding_of, whole_of
 from updyn.signals.records import Records
 from updyn.units import find_unit
@@ -45,16 +44,16 @@ _TAG = re.compile(r"(?m)^[A-Za-z]")
 _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 _X_COLUMNS = ("No", "One", "Multi")
 _HEADINGS = ("Yes", "No")
-#: What a time may be off by, as it is rounded in the file: a share of the step.
+#: Largest rounding error of a time, as a fraction of the step.
 _ROUNDED = 0.5
-#: Largest share of a step by which Delta_X may be off, as it is rounded in the file.
+#: Largest rounding error of Delta_X, as a fraction of the step.
 _STEP_ROUNDED = 1e-3
-#: What is read of the head of a record.
+#: Tags of the header of a record that are read.
 _ONCE = ("Channels", "Samples", "Delta_X", "X0", "X_Dimension", "X_Unit_Label", "Y_Unit_Label")
-#: Other tags that may change what the numbers mean.
+#: Other tags that may change the meaning of the numbers.
 _MEANING = re.compile(r"(?i)^[xy]_|^delta|scale|scaling|factor|gain|offset|slope|sensitivity")
 _HARMLESS = ("Y_Dimension",)
-#: Units and names of channels that hold a spectrum.
+#: Units and names of channels with a spectrum.
 _LEVELS = re.compile(r"(?i)^dB|/\s*\W*(?:sqrt|rt)?\W*Hz")
 _SPECTRA = re.compile(r"(?i)\bdB\b|\bFFT\b|\bPSD\b|spectr(?:um|al)")
 _NAMES_FROM, _NAMES_TO = "X_Value", "Comment"
@@ -71,32 +70,31 @@ def read_records(path: str | Path) -> Records:
     Returns
     -------
     Records
-        One record a segment, in the units that the file names.
+        One record per segment, in the units of the file.
 
     Raises
     ------
     FormatError
-        If the content is not valid, or its segments have other channels, lengths or steps than the
-        first.
+        If the content is not valid, or segments differ in channels, lengths or steps.
 
     Warns
     -----
     UpdynWarning
-        If channels have no samples, or `Delta_X` is 1 s, as LabVIEW writes it without timing.
+        If channels have no samples, or `Delta_X` is 1 s, the value of LabVIEW without timing.
     """
-    text = _without_special(windows_text(existing(path)))
+    text = _without_special(windows_text(require_file(path)))
     ends = list(_END.finditer(text))
     if not text.startswith("LabVIEW Measurement") or not ends:
-        raise FormatError("no head of a LabVIEW measurement file", path, 1)
+        raise FormatError("no header of a LabVIEW measurement file", path, 1)
     head = _Head.of(text[: ends[0].start()], path)
     if len(ends) < 2:
-        raise FormatError("a head without records", path)
+        raise FormatError("a header without records", path)
     segments = list(_segments(text, ends, head, path))
     first = segments[0]
     for segment in segments[1:]:
         first.check_alike(segment, path)
     _warn(first, path)
-    with placed(path):
+    with locate_errors(path):
         return Records.of(
             [segment.values for segment in segments],
             first.step,
@@ -108,7 +106,7 @@ def read_records(path: str | Path) -> Records:
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """The head of the file: how its rows are written."""
+    """The header of the file: the format of its rows."""
 
     separator: str
     decimal: str
@@ -125,7 +123,7 @@ class _Head:
                     f"found {line.strip()[:40]!r}; expected a name and its value", path, number
                 )
             if name in found:
-                raise FormatError(f"{name} stands twice", path, number)
+                raise FormatError(f"{name} occurs twice", path, number)
             if value:
                 found[name] = value[0]
         named = found.get("Separator", "Tab").strip()
@@ -143,7 +141,7 @@ class _Head:
         return cls(_SEPARATORS[named], decimal, x_columns, headings == "Yes")
 
 
-#: The head of the file may be separated by something else than the file says for its rows.
+#: The header may use another separator than the rows.
 _SPLIT = re.compile(r"[\t,;]")
 
 
@@ -159,37 +157,37 @@ class _Segment:
     values: NDArray[np.float64]
 
     def check_alike(self, other: _Segment, path: str | Path) -> None:
-        """Refuse another segment whose channels differ from those of this one."""
+        """Refuse another segment whose channels differ from this one."""
         for what in ("channels", "units", "step"):
             mine, its = getattr(self, what), getattr(other, what)
             if mine != its:
                 raise FormatError(
-                    f"this record has {what} {its!r}, the first one {mine!r}; records of a file"
-                    " have to be alike",
+                    f"this record has {what} {its!r}, the first one {mine!r}; expected equal"
+                    " records",
                     path,
                     other.line,
                 )
         lengths = [segment.values.shape[1] for segment in (self, other)]
         if lengths[0] != lengths[1]:
             raise FormatError(
-                f"this record has {lengths[1]} samples, the first one {lengths[0]}; records of a"
-                " file have to be alike",
+                f"this record has {lengths[1]} samples, the first one {lengths[0]}; expected"
+                " records of the same length",
                 path,
                 other.line,
             )
 
 
 def _warn(segment: _Segment, path: str | Path) -> None:
-    """Warn of channels without samples, and of the step that LabVIEW writes for an unknown one."""
+    """Warn of channels without samples, and of the default step of LabVIEW."""
     if segment.empty:
         names = ", ".join(map(repr, segment.empty))
         warnings.warn(
-            f"{path}: channels without samples are left out: {names}", UpdynWarning, stacklevel=3
+            f"{path}: channels without samples are ignored: {names}", UpdynWarning, stacklevel=3
         )
     if segment.step == 1.0:
         warnings.warn(
             f"{path}:{segment.line}: Delta_X is 1 s, which LabVIEW also writes for data without a"
-            " sampling rate; check that there is one sample a second",
+            " sampling rate; check that the rate is one sample per second",
             UpdynWarning,
             stacklevel=3,
         )
@@ -198,10 +196,10 @@ def _warn(segment: _Segment, path: str | Path) -> None:
 def _segments(
     text: str, ends: list[re.Match[str]], head: _Head, path: str | Path
 ) -> Iterator[_Segment]:
-    """Yield the records: from each head's beginning to the next one's."""
+    """Yield the records, each from the start of its header to the start of the next."""
     begins = [ends[0].end()]
     for before, end in pairwise(ends[1:]):
-        # The rows before hold numbers; the tags of a head begin with a letter, in any order.
+        # The preceding rows are numbers; the tags of a header begin with a letter.
         of_rows = text.index("\n", before.end()) + 1 if before.end() < len(text) else before.end()
         tag = _TAG.search(text, of_rows, end.start())
         begins.append(end.start() if tag is None else tag.start())
@@ -214,12 +212,12 @@ def _segments(
 
 
 def _without_special(text: str) -> str:
-    """Return a text without the special blocks, which other programs put in; lines stay."""
+    """Return a text with the special blocks of other programs replaced by empty lines."""
     return _SPECIAL.sub(lambda found: "\n" * found[0].count("\n"), text)
 
 
 def _without_comments(rows: str, titles: list[str], width: int, separator: str) -> str:
-    """Return rows without the column of comments, the last one."""
+    """Return rows without the last column, the comments."""
     if titles[-1:] != [_NAMES_TO]:
         return rows
     kept = [separator.join(row.split(separator)[:width]) for row in rows.split("\n")]
@@ -227,12 +225,12 @@ def _without_comments(rows: str, titles: list[str], width: int, separator: str) 
 
 
 def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[str, list[str]]:
-    """Return the values of a segment's head, which begins at a line, by name."""
+    """Return the values of a segment's header by name; `first` is its first line."""
     found: dict[str, list[str]] = {}
     for number, line in enumerate(text.split("\n"), first):
         name, *values = [word.strip() for word in line.split(separator)]
         if name in found and name in _ONCE:
-            raise FormatError(f"{name} stands twice", path, number)
+            raise FormatError(f"{name} occurs twice", path, number)
         if name not in (*_ONCE, *_HARMLESS) and _MEANING.search(name):
             raise FormatError(
                 f"tag {name!r} is not known and may change the numbers; delete the line if it does"
@@ -246,16 +244,16 @@ def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """The head of a record: its channels, and the times of their samples.
+    """The header of a record: its channels, and the times of their samples.
 
     Attributes
     ----------
     line : int
-        Where it begins.
+        Its first line.
     kept : tuple of int
         Channels with samples, from 0.
     n_channels : int
-        All channels.
+        Number of all channels.
     count : int
         Samples of each kept channel.
     step, digit : float
@@ -274,10 +272,10 @@ class _Axis:
 
     @classmethod
     def of(cls, fields: Mapping[str, list[str]], head: _Head, path: str | Path, line: int) -> _Axis:
-        """Return the axis that the tags of a head describe."""
+        """Return the axis defined by the tags of a header."""
         tags = _Tags(fields, (0,), path, line)
         (n,) = tags.each("Channels", whole_of)
-        # With a column of times for each channel, LabVIEW leaves the tags of these columns blank.
+        # With a time column for each channel, LabVIEW leaves the tags of these columns blank.
         stride = 2 if head.x_columns == "Multi" and fields.get("Samples", [])[1:2] == [""] else 1
         tags = replace(tags, places=range(0, stride * n, stride))
         samples = tags.each("Samples", whole_of)
@@ -285,7 +283,7 @@ class _Axis:
         tags = replace(tags, places=tuple(stride * i for i in kept))
         steps = tags.each("Delta_X", lambda text: real_of(text.replace(head.decimal, ".")))
         if len({samples[i] for i in kept}) != 1 or len(set(steps)) != 1:
-            raise tags.refused("channels of one record with other Samples or Delta_X")
+            raise tags.error("channels of one record with different Samples or Delta_X")
         tags.check_start(steps[0], head.decimal)
         tags.check_dimension()
         printed = tags.each("Delta_X", str)[0].replace(head.decimal, ".")
@@ -296,69 +294,69 @@ class _Axis:
 
 @dataclass(frozen=True, slots=True)
 class _Tags:
-    """The values of tags of a head that begins at a line, at the places of some channels."""
+    """The values of tags in a header that starts at a line, for some channels."""
 
     fields: Mapping[str, list[str]]
     places: Sequence[int]
     path: str | Path
     line: int
 
-    def refused(self, why: str) -> FormatError:
-        """Return the error to raise about this head."""
+    def error(self, why: str) -> FormatError:
+        """Return an error about this header."""
         return FormatError(why, self.path, self.line)
 
     def each(self, name: str, convert: Callable[[str], _T]) -> list[_T]:
         """Return the values of a tag, one for each channel."""
         given = self.fields.get(name, [])
-        # The slice bounds the loop: a damaged file may state any number of channels.
+        # The slice limits the loop, because a damaged file may state any number of channels.
         chosen = [given[place] for place in self.places[: len(given)] if place < len(given)]
         if not self.places or len(chosen) < len(self.places) or not all(chosen):
-            raise self.refused(
+            raise self.error(
                 f"{name} of this record: expected {len(self.places)} values, found"
                 f" {sum(map(bool, chosen))}"
             )
         try:
             return [convert(value) for value in chosen]
         except ValueError as error:
-            raise self.refused(f"{name} of this record: {error}") from error
+            raise self.error(f"{name} of this record: {error}") from error
 
     def check_start(self, step: float, decimal: str) -> None:
-        """Refuse channels that do not start together."""
+        """Refuse channels with different start times."""
         if not self.fields.get("X0"):
             return
         starts = self.each("X0", lambda text: real_of(text.replace(decimal, ".")))
         if max(starts) - min(starts) > _STEP_ROUNDED * abs(step):
-            raise self.refused(
+            raise self.error(
                 f"channels of one record start at {min(starts):g} to {max(starts):g} (X0); expected"
-                " one start"
+                " equal start times"
             )
 
     def check_dimension(self) -> None:
         """Refuse an abscissa that is not time in s."""
         for name in self.each("X_Dimension", str) if self.fields.get("X_Dimension") else []:
             if name != "Time":
-                raise self.refused(f"X_Dimension {name!r}: no time record")
+                raise self.error(f"X_Dimension {name!r}: not a time record")
         for label in filter(None, self.fields.get("X_Unit_Label", [])):
             _check_seconds(label, self.path, self.line)
 
     def units(self) -> tuple[str, ...]:
-        """Return the units of the channels; empty for a channel without unit."""
+        """Return the units of the channels, empty for a channel without unit."""
         given = self.fields.get("Y_Unit_Label", [])
         units = tuple(given[place] if place < len(given) else "" for place in self.places)
         for unit in units:
             if _LEVELS.search(unit):
-                raise self.refused(f"Y_Unit_Label {unit!r}: a spectrum, no time record")
+                raise self.error(f"Y_Unit_Label {unit!r}: a spectrum, not a time record")
         return units
 
 
 def _check_seconds(label: str, path: str | Path, line: int) -> None:
-    """Refuse a unit of the abscissa other than s: LabVIEW counts in s whatever the label says."""
+    """Refuse a unit of the abscissa other than s, which LabVIEW uses regardless of the label."""
     unit = find_unit(label, "time")
     if unit is None and find_unit(label, "frequency"):
-        raise FormatError(f"X_Unit_Label {label!r}: a spectrum, no time record", path, line)
+        raise FormatError(f"X_Unit_Label {label!r}: a spectrum, not a time record", path, line)
     if unit is None or unit.factor != 1.0:
         raise FormatError(
-            f"X_Unit_Label {label!r}; expected s: write Delta_X and X_Value in s, and that label",
+            f"X_Unit_Label {label!r}; expected s: write Delta_X and X_Value in s with the label s",
             path,
             line,
         )
@@ -371,37 +369,38 @@ def _packets(
     path: str | Path,
     lines: Sequence[int],
 ) -> Iterator[_Segment]:
-    """Yield the records of a head and its rows, which begin at these lines."""
+    """Yield the records of a header and its rows; `lines` are their first lines."""
     first, of_names = lines
     axis = _Axis.of(fields, head, path, first)
     n, count = axis.n_channels, axis.count
 
-    def refused(why: str, line: int = first) -> FormatError:
+    def format_error(why: str, line: int = first) -> FormatError:
         return FormatError(why, path, line)
 
     names, _, rows = body.partition("\n")
     titles = [title.strip() for title in names.split(head.separator)]
     if titles[:1] != [_NAMES_FROM]:
-        raise refused(f"expected a line of names from {_NAMES_FROM}", of_names)
+        raise format_error(f"expected a line of names from {_NAMES_FROM}", of_names)
     own = [title for title in titles if title and title not in (_NAMES_FROM, _NAMES_TO)]
     if len(own) != n:
-        raise refused(f"{len(own)} names for {n} channels", of_names)
+        raise format_error(f"{len(own)} names for {n} channels", of_names)
     channels = tuple(own[i] for i in axis.kept)
     for name in channels:
         if _SPECTRA.search(name):
-            raise refused(
-                f"channel {name!r}: a spectrum by its name, no time record; rename it if it is one",
+            raise format_error(
+                f"channel {name!r}: by its name a spectrum, not a time record; rename it if this is"
+                " wrong",
                 of_names,
             )
     with_x = {"No": 0, "One": 1, "Multi": n}[head.x_columns]
-    # Without times there is a blank column in their place.
+    # Without times, their column is blank.
     rows = _without_comments(rows, titles, n + max(with_x, 1), head.separator)
     empty = sorted(set(range(n)).difference(axis.kept))
     if empty:
         rows = _without_empty(rows, own, empty, head, path, of_names + 1)
     if head.decimal != "." and "." in rows:
         at = of_names + 1 + rows[: rows.index(".")].count("\n")
-        raise refused(f"a point in numbers with the decimal sign {head.decimal!r}", at)
+        raise format_error(f"a point in numbers with the decimal sign {head.decimal!r}", at)
     blanks = rows.replace(head.separator, " ").replace(head.decimal, ".").encode()
     with_x = len(axis.kept) if head.x_columns == "Multi" else with_x
     width = len(axis.kept) + with_x
@@ -410,18 +409,18 @@ def _packets(
     if count < 1 or is_other:
         hint = ""
         if len(table) > count:
-            hint = "; packets without a head of their own need Multi_Headings No"
-        raise refused(f"Samples says {count}, found {len(table)} rows{hint}")
+            hint = "; packets without separate headers need Multi_Headings No"
+        raise format_error(f"Samples is {count}, found {len(table)} rows{hint}")
     columns = table.T
     if head.x_columns == "Multi":
         times, values = columns[::2], columns[1::2]
     else:
         times, values = columns[:with_x], columns[with_x:]
-    if _runs_on(times, axis, path, of_names + 1):
+    if _is_continuous(times, axis, path, of_names + 1):
         count = len(table)
     if len(table) % count:
-        also = ", and their times do not run on" if len(times) else ""
-        raise refused(f"{len(table)} rows are no packets of {count} (Samples){also}")
+        also = ", and their times are not continuous" if len(times) else ""
+        raise format_error(f"{len(table)} rows are not packets of {count} (Samples){also}")
     left_out = tuple(own[i] for i in empty)
     for start in range(0, len(table), count):
         part = slice(start, start + count)
@@ -437,7 +436,7 @@ def _without_empty(
     path: str | Path,
     first: int,
 ) -> str:
-    """Return rows, which begin at a line, without the blank cells of channels without samples."""
+    """Return rows without the blank cells of channels without samples."""
     is_multi = head.x_columns == "Multi"
     cut = {2 * i + k: i for i in empty for k in (0, 1)} if is_multi else {i + 1: i for i in empty}
     out = []
@@ -446,14 +445,16 @@ def _without_empty(
         for at, channel in cut.items():
             if at < len(cells) and cells[at].strip():
                 raise FormatError(
-                    f"a value of channel {names[channel]!r}, of which Samples says 0", path, number
+                    f"a value of channel {names[channel]!r}, although its Samples is 0",
+                    path,
+                    number,
                 )
         out.append(head.separator.join(cell for at, cell in enumerate(cells) if at not in cut))
     return "\n".join(out)
 
 
 def _step(times: NDArray[np.float64], axis: _Axis) -> float:
-    """Return Delta_X, or the mean step of the times where Delta_X has too few digits for these."""
+    """Return Delta_X, or the mean step of the times if Delta_X has too few digits."""
     steps = times.shape[1] - 1
     if not len(times) or not steps:
         return axis.step
@@ -461,13 +462,13 @@ def _step(times: NDArray[np.float64], axis: _Axis) -> float:
     return axis.step if abs(span - steps * axis.step) <= _ROUNDED * axis.step else span / steps
 
 
-def _runs_on(times: NDArray[np.float64], axis: _Axis, path: str | Path, first: int) -> bool:
-    """Return whether the times of packets, which begin at a line, run on without a gap.
+def _is_continuous(times: NDArray[np.float64], axis: _Axis, path: str | Path, first: int) -> bool:
+    """Return whether the times of consecutive packets are continuous.
 
     Raises
     ------
     FormatError
-        If the times of one packet do not, or those of channels differ.
+        If the times of one packet are not continuous, or those of channels differ.
     """
     if not len(times):
         return False

@@ -1,17 +1,17 @@
 """MATLAB ``.mat`` files: versions 4 to 7.3 are read, version 5 is written.
 
-Of a model or of FRFs, variables, or the fields of the one struct that the file holds, are named as
-in `updyn.io.named`, those of a model also as the user says (`updyn.io.model_variables`); of time
-records, as the user says::
+The variables of a model or of FRFs, or the fields of a single struct, are named as in
+`updyn.io.named`. Options select other names for models (`updyn.io.model_variables`), and are
+required for time records::
 
-    K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
-    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where NAME cannot be the name
+    K, M, C, loss_factor, dofs                      one group, named "model"; full or sparse
+    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name if NAME cannot be the name
     freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
 
 Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node
 direction] with direction 1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops
-trailing axes of length 1: with one reference, H is n_f x n_responses. MATLAB string arrays ("text")
-are not stored in a documented way: use cellstr.
+trailing axes of length 1: with one reference, H is n_f x n_responses. The storage of MATLAB string
+arrays ("text") is not documented: use cellstr.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from updyn.foreign import box
 from updyn.foreign.plain import Sparse, Unread
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
-from updyn.io.items import compressed
+from updyn.io.items import build_sparse
 from updyn.io.model_variables import stated_items
 from updyn.io.named import (
     FRF_ITEMS,
@@ -68,14 +68,14 @@ def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) 
         The file.
     variables : mapping of str to object, optional
         Variable, or field of a struct (``run1.K``), by item: ``{"M": "M0", "groups": ["K_1",
-        "K_2"]}``; see `updyn.io.model_variables`. By default all variables are called as the items.
+        "K_2"]}``; see `updyn.io.model_variables`. By default variables have the names of the items.
 
     Raises
     ------
     FormatError
         If the file is damaged, or a variable is missing, unknown or not valid.
     OptionError
-        If `variables` names something else than items of a model.
+        If `variables` contains other names than items of a model.
     """
     if variables is not None:
         return build_model(stated_items(_inner(_variables(path), path), variables, path), path)
@@ -100,16 +100,17 @@ def read_frf(
     path : path
         The file.
     quantity : str, optional
-        What was measured, where the file does not say; a contradiction is an error.
+        Measured quantity, required if the file does not state it; a contradiction is an error.
     duplicates : {"raise"}
-        For the sake of the other formats; an array holds every response and reference once.
+        For compatibility with other formats; arrays have no duplicates.
     response_labels, reference_labels : iterable of str or Dof, optional
-        What the rows and columns are, where the file does not say; a contradiction is an error.
+        Labels of rows and columns, required if the file does not state them; a contradiction is an
+        error.
     order : sequence of str, optional
-        What the axes of the stored array are, by default ``("freq", "response", "reference")``.
+        Axes of the stored array, by default ``("freq", "response", "reference")``.
     real_valued : bool
-        Whether the values are real, their phase 0 or pi. Real numbers are refused otherwise, as
-        magnitudes and decibels are no FRFs.
+        Whether the values are real with phase 0 or pi. Otherwise real numbers are refused, because
+        they may be magnitudes or decibels.
 
     Raises
     ------
@@ -138,30 +139,30 @@ def read_records(
     time: str | None = None,
     rate: float | str | None = None,
 ) -> Records:
-    """Read time records from variables of the user's choice, or fields of structs (``data.force``).
+    """Read time records from selected variables, or fields of structs (``data.force``).
 
     Parameters
     ----------
     path : path
         The file.
     values : mapping of str to str, sequence of str, or str
-        Variable by channel; or those that are called as their channels; or one of all channels.
+        Variable by channel; or variables with the names of their channels; or one variable for all
+        channels.
     channels : sequence of str, optional
         Names of the channels of one variable.
     order : sequence of str, optional
-        What the axes of a variable are, of "record", "channel", "time"; a single row or column
-        holds times.
+        Axes of a variable, of "record", "channel", "time"; a single row or column contains times.
     time : str, optional
         Variable of the times in s, evenly spaced.
     rate : float or str, optional
-        Samples a second, or the variable that says it, where there are no times.
+        Samples per second, or the variable with this number, if there are no times.
 
     Raises
     ------
     FormatError
         If the file is damaged, or a variable is missing or of another shape.
     OptionError
-        If the options do not say what is needed.
+        If options are missing.
     """
     return build_records(
         _variables(path),
@@ -176,10 +177,10 @@ def read_records(
 
 @contextmanager
 def _plain(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, Any]]:
-    """Yield the variables that can be used, of a file in which they are called as the items.
+    """Yield the usable variables of a file in which they have the names of the items.
 
-    Those of other names that cannot be used are named in a warning once the block has ended well;
-    where it has not, they are the likely reason.
+    After the block, unusable variables with other names are reported in a warning. If the block
+    fails, they are reported as the likely reason.
     """
     found, unread = _usable(_inner(_variables(path), path))
     for name, reason in unread.items():
@@ -193,14 +194,14 @@ def _plain(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, An
         raise
     if unread:
         warnings.warn(
-            f"{path}: variables that are not read: {'; '.join(unread.values())}",
+            f"{path}: variables that cannot be read: {'; '.join(unread.values())}",
             UpdynWarning,
             stacklevel=5,
         )
 
 
 def _usable(items: Mapping[str, Any], before: str = "") -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the items that can be used, and by dotted name why the others cannot."""
+    """Return the usable items, and the reasons for the others by dotted name."""
     found: dict[str, Any] = {}
     unread: dict[str, str] = {}
     for name, item in items.items():
@@ -215,7 +216,7 @@ def _usable(items: Mapping[str, Any], before: str = "") -> tuple[dict[str, Any],
 
 
 def _inner(variables: Mapping[str, Any], path: str | Path) -> Mapping[str, Any]:
-    """Return the variables, or the fields of the only one where that is a struct."""
+    """Return the variables, or the fields of a single struct."""
     if not variables:
         raise FormatError("holds no variable", path)
     if len(variables) == 1 and "groups" not in variables:
@@ -273,7 +274,7 @@ def _save(items: Mapping[str, Any], path: str | Path, last: str) -> None:
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
 
-    # The format has no end mark: of a file that is cut short, what no reader does without is gone.
+    # The format has no end mark. An indispensable item at the end detects a truncated file.
     ordered = {name: value for name, value in items.items() if name != last}
     ordered[last] = items[last]
     try:
@@ -311,17 +312,7 @@ def _storable(items: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_variables(path: str | Path) -> dict[str, Any]:
-    """Read all variables.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    dict
-        By name: ndarray (axes as in MATLAB), sparse array, list of str, or dict for a struct.
+    """Read all variables by name: ndarray (axes as in MATLAB), sparse array, list of str, or dict.
 
     Raises
     ------
@@ -335,18 +326,18 @@ def read_variables(path: str | Path) -> dict[str, Any]:
 
 
 def _variables(path: str | Path) -> dict[str, Any]:
-    """Return all variables, with those that cannot be used as `Unread`."""
+    """Return all variables, with unusable ones as `Unread`."""
     found = box.load("updyn.foreign.matlab:load", path, what="MATLAB file", reader=_READER)
-    return {name: _checked(value, name, path) for name, value in found.items()}
+    return {name: _check_sparse(value, name, path) for name, value in found.items()}
 
 
-def _checked(value: Any, name: str, path: str | Path) -> Any:
+def _check_sparse(value: Any, name: str, path: str | Path) -> Any:
     """Return a variable with its sparse matrices checked."""
     if isinstance(value, Sparse):
         parts = (value.data, value.indices, value.indptr)
-        return compressed(sp.csc_array, *parts, value.shape, name, path)
+        return build_sparse(sp.csc_array, *parts, value.shape, name, path)
     if isinstance(value, Mapping):
-        return {key: _checked(item, f"{name}.{key}", path) for key, item in value.items()}
+        return {key: _check_sparse(item, f"{name}.{key}", path) for key, item in value.items()}
     if isinstance(value, list):
-        return [_checked(item, f"{name}({i})", path) for i, item in enumerate(value, 1)]
+        return [_check_sparse(item, f"{name}({i})", path) for i, item in enumerate(value, 1)]
     return value

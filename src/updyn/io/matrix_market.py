@@ -1,4 +1,4 @@
-"""Matrix Market: a model as a small TOML file that names its matrix files and its DOFs.
+"""Matrix Market: a model as a small TOML file that lists its matrix files and its DOFs.
 
 ::
 
@@ -14,14 +14,14 @@
     name = "housing"
     stiffness = "K_housing.mtx"       # stiffness, mass, viscous: at least one
     mass = "M_housing.mtx"
-    loss_factor = 0.02                # optional, 0 where absent
+    loss_factor = 0.02                # optional, by default 0
     mass_damping = 1.5                # optional: C = 1.5 M, in 1/s
     stiffness_damping = 2e-5          # optional: C = 2e-5 K, in s
     loss_table = [[10, 200], [1, 3]]  # optional: lines in Hz, factors on loss_factor
 
 File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or
-general. Where they are those that Abaqus writes, the file reads as in `updyn.io.abaqus.table`;
-OUTPUT4 and DMIG files of Nastran, as in `updyn.io.nastran.matrices`.
+general. For matrix files of Abaqus see `updyn.io.abaqus.table`; for OUTPUT4 and DMIG files of
+Nastran `updyn.io.nastran.matrices`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from updyn.io.abaqus.table import names_abaqus_files
 from updyn.io.abaqus.table import read_table as read_abaqus_table
 from updyn.io.atomic import atomic_path
 from updyn.io.damping import DAMPING, plain_damping
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.matrix_market_file import has_banner, read_matrix
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
 from updyn.io.nastran.matrices import names_nastran_files
@@ -50,7 +50,7 @@ __all__ = ["read_model", "write_model"]
 
 _MATRICES = ("stiffness", "mass", "viscous")
 _GROUP = ("name", *_MATRICES, *DAMPING)
-_DIGITS = 17  # enough for any double to come back as it was
+_DIGITS = 17  # sufficient to recover any double exactly
 
 
 def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> Model:
@@ -59,9 +59,10 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
     Parameters
     ----------
     path : path
-        The TOML file; or a matrix file as Abaqus names it, ``job_STIF1.mtx``.
+        The TOML file, or a matrix file of Abaqus, ``job_STIF1.mtx``.
     unit, internal : str
-        As `updyn.io.abaqus.model.read_model`, of a matrix file of Abaqus; a TOML file says its own.
+        As in `updyn.io.abaqus.model.read_model`, only for a matrix file of Abaqus; a TOML file
+        states its own.
 
     Returns
     -------
@@ -72,19 +73,20 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
     ------
     FormatError
         If a key is unknown, a file is missing, or a matrix or a table is not valid; the message
-        says file and line.
+        gives file and line.
     OptionError
-        If an option has no place.
+        If an option does not apply.
     """
     path = Path(path)
     if path.suffix.lower() == ".mtx" and is_abaqus(path):
         return read_abaqus_model(path, unit=unit, internal=internal)
     if (unit, internal) != ("m", "keep"):
         raise OptionError(
-            f"{path}: unit and internal are of matrix files of Abaqus; a TOML file says its own"
+            f"{path}: unit and internal apply only to matrix files of Abaqus; a TOML file states"
+            " them itself"
         )
     _refuse_matrix(path)
-    table = ModelTable.read(path)
+    table = ModelTable.read_file(path)
     if table.has_groups and names_nastran_files(table):
         return read_nastran_table(table)
     if table.has_groups and names_abaqus_files(table):
@@ -98,10 +100,10 @@ def _refuse_matrix(path: Path) -> None:
         start = file.read(32)
     if has_banner(start):
         raise FormatError(
-            "one matrix alone is not a model: write a small TOML file beside it and read that. It"
-            ' holds: dofs = "dofs.csv" (header "dof", then one label a line such as 12:Z), and for'
-            f' each part [[group]] with name = "...", stiffness = "{path.name}", mass = "...",'
-            " loss_factor = 0.01",
+            "one matrix is not a model: write a small TOML file in the same folder and read it."
+            ' Content: dofs = "dofs.csv" (header "dof", then one label per line such as 12:Z), and'
+            f' for each part [[group]] with name = "...", stiffness = "{path.name}",'
+            ' mass = "...", loss_factor = 0.01',
             path,
         )
     if path.suffix.lower() == ".mtx":
@@ -111,7 +113,7 @@ def _refuse_matrix(path: Path) -> None:
 
 
 def _model(table: ModelTable) -> Model:
-    """Build the model of a TOML file that names Matrix Market files."""
+    """Build the model of a TOML file that refers to Matrix Market files."""
     path, content = table.path, table.content
     table.only_known(content, GENERAL)
     if "group" not in content:
@@ -134,12 +136,12 @@ def _model(table: ModelTable) -> Model:
         name, group = _group(table, parts, number, len(dofs))
         if name in groups:
             raise FormatError(
-                f"group name {name!r} stands twice", path, table.line("name", "group", number)
+                f"group name {name!r} occurs twice", path, table.line("name", "group", number)
             )
         groups[name] = group
     geometry = table.geometry()
     title = table.title
-    with placed(path):
+    with locate_errors(path):
         return Model.from_groups(groups, dofs, geometry=geometry, title=title)
 
 
@@ -163,7 +165,7 @@ def _group(table: ModelTable, parts: Mapping[str, Any], number: int, n: int) -> 
 
 
 def _key_of(fault: str, matrices: Mapping[str, Any]) -> str:
-    """Return the key that an error of `Group` is about, told by its first words."""
+    """Return the key that an error of `Group` is about, identified by its first words."""
     for what in DAMPING:
         if fault.replace(" ", "_").startswith(what):
             return what
@@ -175,16 +177,15 @@ def _key_of(fault: str, matrices: Mapping[str, Any]) -> str:
 
 # -- writing ------------------------------------------------------------------------------------
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model as a TOML file, and its matrices and tables beside it.
+    """Write a model as a TOML file with files of matrices and tables.
 
     Parameters
     ----------
     model : Model
         The model.
     path : path
-        The TOML file to write, for instance ``case.toml``; the others are called ``case_01_K.mtx``,
-        ``case_dofs.csv`` and so on, and are replaced where they exist. The TOML file is written
-        last.
+        The TOML file to write, for instance ``case.toml``. The others are named ``case_01_K.mtx``,
+        ``case_dofs.csv`` and so on; existing files are replaced. The TOML file is written last.
 
     Raises
     ------
@@ -207,7 +208,7 @@ def write_model(model: Model, path: str | Path) -> None:
         for what, letter in zip(_MATRICES, "KMC", strict=True):
             matrix = getattr(group, what)
             if matrix is not None:
-                table[what] = _beside(path, f"{number:02d}_{letter}.mtx")
+                table[what] = _file_name(path, f"{number:02d}_{letter}.mtx")
                 with atomic_path(path.parent / table[what]) as temporary:
                     _write_matrix(matrix, temporary, name)
         table.update(plain_damping(group))
@@ -217,7 +218,7 @@ def write_model(model: Model, path: str | Path) -> None:
         temporary.write_text(tomlkit.dumps(entry), encoding="utf-8")
 
 
-def _beside(path: Path, end: str) -> str:
+def _file_name(path: Path, end: str) -> str:
     return f"{path.stem}_{end}"
 
 

@@ -1,9 +1,9 @@
-"""One matrix in the Matrix Market format: a header, the size, then one entry a line.
+"""One matrix in the Matrix Market format: a header, the size, then one entry per line.
 
-``coordinate`` has row, column and entry, ``array`` the entries alone, column by column; of a
-symmetric matrix one triangle is stored. Every line is checked as a whole, the entries are counted,
-and the last line has to end: nothing is read of a number but the whole number. Source: Boisvert,
-Pozo and Remington, The Matrix Market Exchange Formats, NISTIR 5935 (1996).
+``coordinate`` has row, column and entry, ``array`` only the entries, column by column; of a
+symmetric matrix one triangle is stored. Every line is checked completely, the entries are counted,
+and the last line has to end, which detects truncated numbers. Source: Boisvert, Pozo and Remington,
+The Matrix Market Exchange Formats, NISTIR 5935 (1996).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _HEADER = "'%%MatrixMarket matrix coordinate real symmetric' or the like"
 _LAYOUTS = {"coordinate": 3, "array": 2}  # numbers on the line of the size
 _FIELDS = ("real", "double", "integer", "unsigned-integer")
 _NOT_FIELDS = {
-    "complex": "damping goes into loss_factor and viscous",
-    "pattern": "a pattern says where entries stand, not what they are",
+    "complex": "give damping as loss_factor or viscous",
+    "pattern": "a pattern has positions of entries, but no values",
 }
 _SYMMETRIES = ("symmetric", "general")
 _SIZE = re.compile(r"[0-9]{1,15}")
@@ -39,42 +39,30 @@ _SIZE = re.compile(r"[0-9]{1,15}")
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """What stands before the entries."""
+    """The lines before the entries."""
 
     layout: str
     field: str
     symmetry: str
-    size: tuple[int, ...]  # rows, columns, and of coordinates the number of entries
+    size: tuple[int, ...]  # rows, columns, and for coordinates the number of entries
     body: bytes
-    line: int  # on which the body begins
+    line: int  # first line of the body
 
 
 def has_banner(start: bytes) -> bool:
-    """Return whether a file that starts so is of this format."""
+    """Return whether the first bytes of a file identify this format."""
     text = start.removeprefix(_MARK).decode("ascii", "replace")
     return text.lower().startswith(_BANNER)
 
 
 def read_matrix(path: Path, n: int) -> Matrix:
-    """Read a real matrix.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    n : int
-        Its number of rows and of columns.
-
-    Returns
-    -------
-    sparse, shape (n, n)
-        As CSR.
+    """Read a real matrix as CSR, shape (n, n).
 
     Raises
     ------
     FormatError
-        If a line is not as the format has it, the number of entries is another than the file says,
-        an entry stands twice, or the matrix is not real or of another size.
+        If a line is not valid, the number of entries differs from the header, an entry occurs
+        twice, or the matrix is not real or has another size.
     """
     try:
         raw = path.read_bytes()
@@ -83,12 +71,14 @@ def read_matrix(path: Path, n: int) -> Matrix:
     head = _head(raw, path)
     rows, columns = head.size[:2]
     if rows != columns:
-        raise FormatError(f"the matrix is {rows} x {columns}; expected a square one", path)
+        raise FormatError(f"the matrix is {rows} x {columns}; expected a square matrix", path)
     if rows != n:
         raise FormatError(
             f"the matrix is {rows} x {columns}, but there are {n} degrees of freedom", path
         )
-    row, column, values = (_listed if head.layout == "coordinate" else _filled)(head, n, path)
+    row, column, values = (_coordinate_entries if head.layout == "coordinate" else _array_entries)(
+        head, n, path
+    )
     if head.symmetry == "symmetric":
         off = row != column
         values = np.concatenate([values, values[off]])
@@ -98,7 +88,7 @@ def read_matrix(path: Path, n: int) -> Matrix:
 
 
 def _head(raw: bytes, path: Path) -> _Head:
-    """Take the header, the comments and the line of the size off the text."""
+    """Split the header, the comments and the line of the size from the text."""
     at = len(_MARK) if raw.startswith(_MARK) else 0
     number = 0
     words: list[str] = []
@@ -114,7 +104,7 @@ def _head(raw: bytes, path: Path) -> _Head:
             check_last_line(line, path, number)
             size = _size(line, words[0], path, number)
             return _Head(words[0], words[1], words[2], size, raw[at:], number + 1)
-    raise FormatError("the file ends before the line of the size: it is cut short", path, number)
+    raise FormatError("the file ends before the line of the size: it is truncated", path, number)
 
 
 def _banner(line: bytes, path: Path) -> list[str]:
@@ -148,22 +138,22 @@ def _size(line: bytes, layout: str, path: Path, number: int) -> tuple[int, ...]:
 _Entries = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
 
-def _listed(head: _Head, n: int, path: Path) -> _Entries:
-    """Return rows and columns, from 0, and entries of the coordinate layout."""
+def _coordinate_entries(head: _Head, n: int, path: Path) -> _Entries:
+    """Return rows and columns (from 0) and entries of the coordinate layout."""
     table = number_rows(
         head.body, f"ii{_letter(head)}", f"row, column, {_noun(head)}", path, head.line
     )
-    _check_count(len(table), head.size[2], "the header says", path)
+    _check_count(len(table), head.size[2], "the header states", path)
     at = table[:, :2].astype(np.int64) - 1
     outside = np.flatnonzero(((at < 0) | (at >= n)).any(axis=1))
     if outside.size:
         row, column = (at[outside[0]] + 1).tolist()
-        raise FormatError(f"entry ({row}, {column}) lies outside of {n} x {n}", path)
+        raise FormatError(f"entry ({row}, {column}) is outside of {n} x {n}", path)
     return at[:, 0], at[:, 1], table[:, 2]
 
 
-def _filled(head: _Head, n: int, path: Path) -> _Entries:
-    """Return rows and columns, from 0, and entries of the array layout, column by column."""
+def _array_entries(head: _Head, n: int, path: Path) -> _Entries:
+    """Return rows and columns (from 0) and entries of the array layout, column by column."""
     values = number_rows(head.body, _letter(head), _noun(head), path, head.line)[:, 0]
     is_triangle = head.symmetry == "symmetric"
     count = n * (n + 1) // 2 if is_triangle else n * n
@@ -185,7 +175,7 @@ def _noun(head: _Head) -> str:
 
 def _check_count(found: int, expected: int, says: str, path: Path) -> None:
     if found != expected:
-        what = "the file is cut short" if found < expected else "there are more than it says"
+        what = "the file is truncated" if found < expected else "there are too many"
         raise FormatError(f"{found} entries; {says} {expected}: {what}", path)
 
 
@@ -196,5 +186,5 @@ def _check_twice(keys: NDArray[np.int64], n: int, symmetry: str, path: Path) -> 
         i, j = divmod(int(order[twice[0]]), n)
         both = ""
         if symmetry == "symmetric":
-            both = "; under the header 'symmetric' only one triangle is stored"
-        raise FormatError(f"entry ({i + 1}, {j + 1}) stands twice{both}", path)
+            both = "; with the header 'symmetric' only one triangle is stored"
+        raise FormatError(f"entry ({i + 1}, {j + 1}) occurs twice{both}", path)

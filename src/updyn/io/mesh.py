@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import OptionError
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.model import Model
 
 __all__ = ["read_model"]
@@ -22,17 +22,17 @@ def read_model(
     ungrouped: str = "error",
     grounded: Iterable[str | int] = (),
 ) -> Model:
-    """Read a mesh and make a model of it.
+    """Read a mesh and build a model.
 
     Parameters
     ----------
     path : path
         The mesh, as for `updyn.elements.mesh.read_mesh`.
     unit : {"m", "mm", "cm", "in"}
-        Of the positions in the file; has to be given, as no format says it.
+        Unit of the positions in the file; required, because no format states it.
     materials : mapping of str to mapping
-        By physical group the fields of its part, in SI units whatever the unit of the mesh; has to
-        be given. The ``section`` of a beam may be a table, as in a job.
+        Fields of the part of each physical group, always in SI units; required. The ``section`` of
+        a beam may be a table, as in a job.
     leave_out, ungrouped, grounded
         As for `updyn.elements.mesh.structure_from_mesh`.
 
@@ -45,8 +45,8 @@ def read_model(
     OptionError
         If the unit or the materials are not given.
     FormatError
-        If the file cannot be read, a group has no material, a material no group, or a cell no
-        group.
+        If the file cannot be read, or a group without material, a material without group or a cell
+        without group is found.
     """
     from updyn.elements.mesh import structure_from_mesh
     from updyn.elements.structure.beams import section_from_table
@@ -54,13 +54,13 @@ def read_model(
     for name, given in (("unit", unit), ("materials", materials)):
         if given is None:
             raise OptionError(
-                f"{path}: a mesh says nothing of its {name}; expected the option {name!r}"
+                f"{path}: a mesh does not contain its {name}; expected the option {name!r}"
             )
     if not isinstance(materials, Mapping) or not all(
         isinstance(m, Mapping) for m in materials.values()
     ):
-        raise OptionError(f"{path}: materials hold no table for each group")
-    with placed(path):
+        raise OptionError(f"{path}: materials: expected a table for each group")
+    with locate_errors(path):
         own = {group: dict(material) for group, material in materials.items()}
         for group, material in own.items():
             if isinstance(material.get("section"), Mapping):

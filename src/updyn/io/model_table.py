@@ -1,7 +1,7 @@
 """The TOML file of a model whose matrices are in other files, with tables of DOFs and nodes.
 
-Readers of matrix files share what stands here: the keys ``title``, ``dofs``, ``geometry`` and
-``group``, checked, with the lines on which they stand. What a group may name is said in
+It contains the common part of the readers of matrix files: the checked keys ``title``, ``dofs``,
+``geometry`` and ``group``, with their lines. The keys of a group are defined in
 `updyn.io.matrix_market`, `updyn.io.nastran.matrices` and `updyn.io.abaqus.table`.
 """
 
@@ -25,7 +25,7 @@ from updyn.io.dof_table import (
     write_geometry,
     write_lines,
 )
-from updyn.io.items import is_file, nearest, placed, utf8_text
+from updyn.io.items import is_file, locate_errors, nearest, utf8_text
 from updyn.io.toml_text import parse_toml
 from updyn.model import Model
 
@@ -38,16 +38,16 @@ _DRAWN = ("lines", "faces")
 
 
 class ModelTable:
-    """A TOML file of a model: its content, and checks of its keys that name their lines.
+    """A TOML file of a model: its content, and checks of its keys with their lines.
 
     Parameters
     ----------
     path : Path
         The file.
     content : mapping of str to object
-        What it holds.
+        Its content.
     text : str
-        The file as it is written, to find lines.
+        The text of the file, to find lines.
     """
 
     def __init__(self, path: Path, content: Mapping[str, Any], text: str) -> None:
@@ -56,14 +56,8 @@ class ModelTable:
         self._lines = text.splitlines()
 
     @classmethod
-    def read(cls, path: Path) -> ModelTable:
-        """Read the file.
-
-        Raises
-        ------
-        FormatError
-            If it is not a TOML file in UTF-8, or is a job file.
-        """
+    def read_file(cls, path: Path) -> ModelTable:
+        """Read the file; refuse files other than TOML in UTF-8, and job files."""
         text = utf8_text(path)
         try:
             content = parse_toml(text)
@@ -89,25 +83,25 @@ class ModelTable:
 
     @property
     def title(self) -> str:
-        """The title; empty where there is none."""
+        """The title, or an empty text."""
         return self.optional("title", "")
 
     def optional(self, key: str, default: str) -> str:
-        """Return a text of the top level, or the default where the file does not have it."""
+        """Return a text of the top level, or the default."""
         return self.text(self.content, key) if key in self.content else default
 
     def dofs(self) -> DofSet | None:
-        """Return the DOFs, from labels or from a table; None where the file does not have them."""
+        """Return the DOFs, from labels or from a table, or None."""
         given = self.content.get("dofs")
         if given is None:
             return None
         if isinstance(given, list):
-            with placed(self.path, "dofs"):
+            with locate_errors(self.path, "dofs"):
                 return DofSet(given)
         return read_dofs(self.file(self.content, "dofs"))
 
     def geometry(self) -> Geometry | None:
-        """Return the geometry; None where the file does not have it."""
+        """Return the geometry, or None."""
         table = self.content.get("geometry")
         if table is None:
             return None
@@ -122,13 +116,7 @@ class ModelTable:
         return read_geometry(self.file(table, "nodes", "geometry"), *drawn)
 
     def group_name(self, parts: Mapping[str, Any], number: int) -> str:
-        """Return the name of the `number`-th group, counted from 0.
-
-        Raises
-        ------
-        FormatError
-            If it has none.
-        """
+        """Return the name of group `number`, counted from 0; refuse a group without name."""
         if "name" not in parts:
             raise FormatError(
                 f"[[group]] number {number + 1} has no name",
@@ -138,7 +126,7 @@ class ModelTable:
         return self.text(parts, "name", "group", number)
 
     def line(self, key: str, table: str = "", number: int = 0) -> int | None:
-        """Return the line of a key: in the `number`-th table of that name, else of its header."""
+        """Return the line of a key in table `number` of that name, by default of its header."""
         count: dict[str, int] = {}
         current, header = "", None
         for at, line in enumerate(self._lines, 1):
@@ -158,7 +146,7 @@ class ModelTable:
     def only_known(
         self, table: Mapping[str, Any], known: tuple[str, ...], name: str = "", number: int = 0
     ) -> None:
-        """Refuse unknown keys of a table; the nearest known one is named."""
+        """Refuse unknown keys of a table, with the nearest known one."""
         where = f" in [{name}]" if name else ""
         for key in table:
             if key not in known:
@@ -169,7 +157,7 @@ class ModelTable:
                 )
 
     def text(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> str:
-        """Return the value of a key, which has to be a text."""
+        """Return the value of a key, which must be a text."""
         value = table[key]
         if not isinstance(value, str):
             raise FormatError(
@@ -178,7 +166,7 @@ class ModelTable:
         return value
 
     def file(self, table: Mapping[str, Any], key: str, name: str = "", number: int = 0) -> Path:
-        """Return the path of a file that a key names, after checking that it is there."""
+        """Return the path of a file, which must exist, from the value of a key."""
         given = self.text(table, key, name, number)
         found = self.path.parent / given
         if is_file(found):
@@ -191,14 +179,14 @@ class ModelTable:
 
 
 def write_tables(model: Model, path: Path) -> Any:
-    """Write the tables of DOFs, nodes, lines and faces beside a TOML file, and begin that file.
+    """Write the tables of DOFs, nodes, lines and faces of a model, and start its TOML file.
 
     Parameters
     ----------
     model : Model
         The model.
     path : Path
-        The TOML file, or one of the same stem: the tables are called ``case_dofs.csv``,
+        The TOML file, or a file with the same stem: the tables are named ``case_dofs.csv``,
         ``case_nodes.csv``, ``case_lines.csv`` and ``case_faces.csv``.
 
     Returns

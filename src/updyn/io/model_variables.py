@@ -1,14 +1,13 @@
-"""Items of a model in variables of the user's choice, as ``variables`` of a reader states them.
+"""Items of a model in variables selected by the user, the option ``variables`` of a reader.
 
-``variables`` is by item of a model (`updyn.io.named`) the name of a variable, or of a field of a
-struct (``run1.K``). Its ``groups`` is a variable too, or a list of variables, each a group of its
-name, or a mapping of group name to a variable. The variable of a group is its stiffness, or a
-struct of K, M, C and so on; in a mapping it may be a mapping of these to variables. Matrices and
-damping stated beside such groups are the group "model".
+``variables`` maps an item of a model (`updyn.io.named`) to the name of a variable, or of a field of
+a struct (``run1.K``). Its ``groups`` is a variable too, or a list of variables that each form a
+group with the same name, or a mapping of group name to a variable. The variable of a group is its
+stiffness, or a struct of K, M, C and so on; in a mapping it may be a mapping of these to variables.
+Additional matrices and damping form the group "model".
 
-Matrices and damping are read from what is stated only: a K beside K_1 and K_2 may be their sum.
-What else a model has (labels, geometry, title) is taken from the variable of its own name where
-nothing is stated of it.
+Matrices and damping are read only from the selected variables, because K may be the sum of K_1 and
+K_2. Other items (labels, geometry, title) are read from the variables with their names by default.
 """
 
 from __future__ import annotations
@@ -33,33 +32,28 @@ _REMAINDER = "model"
 
 
 def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
-    """Return the items of a model.
+    """Return the items of a model, as arguments of `updyn.io.named.build_model`.
 
     Parameters
     ----------
     found : mapping of str to object
-        What the file holds.
+        Content of the file.
     variables : mapping of str to object
-        Which variable each item is, see the heading of this module.
+        Variable of each item, see the module docstring.
     path : path
         The file, for messages.
-
-    Returns
-    -------
-    dict
-        As `updyn.io.named.build_model` takes them.
 
     Raises
     ------
     OptionError
         If `variables` is not such a mapping.
     FormatError
-        If the file has no such variable; the nearest is named.
+        If the file has no such variable; the message gives the nearest one.
 
     Warns
     -----
     UpdynWarning
-        If a matrix or damping under its own name is not among what is stated.
+        If a matrix or damping with the name of an item is not selected.
     """
     if not isinstance(variables, Mapping) or not variables:
         raise OptionError(
@@ -92,7 +86,7 @@ def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -
     left_out = [item for item in _MATRICES if item in found and item not in file.used]
     if left_out:
         warnings.warn(
-            f"{path}: {', '.join(left_out)} of the file not read, as variables do not name"
+            f"{path}: {', '.join(left_out)} of the file not read, because variables do not select"
             f" {'it' if len(left_out) == 1 else 'them'}",
             UpdynWarning,
             stacklevel=2,
@@ -101,21 +95,21 @@ def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -
 
 
 def _add_remainder(items: dict[str, Any]) -> None:
-    """Make matrices and damping that stand beside groups a group of their own."""
+    """Make additional matrices and damping a separate group."""
     rest = {item: items.pop(item) for item in _PARTS if item in items}
     if not rest:
         return
     if _REMAINDER in items["groups"]:
         raise OptionError(
-            f"variables: {', '.join(rest)} beside the groups become the group {_REMAINDER!r}, and"
-            " there is a group of that name; give that another name",
+            f"variables: {', '.join(rest)} in addition to groups become the group {_REMAINDER!r},"
+            " but there is a group of that name; rename it",
             key=("variables", "groups"),
         )
     items["groups"][_REMAINDER] = rest
 
 
 class _File:
-    """The variables of a file, with a record of which were used."""
+    """The variables of a file, with a record of the used ones."""
 
     def __init__(self, found: Items, path: str | Path) -> None:
         self._found = found
@@ -126,7 +120,7 @@ class _File:
         """Return a variable, or a field of a struct."""
         if not isinstance(name, str):
             raise OptionError(
-                f"{_dotted(key)} = {name!r}: expected the name of a variable", key=key
+                f"{_format_key(key)} = {name!r}: expected the name of a variable", key=key
             )
         value: Any = self._found
         for part in name.split("."):
@@ -142,7 +136,7 @@ class _File:
         return value
 
     def _refuse_unread(self, value: Any) -> None:
-        """Refuse what cannot be used, or a struct that holds such a thing."""
+        """Refuse an unusable item, or a struct that contains one."""
         if isinstance(value, Unread):
             raise FormatError(value.reason, self._path)
         if isinstance(value, Mapping):
@@ -156,7 +150,7 @@ class _File:
             out = {}
             for i, name in enumerate(given):
                 if name in out:
-                    raise OptionError(f"{_dotted(key)}: {name!r} stands twice", key=(*key, i))
+                    raise OptionError(f"{_format_key(key)}: {name!r} occurs twice", key=(*key, i))
                 out[name] = self._parts(name, (*key, i))
         elif isinstance(given, Mapping):
             out = {group: self._parts(name, (*key, group)) for group, name in given.items()}
@@ -164,7 +158,7 @@ class _File:
             out = {}
         if not out:
             raise OptionError(
-                f"{_dotted(key)} = {given!r}: expected variables, such as"
+                f"{_format_key(key)} = {given!r}: expected variables, such as"
                 ' ["K_1", "K_2"] or { shaft = "K_1" }',
                 key=key,
             )
@@ -177,7 +171,7 @@ class _File:
             for item, name in given.items():
                 if item not in _PARTS:
                     raise OptionError(
-                        f"{_dotted(key)}: no item {item!r}; {suggest(item, _PARTS)}",
+                        f"{_format_key(key)}: no item {item!r}; {suggest(item, _PARTS)}",
                         key=(*key, item),
                     )
                 parts[item] = self.variable(name, (*key, item))
@@ -194,7 +188,7 @@ class _File:
         return {"K": value}
 
 
-def _dotted(key: Sequence[str | int]) -> str:
+def _format_key(key: Sequence[str | int]) -> str:
     return ".".join(map(str, key))
 
 

@@ -1,15 +1,15 @@
-"""Models and FRFs as named items: what ``.npz`` and ``.mat`` files have in common.
+"""Models and FRFs as named items, the common content of ``.npz`` and ``.mat`` files.
 
 An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB
 struct). A model is::
 
     dofs                    N labels "node:direction", or an (N, 2) table of node and direction
                             1..6 for X Y Z RX RY RZ; or dof_ref, the same with 0..5
-    K, M, C, loss_factor    one group, called "model": K or M or C at least; or each a mapping of
-                            group name to what it is of that group
+    K, M, C, loss_factor    one group, named "model", with at least K, M or C; or each a mapping of
+                            group name to the value of the group
     groups                  instead: mapping of group name to K, M, C, loss_factor, name; or a list
                             of such mappings
-    mass_damping            1/s, beside loss_factor; optional, as are
+    mass_damping            1/s, in addition to loss_factor; optional, as are
     stiffness_damping       s
     loss_table              (2, n): lines in Hz, factors on loss_factor
     nodes, xyz, lines, axes, faces
@@ -52,13 +52,13 @@ from updyn.io.items import (
     Items,
     check_phase,
     dofs,
+    format_names,
     kind_of,
     known_only,
-    listed,
+    locate_errors,
     matrix,
     number,
     numbers,
-    placed,
     real,
     text,
     vector,
@@ -80,7 +80,7 @@ __all__ = [
 _GEOMETRY = ("nodes", "xyz", "lines", "axes", "faces")
 _MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
 _MARKS = ("updyn_kind", "updyn_version")
-#: Names of what a model is made of; labels may also be called ``dof_ref``.
+#: Names of the items of a model; labels may also be named ``dof_ref``.
 MODEL_ITEMS = ("dofs", "groups", *_MATRICES, *DAMPING, "title", *_GEOMETRY, *_MARKS)
 _FRF = (
     "freq",
@@ -95,7 +95,7 @@ _FRF = (
     "source",
     "decay",
 )
-#: Names of what FRFs are made of.
+#: Names of the items of FRFs.
 FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
 _AXES = ("freq", "response", "reference")
 _READERS = {"model": "read_model", "frf": "read_frf"}
@@ -108,7 +108,7 @@ def build_model(items: Items, path: str | Path) -> Model:
     Raises
     ------
     FormatError
-        If an item is missing, unknown, of the wrong type, or not valid; the message names it.
+        If an item is missing, unknown, of the wrong type, or not valid; the message gives its name.
     """
     items = with_groups(items, path)
     _check_kind(items, "model", path)
@@ -122,16 +122,16 @@ def build_model(items: Items, path: str | Path) -> Model:
         groups = {"model": _group({name: items[name] for name in plain}, "model", path)}
     else:
         raise FormatError(
-            f"no matrix: expected K, M or C, or groups of them; found: {listed(items)}", path
+            f"no matrix: expected K, M or C, or groups of them; found: {format_names(items)}", path
         )
     if "dofs" not in items:
         size = next(iter(groups.values())).n_dofs
         raise FormatError(
             f"no 'dofs': the {size} DOFs need labels such as '12:Z' (or a table of node and"
-            f" direction 1..6); found: {listed(items)}",
+            f" direction 1..6); found: {format_names(items)}",
             path,
         )
-    with placed(path):
+    with locate_errors(path):
         return Model.from_groups(
             groups,
             dofs(items["dofs"], "dofs", path),
@@ -145,13 +145,13 @@ def _title(items: Items, path: str | Path) -> str:
 
 
 def _text(items: Items, name: str, path: str | Path) -> str:
-    """Return a text; empty where there is none of that name."""
+    """Return an item that is a text, by default an empty text."""
     return text(items[name], name, path) if name in items else ""
 
 
 def _groups(given: Any, path: str | Path) -> dict[str, Group]:
     if not isinstance(given, Mapping) or not given:
-        raise FormatError(f"groups: expected one item a group, found {kind_of(given)}", path)
+        raise FormatError(f"groups: expected one item per group, found {kind_of(given)}", path)
     out: dict[str, Group] = {}
     for key, parts in given.items():
         if not isinstance(parts, Mapping):
@@ -161,7 +161,7 @@ def _groups(given: Any, path: str | Path) -> dict[str, Group]:
         rest = dict(parts)
         name = text(rest.pop("name", key), f"name of group {key!r}", path)
         if name in out:
-            raise FormatError(f"group {name!r} stands twice", path)
+            raise FormatError(f"group {name!r} occurs twice", path)
         out[name] = _group(rest, name, path)
     return out
 
@@ -180,7 +180,7 @@ def _group(parts: Items, name: str, path: str | Path) -> Group:
             damping[quantity] = number(parts[quantity], f"{where}: {quantity}", path)
     if "loss_table" in parts:
         damping["loss_table"] = real(parts["loss_table"], f"{where}: loss_table", path)
-    with placed(path, where):
+    with locate_errors(path, where):
         return Group(**matrices, **damping)
 
 
@@ -225,32 +225,31 @@ def build_frf(
     Parameters
     ----------
     items : mapping
-        What the file holds.
+        Content of the file.
     path : path
         The file, for messages.
     quantity : str, optional
-        What was measured, where the file does not say.
+        Measured quantity, required if the file does not state it.
     duplicates : {"raise"}
-        An array holds each response and reference once, so that there is nothing to choose.
+        For compatibility with other formats; arrays have no duplicates.
     response_labels, reference_labels : iterable of str or Dof, optional
-        What the rows and columns are, where the file does not say.
+        Labels of rows and columns, required if the file does not state them.
     order : sequence of str, optional
-        What the axes of the stored array are, where they are not ``("freq", "response",
-        "reference")``.
+        Axes of the stored array, by default ``("freq", "response", "reference")``.
     real_valued : bool
-        Whether the values are real, their phase 0 or pi.
+        Whether the values are real with phase 0 or pi.
 
     Raises
     ------
     FormatError
         If an item is missing, unknown, contradicts an argument, or is not valid.
     OptionError
-        If an option is not one of those.
+        If an option is not valid.
     """
     if duplicates != "raise":
         raise OptionError(
-            f"duplicates={duplicates!r}: this format holds every response and reference once; only"
-            " 'raise' applies"
+            f"duplicates={duplicates!r}: this format holds every response and reference once;"
+            " expected 'raise'"
         )
     _check_kind(items, "frf", path)
     known_only(items, FRF_ITEMS, path)
@@ -271,7 +270,7 @@ def build_frf(
         if hint:
             hint = f"; can also be given when reading: {hint}"
         raise FormatError(
-            f"no {' and no '.join(lacking)}: found {listed(items)} ({key} of shape"
+            f"no {' and no '.join(lacking)}: found {format_names(items)} ({key} of shape"
             f" {numbers(items[key], key, path).shape}); expected freq, H (lines, responses,"
             f" references), responses, references, quantity{hint}",
             path,
@@ -283,9 +282,9 @@ def build_frf(
     arrays = {}
     for name in (key, "coherence", "variance"):
         if name in items:
-            arrays[name] = _arranged(items[name], name, shape, order, path)
+            arrays[name] = _order_axes(items[name], name, shape, order, path)
     check_phase(arrays[key], real_valued, key, path)
-    with placed(path):
+    with locate_errors(path):
         return FRF(
             freq,
             arrays[key],
@@ -306,19 +305,21 @@ def _values_key(items: Items, path: str | Path) -> str:
     if len(found) == 2:
         raise FormatError("holds both 'H' and 'values'; expected one of them", path)
     if not found:
-        raise FormatError(f"no 'H' (or 'values') with the FRFs; found: {listed(items)}", path)
+        raise FormatError(f"no 'H' (or 'values') with the FRFs; found: {format_names(items)}", path)
     return found[0]
 
 
 def _quantity(items: Items, given: str | None, path: str | Path) -> str:
     if "quantity" not in items:
         return str(given)
-    said = text(items["quantity"], "quantity", path)
-    if given is not None and said != given:
+    stated = text(items["quantity"], "quantity", path)
+    if given is not None and stated != given:
         raise FormatError(
-            f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
+            f"quantity {given!r} contradicts the file, which states {stated!r}",
+            path,
+            key=("quantity",),
         )
-    return said
+    return stated
 
 
 def _averages(items: Items, path: str | Path) -> int | None:
@@ -331,27 +332,27 @@ def _averages(items: Items, path: str | Path) -> int | None:
 
 
 def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: str | Path) -> DofSet:
-    with placed(path, name):
+    with locate_errors(path, name):
         option = DofSet(() if given is None else given)
     if name not in items:
         return option
     stored = dofs(items[name], name, path)
     if given is not None and option != stored:
         raise FormatError(
-            f"{name}: the argument {option!r} contradicts the file, which says {stored!r}",
+            f"{name}: the argument {option!r} contradicts the file, which states {stored!r}",
             path,
         )
     return stored
 
 
-def _arranged(
+def _order_axes(
     given: Any,
     name: str,
     shape: tuple[int, int, int],
     order: Sequence[str] | None,
     path: str | Path,
 ) -> NDArray[Any]:
-    """Return an array as (lines, responses, references). Nothing is guessed from lengths."""
+    """Return an array as (lines, responses, references); lengths never decide the order."""
     array = numbers(given, name, path)
     found = array.shape
     if order is not None:
@@ -362,8 +363,8 @@ def _arranged(
             )
         if array.ndim == 3:
             array = array.transpose([list(order).index(axis) for axis in _AXES])
-    # MATLAB has no trailing axis of length 1: with one reference (and one response) the file shows
-    # fewer axes.
+    # MATLAB has no trailing axis of length 1: with one reference (and one response) the stored
+    # array has fewer axes.
     if array.ndim == 2 and shape[2] == 1 and order is None:
         array = array[:, :, None]
     if array.shape != shape:
@@ -386,8 +387,8 @@ def _advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
     if not fits:
         return ""
     if len(fits) > 1:
-        return "; more than one order of its axes would fit: say which with order=(...)"
-    return f"; if its axes are as their lengths suggest, read with order={fits[0]!r}"
+        return "; more than one order of its axes would fit: select it with order=(...)"
+    return f"; by the lengths of its axes, read it with order={fits[0]!r}"
 
 
 def frf_items(frf: FRF) -> dict[str, Any]:
@@ -418,7 +419,7 @@ def _marks(kind: str) -> dict[str, Any]:
 
 
 def _check_kind(items: Items, expected: str, path: str | Path) -> None:
-    """Refuse the other kind by name, from the mark of updyn or from what is there."""
+    """Refuse a file of the other kind, by the mark of updyn or by its items."""
     if "updyn_kind" in items:
         kind = text(items["updyn_kind"], "updyn_kind", path)
     elif "freq" in items and "dofs" not in items:
@@ -450,7 +451,7 @@ def _geometry(items: Items, path: str | Path) -> Geometry | None:
     nodes = whole(vector(items["nodes"], "nodes", path), "nodes", path)
     axes = numbers(items["axes"], "axes", path) if "axes" in items else None
     faces = whole(items["faces"], "faces", path) if "faces" in items else None
-    with placed(path):
+    with locate_errors(path):
         return Geometry(nodes, real(items["xyz"], "xyz", path), lines, axes, faces)
 
 
@@ -473,7 +474,7 @@ def with_groups(items: Items, path: str | Path) -> Items:
     Raises
     ------
     FormatError
-        If two ways are mixed, a part has no name or stands twice, or ``dof_ref`` is no table of
+        If two forms are mixed, a part has no name or occurs twice, or ``dof_ref`` is not a table of
         node and direction.
     """
     out = dict(items)
@@ -484,7 +485,7 @@ def with_groups(items: Items, path: str | Path) -> Items:
         if table.ndim != 2 or table.shape[1] != 2 or not np.isin(table[:, 1], range(6)).all():
             raise FormatError(
                 f"dof_ref: found numbers of shape {table.shape}; expected (N, 2): node, and"
-                " direction 0..5 for X, Y, Z, RX, RY, RZ; a table with directions 1..6 is called"
+                " direction 0..5 for X, Y, Z, RX, RY, RZ; a table with directions 1..6 is named"
                 " dofs",
                 path,
             )
@@ -497,7 +498,7 @@ def with_groups(items: Items, path: str | Path) -> Items:
     for other in ("groups", *_MATRICES):
         if other in out and other not in split:
             raise FormatError(
-                f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path
+                f"{split[0]} is a struct with a matrix for each part, but {other} is not", path
             )
     groups: dict[str, dict[str, Any]] = {}
     for key in split:
@@ -525,16 +526,17 @@ def _from_array(parts: list[Any], path: str | Path) -> dict[str, Any]:
     groups: dict[str, Any] = {}
     for i, part in enumerate(parts, 1):
         if not isinstance(part, Mapping):
-            raise FormatError(f"groups: expected one struct a group, found {kind_of(parts)}", path)
+            raise FormatError(
+                f"groups: expected one struct per group, found {kind_of(parts)}", path
+            )
         if "name" not in part:
             raise FormatError(
                 f"groups({i}) has no field 'name'; it has {', '.join(map(str, part))}", path
             )
         name = text(part["name"], f"groups({i}).name", path)
         if name in groups:
-            raise FormatError(f"group {name!r} stands twice", path)
-        # An element of a struct array has all fields of the others; those that it does not need are
-        # empty.
+            raise FormatError(f"group {name!r} occurs twice", path)
+        # All elements of a struct array have the same fields; unused ones are empty.
         groups[name] = {key: value for key, value in part.items() if not _empty(value)}
     return groups
 
@@ -546,13 +548,7 @@ def _empty(value: Any) -> bool:
 
 
 def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
-    """Refuse one triangle of a matrix, which is what programs store of a symmetric one.
-
-    Raises
-    ------
-    FormatError
-        If all entries off the diagonal are on one side of it.
-    """
+    """Refuse one triangle of a matrix, the usual storage of symmetric matrices in programs."""
     entry = sp.coo_array(matrix)
     if entry.ndim != 2 or entry.shape[0] != entry.shape[1]:
         return
@@ -562,7 +558,7 @@ def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
         side = "upper" if upper else "lower"
         other = "triu(K, 1)" if upper else "tril(K, -1)"
         raise FormatError(
-            f"{name}: holds the {side} triangle only, as programs store a symmetric matrix;"
-            f" expected all of it: K + {other}' completes it",
+            f"{name}: holds only the {side} triangle of a symmetric matrix; expected the whole"
+            f" matrix: K + {other}' completes it",
             path,
         )

@@ -1,15 +1,15 @@
-"""Native HDF5 and netCDF-4 files end with a digest, so that what was written is what is read.
+"""Native HDF5 and netCDF-4 files end with a digest, which detects any change of their bytes.
 
-A single bit that changed can send libhdf5 into an endless loop, or change a number without a word.
-So the digest covers every byte of the file and is checked without parsing any of it. The last 78
-bytes of a native file are one line of text::
+A single changed bit can send libhdf5 into an endless loop, or silently change a number. The digest
+therefore covers every byte of the file and is checked without parsing. The last 78 bytes of a
+native file are one line of text::
 
     updyn-sha256 HEX
 
-with the SHA-256 of all bytes before that line. HDF5 ignores what follows the end of its data, so
-that h5py, xarray and the netCDF library open the file. A program that opens it for writing cuts it
-off at the end of the data, and so removes the digest: it is then a file of another program, which
-is read by `updyn.foreign`.
+with the SHA-256 of all bytes before that line. HDF5 ignores bytes after the end of its data, so
+h5py, xarray and the netCDF library can open the file. A program that opens it for writing truncates
+it at the end of the data, which removes the digest: `updyn.foreign` then reads it as a file of
+another program.
 """
 
 from __future__ import annotations
@@ -31,45 +31,45 @@ _BLOCK = 2**20  # bytes
 
 
 def write_native(content: io.BytesIO, path: str | Path) -> None:
-    """Write an HDF5 file that was made in memory, with its digest.
+    """Write an HDF5 file that was created in memory, with its digest.
 
-    libhdf5 itself never writes to the disk: where that is full, it may end the process.
+    libhdf5 itself never writes to the disk, because it may end the process if the disk is full.
 
     Parameters
     ----------
     content : io.BytesIO
         The file.
     path : path
-        Where to.
+        File to write.
     """
     with content.getbuffer() as made:
         write_bytes(path, made, _MARK + hashlib.sha256(made).hexdigest().encode() + b"\n")
 
 
 def load_native(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
-    """Load an HDF5 file: in this process if its digest is right, in a child process if it has none.
+    """Load an HDF5 file, in this process after verification, in a child process without a digest.
 
     Parameters
     ----------
     function : str
-        ``"module:function"`` of `updyn.foreign`; it takes the path, whether the file is ours, and
-        `arguments`.
+        ``"module:function"`` of `updyn.foreign`; its arguments are the path, whether the digest is
+        right, and `arguments`.
     path : path
         The file.
     *arguments : object
-        More arguments.
+        Further arguments.
     what : str
-        What the file should be, for messages.
+        Expected kind of file, for messages.
 
     Returns
     -------
     object
-        What the function returned, plain data.
+        Return value of the function, plain data.
 
     Raises
     ------
     FormatError
-        If the file has a digest that is not that of its content, or cannot be read.
+        If the digest does not match the content, or the file cannot be read.
     """
     if _is_verified(path):
         return box.load_here(function, path, True, *arguments, what=what)
@@ -77,7 +77,7 @@ def load_native(function: str, path: str | Path, *arguments: Any, what: str) -> 
 
 
 def _is_verified(path: str | Path) -> bool:
-    """Check the digest of a file, and return whether it has one."""
+    """Return whether a file has a digest; refuse a wrong one."""
     try:
         with Path(path).open("rb") as file:
             left = file.seek(0, io.SEEK_END) - _LENGTH
@@ -96,10 +96,11 @@ def _is_verified(path: str | Path) -> bool:
         raise FormatError(f"cannot be read: {error.strerror}", path) from error
     if line != _MARK + digest.hexdigest().encode() + b"\n":
         raise FormatError(
-            "the content of the file is not what was written: its digest (the SHA-256 in its last"
-            " line) is another one. It is damaged, or was changed byte by byte; restore it, or"
-            " write it again. If the change is wanted, open the file once for writing with an HDF5"
-            " program, such as h5py.File(path, 'r+').close() in Python, which removes the digest",
+            "the content of the file differs from the content written: its digest (the SHA-256 in"
+            " its last line) does not match. It is damaged, or was changed byte by byte; restore"
+            " it, or write it again. If the change is intended, open the file once for writing with"
+            " an HDF5 program, such as h5py.File(path, 'r+').close() in Python, which removes the"
+            " digest",
             path,
         )
     return True

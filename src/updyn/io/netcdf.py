@@ -1,14 +1,13 @@
 """FRFs as netCDF-4, which is HDF5: the dataset of `FRF.to_xarray`, of kind "frf".
 
-Any xarray opens the file. ``frf`` is complex, stored as h5netcdf stores it (a compound of two
-doubles, the convention that the netCDF library shares). For programs that cannot write that, two
-real variables ``frf_real`` and ``frf_imag``
-are read as well. Expected::
+xarray opens the file. ``frf`` is complex, stored as by h5netcdf (a compound of two doubles, also
+the convention of the netCDF library). For programs that cannot write this, two real variables
+``frf_real`` and ``frf_imag`` are read as well. Expected::
 
     frf (freq, response, reference)        or frf_real and frf_imag
-    freq                                   Hz, attribute units = "Hz" where it has one
+    freq                                   Hz, optional attribute units = "Hz"
     response, reference                    labels such as "12:-Z"
-    coherence, variance *                  of the same dimensions
+    coherence, variance *                  with the same dimensions
     node, xyz, trace, face, node_axes *    geometry
     attributes quantity, averages *, source *, decay *
 """
@@ -28,7 +27,7 @@ from updyn.foreign.plain import Other
 from updyn.frf import FRF
 from updyn.io.attributes import PACKING, read_unit, unpack
 from updyn.io.hdf5 import Folder, check_kind, put_kind
-from updyn.io.items import check_phase, library, placed
+from updyn.io.items import check_phase, library, locate_errors
 from updyn.io.native import load_native, write_native
 from updyn.io.record_arrays import build_records
 from updyn.signals.records import Records
@@ -36,7 +35,7 @@ from updyn.signals.records import Records
 if TYPE_CHECKING:
     import xarray as xr
 
-#: What `updyn.read_records` calls the array that it returns.
+#: Name of the array returned by `updyn.read_records`.
 _RECORDS = "records"
 
 __all__ = ["Loaded", "load_netcdf", "read_frf", "read_records", "write_frf"]
@@ -56,28 +55,27 @@ def read_frf(
     path : path
         The file.
     quantity : str, optional
-        What was measured, where the file does not say; a contradiction is an error.
+        Measured quantity, required if the file does not state it; a contradiction is an error.
     duplicates : {"raise"}
-        For the sake of the other formats; an array holds every response and reference once.
+        For compatibility with other formats; arrays have no duplicates.
     real_valued : bool
-        Whether the values are real, their phase 0 or pi. A real variable ``frf`` is refused
-        otherwise, as magnitudes and decibels are no FRFs.
+        Whether the values are real with phase 0 or pi. Otherwise a real variable ``frf`` is
+        refused, because it may contain magnitudes or decibels.
 
     Returns
     -------
     FRF
-        What the file holds, exactly.
 
     Raises
     ------
     FormatError
-        If the file is damaged, holds a model or a result (the right reader is named), lacks a
-        variable, or holds something else (`AbsentError`).
+        If the file is damaged, holds a model or a result (the message gives the right reader),
+        lacks a variable, or holds other data (`AbsentError`).
     """
     if duplicates != "raise":
         raise OptionError(
-            f"duplicates={duplicates!r}: this format holds every response and reference once; only"
-            " 'raise' applies"
+            f"duplicates={duplicates!r}: this format holds every response and reference once;"
+            " expected 'raise'"
         )
     with Path(path).open("rb") as file:
         if file.read(3) == b"CDF":
@@ -91,10 +89,10 @@ def read_frf(
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
         raise AbsentError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
     with library(path, "netCDF-4 file"):
-        data = _joined(found.data(), path)
+        data = _combine_parts(found.data(), path)
         if "frf" in data.variables:
             check_phase(data["frf"].values, real_valued, "frf", path)
-        with placed(path):
+        with locate_errors(path):
             return FRF.from_xarray(data, quantity=quantity)
 
 
@@ -107,25 +105,25 @@ def read_records(
     time: str | None = None,
     rate: float | str | None = None,
 ) -> Records:
-    """Read time records: those of `updyn.read_records` that xarray wrote, or any arrays of HDF5.
+    """Read time records of `updyn.read_records` written by xarray, or any arrays of HDF5.
 
     Parameters
     ----------
     path : path
         The file.
     values : mapping of str to str, sequence of str, or str, optional
-        Dataset by channel, those in groups with dots (``run1.force``); or datasets that are called
-        as their channels; or one of all channels. By default the file is one that xarray wrote,
-        with a variable ``records``.
+        Dataset by channel, in groups with dots (``run1.force``); or datasets with the names of
+        their channels; or one dataset for all channels. By default the variable ``records`` of a
+        file written by xarray.
     channels, order, time, rate
-        As for `updyn.io.matlab.read_records`, of datasets.
+        As for `updyn.io.matlab.read_records`, for datasets.
 
     Raises
     ------
     FormatError
         If the file is damaged, or a dataset is missing or of another shape.
     OptionError
-        If the options do not say what is needed.
+        If options are missing.
     """
     if values is not None:
         root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
@@ -142,19 +140,19 @@ def read_records(
         )
     for name, given in (("channels", channels), ("order", order), ("time", time), ("rate", rate)):
         if given is not None:
-            raise OptionError(f"{name} without values: which dataset is it about?", key=(name,))
+            raise OptionError(f"{name} without values; expected a dataset in values", key=(name,))
     found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
     if _RECORDS not in found.variables:
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
         raise FormatError(
-            f"holds no variable {_RECORDS!r}; it holds: {held}; values = {{ CHANNEL = DATASET }}"
-            " says which datasets are records",
+            f"holds no variable {_RECORDS!r}; it holds: {held}; select the datasets of records with"
+            " values = { CHANNEL = DATASET }",
             path,
             key=("values",),
         )
-    with library(path, "netCDF-4 file"), placed(path):
+    with library(path, "netCDF-4 file"), locate_errors(path):
         data = found.data()
-        # netCDF lists coordinates that are no dimensions in an attribute, which is not read here.
+        # netCDF lists coordinates other than dimensions in an attribute, which is not read here.
         data = data.set_coords([name for name in ("unit",) if name in data])
         records = Records.from_xarray(data[_RECORDS])
         return replace(records, source=Path(path).name)
@@ -163,7 +161,7 @@ def read_records(
 def _datasets(
     group: Mapping[str, Any], path: str | Path, before: str = ""
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the datasets of a group and its groups by dotted name, unpacked, and their units."""
+    """Return the unpacked datasets of a group and its groups by dotted name, and their units."""
     arrays: dict[str, Any] = {}
     units: dict[str, str] = {}
     for key, item in group["members"].items():
@@ -182,14 +180,14 @@ def _datasets(
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A netCDF-4 file, as it was loaded.
+    """A loaded netCDF-4 file.
 
     Parameters
     ----------
     root : Folder
-        Attributes and names of its root; the groups that were asked for are folders.
+        Attributes and names of its root; requested groups are folders.
     variables : mapping of str to list
-        By name dimensions, values and attributes of each variable of the root.
+        Dimensions, values and attributes of each variable of the root, by name.
     path : path
         The file, for messages.
     """
@@ -199,16 +197,12 @@ class Loaded:
     path: str | Path
 
     def data(self) -> xr.Dataset:
-        """Return the root as a dataset, its packed numbers unpacked.
-
-        Returns
-        -------
-        xarray.Dataset
+        """Return the root as a dataset with unpacked numbers.
 
         Raises
         ------
         FormatError
-            If an attribute that says how numbers are packed is not a number.
+            If an attribute of packed numbers is not a number.
         """
         import xarray as xr
 
@@ -239,14 +233,14 @@ def load_netcdf(
     path : path
         The file.
     kind : str
-        What it has to be (`updyn.io.hdf5.check_kind`); of a file of another kind, only names and
-        attributes are loaded.
+        Required kind (`updyn.io.hdf5.check_kind`); only names and attributes are loaded for another
+        kind.
     what : str
-        What it should be, for messages.
+        Expected kind of file, for messages.
     wanted : sequence of str
-        What a file has to hold one of that does not state its kind.
+        Names of which a file without stated kind has to contain one.
     groups : sequence of str
-        Groups to load with it.
+        Groups to load.
 
     Returns
     -------
@@ -255,7 +249,7 @@ def load_netcdf(
     Raises
     ------
     FormatError
-        If the file is damaged, or holds links to other files.
+        If the file is damaged, or contains links to other files.
     """
     found = load_native(
         "updyn.foreign.netcdf:load", path, kind, list(wanted), list(groups), what=what
@@ -266,8 +260,8 @@ def load_netcdf(
     return Loaded(Folder("/", found["attributes"], members), found["variables"], path)
 
 
-def _joined(data: xr.Dataset, path: str | Path) -> xr.Dataset:
-    """Return the dataset with ``frf`` made of its two parts, where it has those."""
+def _combine_parts(data: xr.Dataset, path: str | Path) -> xr.Dataset:
+    """Return the dataset with ``frf`` combined from its real and imaginary parts, if separate."""
     parts = [name for name in ("frf_real", "frf_imag") if name in data.variables]
     if not parts:
         return data

@@ -1,20 +1,20 @@
-"""NumPy ``.npz`` archives of a model or of FRFs. Nothing pickled is ever read.
+"""NumPy ``.npz`` archives of a model or of FRFs. Pickled objects are never read.
 
 A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group
-is called "model". Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and
-``loss_table``, see `updyn.io.named`.
+is named "model". ``mass_damping``, ``stiffness_damping`` and ``loss_table`` are optional, see
+`updyn.io.named`.
 
-A model with several groups, ``NAME`` being a group's name (without dots)::
+A model with several groups, where ``NAME`` is the name of a group (without dots)::
 
     dofs                          N labels
-    groups                        names, in order (optional: else in the order of the file)
+    groups                        names, in order (optional: by default the order of the file)
     NAME.K, NAME.M, NAME.C        dense (N, N), or sparse in CSR form, the whole matrix:
     NAME.K.data, NAME.K.indices, NAME.K.indptr
     NAME.loss_factor
 
-FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All
-other names, common to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System``
-of SDynPy is identified by its names, see `updyn.io.sdynpy`.
+FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. For
+the other names of both see `updyn.io.named`. `write_model` writes sparse groups. A ``System`` of
+SDynPy is identified by its names, see `updyn.io.sdynpy`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from updyn.foreign.limits import limits_of
 from updyn.foreign.plain import to_native
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
-from updyn.io.items import compressed, kind_of, library, listed
+from updyn.io.items import build_sparse, format_names, kind_of, library
 from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.sdynpy import is_system, system_model
 from updyn.model import Model
@@ -67,17 +67,17 @@ def read_model(path: str | Path) -> Model:
     arrays = read_arrays(path)
     if {"format", "shape", *_CSR} <= set(arrays):
         raise FormatError(
-            "holds one sparse matrix as scipy.sparse.save_npz writes it; a model needs K, M and"
-            " dofs in one archive, see updyn.io.npz",
+            "holds one sparse matrix written by scipy.sparse.save_npz; a model needs K, M and dofs"
+            " in one archive, see updyn.io.npz",
             path,
         )
     if is_system(arrays):
         return system_model(arrays, path)
-    return build_model(_nested(arrays, path), path)
+    return build_model(_nest_items(arrays, path), path)
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model; matrices are stored sparse and exactly.
+    """Write a model with sparse matrices, without loss of digits.
 
     Parameters
     ----------
@@ -116,17 +116,18 @@ def read_frf(
     path : path
         The file.
     quantity : str, optional
-        What was measured, where the file does not say; a contradiction is an error.
+        Measured quantity, required if the file does not state it; a contradiction is an error.
     duplicates : {"raise"}
-        For the sake of the other formats; an array holds every response and reference once.
+        For compatibility with other formats; arrays have no duplicates.
     response_labels, reference_labels : iterable of str or Dof, optional
-        What the rows and columns are, where the file does not say; a contradiction is an error.
+        Labels of rows and columns, required if the file does not state them; a contradiction is an
+        error.
     order : sequence of str, optional
-        What the axes of the stored array are, for instance ``("reference", "response", "freq")``;
-        by default ``("freq", "response", "reference")``.
+        Axes of the stored array, for instance ``("reference", "response", "freq")``; by default
+        ``("freq", "response", "reference")``.
     real_valued : bool
-        Whether the values are real, their phase 0 or pi. Real numbers are refused otherwise, as
-        magnitudes and decibels are no FRFs.
+        Whether the values are real with phase 0 or pi. Otherwise real numbers are refused, because
+        they may be magnitudes or decibels.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def read_frf(
         If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
         valid.
     """
-    items = _nested(read_arrays(path), path)
+    items = _nest_items(read_arrays(path), path)
     return build_frf(
         items,
         path,
@@ -162,27 +163,19 @@ def write_frf(frf: FRF, path: str | Path) -> None:
 
 def _save(items: dict[str, Any], path: str | Path) -> None:
     arrays = {name: np.asarray(value) for name, value in items.items()}
-    # Through an open file: given a name, numpy appends a suffix where it misses one.
+    # An open file, because numpy appends a suffix to a name without one.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
 
 def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an archive; sizes are checked before anything is unpacked.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    dict of str to ndarray
+    """Read all arrays of an archive by name; sizes are checked before anything is unpacked.
 
     Raises
     ------
     FormatError
-        If the archive is damaged, holds pickled objects, or far more than its size lets expect.
+        If the archive is damaged, contains pickled objects, or much more data than its size
+        suggests.
     """
     with Path(path).open("rb") as file:
         start = file.read(8)
@@ -201,14 +194,14 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
             if name in out:
                 raise FormatError(f"holds {name!r} twice", path)
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise FormatError(f"{name}: packed in a way that numpy does not write", path)
+                raise FormatError(f"{name}: compressed by a method that numpy does not use", path)
             with archive.open(member) as stream:
                 out[name] = _array(stream, name, path)
     return out
 
 
 def _array(stream: IO[bytes], name: str, path: str | Path) -> NDArray[Any]:
-    """Return the array of one member, of which exactly as many bytes as it says have to follow."""
+    """Return the array of one member, with exactly the number of bytes stated in its header."""
     try:
         version = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
@@ -225,13 +218,13 @@ def _array(stream: IO[bytes], name: str, path: str | Path) -> NDArray[Any]:
     content = bytearray(stream.read())
     if dtype.itemsize == 0 or len(content) != math.prod(shape) * dtype.itemsize:
         raise FormatError(
-            f"{name}: says {dtype} of shape {shape}, but {len(content)} bytes follow", path
+            f"{name}: declares {dtype} of shape {shape}, but {len(content)} bytes follow", path
         )
     flat = np.frombuffer(content, dtype)
     return to_native(flat.reshape(shape, order="F" if in_columns else "C"))
 
 
-def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
+def _nest_items(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
     """Return the arrays with texts as lists, and ``NAME.K.data`` as sparse matrices of groups."""
     top: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
@@ -248,12 +241,12 @@ def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]
         raise FormatError(f"groups: found {kind_of(names)}; expected an array of group names", path)
     for name in names:
         if names.count(name) > 1:
-            raise FormatError(f"groups: {name!r} stands twice", path)
+            raise FormatError(f"groups: {name!r} occurs twice", path)
     for lone in sorted(set(names) ^ set(groups)):
         state = f"lacks {lone!r}"
         if lone in names:
-            state = f"names {lone!r}, of which there is no array"
-        raise FormatError(f"groups: {state}; found: {listed(groups)}", path)
+            state = f"contains {lone!r}, which has no array"
+        raise FormatError(f"groups: {state}; found: {format_names(groups)}", path)
     return {**top, "groups": {name: _with_sparse(groups[name], name, path) for name in names}}
 
 
@@ -271,13 +264,13 @@ def _with_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str
         lacking = [part for part in _CSR if part not in triple]
         if lacking or key in out:
             fault = (
-                f"no '{where}.{lacking[0]}'" if lacking else f"'{where}' stands dense and sparse"
+                f"no '{where}.{lacking[0]}'" if lacking else f"'{where}' is both dense and sparse"
             )
             raise FormatError(
                 f"{fault}; a sparse matrix is stored as .data, .indices and .indptr", path
             )
         size = int(np.size(triple["indptr"])) - 1
-        out[key] = compressed(sp.csr_array, **triple, shape=(size, size), where=where, path=path)
+        out[key] = build_sparse(sp.csr_array, **triple, shape=(size, size), where=where, path=path)
     return out
 
 

@@ -1,10 +1,10 @@
-"""A model out of a running OpenSees interpreter (openseespy), group by group.
+"""A model from a running OpenSees interpreter (openseespy), group by group.
 
-OpenSees forms K, M and C on demand with the integrator GimmeMCK, without taking a step. It has no
-command that returns what an element adds to them; but damping of an element is alphaM times its
-mass plus betaK times its tangent stiffness (Element::getDamp), with factors for each element. With
-all of them zero but one group's, C is that group's K, or its M: the sum of its element matrices,
-not a difference of runs. What is left of the totals then has to be nothing.
+OpenSees forms K, M and C on demand with the integrator GimmeMCK, without a time step. It has no
+command that returns the contribution of an element, but the damping of an element is alphaM times
+its mass plus betaK times its tangent stiffness (Element::getDamp), with factors for each element.
+If all factors except those of one group are zero, C is K or M of that group: the sum of its element
+matrices, not a difference of runs. The sum of all groups has to equal the totals.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ from updyn.shapes import (
 
 __all__ = ["from_opensees"]
 
-_LARGEST = 4000  # equations: OpenSees prints full matrices only
-#: Difference of the sum of the groups from the total, in largest entries of row and column.
+_LARGEST = 4000  # equations, because OpenSees prints full matrices
+#: Difference of the sum of the groups from the total, relative to the largest entries of row and
+#: column.
 _TOLERANCE = 1e-10
 _ROUNDING = 1e-13
 #: Direction of each degree of freedom of a node, by number of dimensions and of degrees of freedom.
@@ -49,7 +50,7 @@ _DIRECTIONS = {
     (3, 3): (0, 1, 2),
     (3, 6): (0, 1, 2, 3, 4, 5),
 }
-#: Shapes by number of nodes and a part of the type's name; others of as many nodes are lines.
+#: Shapes by number of nodes and a part of the name of the type; other types are drawn as lines.
 _SHAPES = (
     (3, ("tri", "shell"), TRIANGLE),
     (4, ("tetra",), TETRAHEDRON),
@@ -57,7 +58,7 @@ _SHAPES = (
     (8, ("brick",), HEXAHEDRON),
 )
 _LINES = {2: LINE, 3: TRIANGLE, 4: QUADRANGLE, 8: HEXAHEDRON}
-#: Commands that a module of OpenSees has to have.
+#: Commands that the OpenSees module must have.
 _COMMANDS = ("getNodeTags", "printA", "setElementRayleighDampingFactors")
 _Array = NDArray[np.float64]
 
@@ -73,42 +74,42 @@ def from_opensees(
 ) -> Model:
     """Return the model that is loaded in OpenSees, in its present state.
 
-    Nodes, elements, loads and displacements stay as they are. Analysis objects and eigenvectors are
-    replaced, and the Rayleigh factors of all elements and nodes are set to `rayleigh` at the end:
-    OpenSees does not say what they were.
+    Nodes, elements, loads and displacements do not change. Analysis objects and eigenvectors are
+    replaced, and the Rayleigh factors of all elements and nodes are set to `rayleigh` at the end,
+    because OpenSees does not return their previous values.
 
     Parameters
     ----------
     ops : module
-        ``openseespy.opensees``, with a model in it.
+        ``openseespy.opensees`` with a model.
     groups : mapping of str to iterable of int, optional
-        Element tags by group name; elements in none are "remaining". Left out: one group for each
-        type of element, named as OpenSees calls it.
+        Element tags by group name; elements in no group are "remaining". By default one group for
+        each type of element, with the name of the type in OpenSees.
     masses : mapping of str to iterable of int, optional
-        Node tags by group name, for masses at nodes (command ``mass``); those in none, and all of
-        them where this is left out, are "nodal mass".
+        Node tags by group name, for masses at nodes (command ``mass``); nodes in no group, by
+        default all nodes, are "nodal mass".
     unit : {"m", "mm", "in"}
         Consistent units of the model by their unit of length: m-N-kg, mm-N-t, in-lbf, all with
         seconds.
     loss_factor : float
         Structural loss factor of every group with stiffness.
     rayleigh : (float, float, float, float)
-        alphaM, betaK, betaKinit, betaKcomm, to be set at the end.
+        alphaM, betaK, betaKinit, betaKcomm, set at the end.
 
     Returns
     -------
     Model
         In SI, with the equations of the handler "Transformation": constrained degrees of freedom
-        are condensed out exactly. Damping of OpenSees (dashpots, Rayleigh factors as they were) is
-        the group "damping".
+        are condensed exactly. Damping of OpenSees (dashpots, previous Rayleigh factors) is the
+        group "damping".
 
     Raises
     ------
     ModelError
         If there is no model, it is larger than 4000 equations, a degree of freedom is neither
         displacement nor rotation (pressures), K, M or C is unsymmetric, or groups do not add up
-        because elements of several groups leave out Rayleigh damping (``zeroLength``, ``truss`` and
-        others, unless made with ``'-doRayleigh', 1``).
+        because elements of several groups ignore Rayleigh damping (``zeroLength``, ``truss`` and
+        others, unless created with ``'-doRayleigh', 1``).
     OptionError
         If an option is not valid.
     """
@@ -124,13 +125,13 @@ def from_opensees(
     taken = set(elements) & {*at_nodes, "damping"}
     if taken or "damping" in at_nodes:
         raise OptionError(
-            f"group {min(taken or {'damping'})!r} stands twice: elements, masses and 'damping'"
-            " differ in name"
+            f"group {min(taken or {'damping'})!r} occurs twice: expected different names for"
+            " groups of elements, of masses and 'damping'"
         )
     _check_free(ops)
     assembly = _Assembly(ops)
     dofs = _labels(ops, assembly.size)
-    parts = _take_apart(ops, assembly, dofs, elements, at_nodes, rayleigh)
+    parts = _split_groups(ops, assembly, dofs, elements, at_nodes, rayleigh)
     out: dict[str, Group] = {}
     for name, found in parts.items():
         matrices = {}
@@ -143,29 +144,29 @@ def from_opensees(
     return Model.from_groups(out, dofs, geometry=_geometry(ops, units.length))
 
 
-# -- what there is ------------------------------------------------------------------------------
+# -- groups and degrees of freedom --------------------------------------------------------------
 def _groups_of_elements(
     ops: Any, groups: Mapping[str, Iterable[int]] | None
 ) -> dict[str, list[int]]:
     tags = list(map(int, ops.getEleTags() or []))
     if not tags:
-        raise ModelError("OpenSees holds no element; build the model before it is taken")
+        raise ModelError("OpenSees holds no element; build the model before this call")
     by_type: dict[str, list[int]] = {}
     for tag in tags:
         kind = str(ops.eleType(tag))
         if "UP" in kind:
             raise ModelError(
-                f"element {tag} ({kind}) has pore pressures; expected displacements and rotations"
-                " only"
+                f"element {tag} ({kind}) has pore pressures; expected only displacements and"
+                " rotations"
             )
         by_type.setdefault(kind, []).append(tag)
     if groups is None:
         return by_type
-    out = _parted(groups, set(tags), "element")
+    out = _check_groups(groups, set(tags), "element")
     rest = set(tags).difference(*out.values())
     if rest and "remaining" in out:
         raise OptionError(
-            "groups: 'remaining' is what elements in no group are called; choose another name"
+            "groups: the name 'remaining' is reserved for elements in no group; choose another name"
         )
     if rest:
         out["remaining"] = sorted(rest)
@@ -175,7 +176,7 @@ def _groups_of_elements(
 def _groups_of_masses(ops: Any, masses: Mapping[str, Iterable[int]] | None) -> dict[str, list[int]]:
     nodes = set(map(int, ops.getNodeTags() or []))
     heavy = {node for node in nodes if any(ops.nodeMass(node))}
-    out = {} if masses is None else _parted(masses, nodes, "node")
+    out = {} if masses is None else _check_groups(masses, nodes, "node")
     for name, part in out.items():
         for node in part:
             if node not in heavy:
@@ -186,7 +187,7 @@ def _groups_of_masses(ops: Any, masses: Mapping[str, Iterable[int]] | None) -> d
     return out
 
 
-def _parted(
+def _check_groups(
     groups: Mapping[str, Iterable[int]], there: set[int], what: str
 ) -> dict[str, list[int]]:
     if not isinstance(groups, Mapping):
@@ -203,8 +204,7 @@ def _parted(
             if tag not in there:
                 near = sorted(there, key=lambda t: (abs(t - tag), t))[:3]
                 raise OptionError(
-                    f"group {name!r}: there is no {what} {tag}; nearest:"
-                    f" {', '.join(map(str, near))}"
+                    f"group {name!r}: no {what} {tag}; nearest: {', '.join(map(str, near))}"
                 )
             if owner.setdefault(tag, name) != name:
                 raise OptionError(
@@ -215,7 +215,7 @@ def _parted(
 
 
 def _check_free(ops: Any) -> None:
-    """Refuse a model without equations; OpenSees would exit when asked for its matrices."""
+    """Refuse a model without equations, because OpenSees would exit when it forms its matrices."""
     count = 0
     for node in ops.getNodeTags():
         count += int(ops.getNDF(int(node))[0])
@@ -244,7 +244,7 @@ def _labels(ops: Any, size: int) -> DofSet:
                 f" displacements and rotations: {known}"
             )
         own = set(range(count))
-        if node in tied:  # its own equations come first, then those that it is tied to
+        if node in tied:  # its equations come first, then those of the nodes it is tied to
             own -= {int(dof) - 1 for dof in ops.getConstrainedDOFs(node)}
         for number, equation in zip(sorted(own), map(int, ops.nodeDOFs(node)), strict=False):
             if equation < 0:
@@ -286,7 +286,7 @@ def _geometry(ops: Any, length: float) -> Geometry:
 
 # -- matrices -----------------------------------------------------------------------------------
 class _Assembly:
-    """K, M and C as OpenSees forms them."""
+    """K, M and C as formed by OpenSees."""
 
     def __init__(self, ops: Any) -> None:
         self._ops = ops
@@ -297,17 +297,17 @@ class _Assembly:
         ops.algorithm("Linear")
         ops.integrator("GimmeMCK", 0.0, 0.0, 1.0)
         ops.analysis("Transient", "-noWarnings")
-        # It sets up the equations without a step; that the modes of a free or tiny model are not
-        # found does not matter.
+        # This sets up the equations without a time step; a failure to find modes of a free or tiny
+        # model is irrelevant.
         with suppress(getattr(ops, "OpenSeesError", RuntimeError)):
             ops.eigen(1)
         self.size = int(ops.systemSize())
         if self.size < 1:
-            raise ModelError("OpenSees set up no equation; see what it wrote to the console")
+            raise ModelError("OpenSees set up no equation; see its output on the console")
         if self.size > _LARGEST:
             raise ModelError(
-                f"{self.size} equations; OpenSees prints full matrices, which are taken up to"
-                f" {_LARGEST}"
+                f"{self.size} equations; expected at most {_LARGEST}, because OpenSees prints full"
+                " matrices"
             )
 
     def form(self, mass: float, damping: float, stiffness: float, what: str) -> _Array:
@@ -330,7 +330,7 @@ class _Totals:
     dashpots: _Array
 
 
-def _take_apart(
+def _split_groups(
     ops: Any,
     assembly: _Assembly,
     dofs: DofSet,
@@ -338,7 +338,7 @@ def _take_apart(
     at_nodes: Mapping[str, list[int]],
     rayleigh: Sequence[float],
 ) -> dict[str, dict[str, _Array]]:
-    """Return stiffness, mass and viscous damping by group; they add up to what OpenSees has."""
+    """Return stiffness, mass and viscous damping by group, with the sum of OpenSees."""
     K = assembly.form(0.0, 0.0, 1.0, "stiffness")
     M = assembly.form(1.0, 0.0, 0.0, "mass")
     C = assembly.form(0.0, 1.0, 0.0, "damping")
@@ -355,9 +355,9 @@ def _take_apart(
         parts = {name: _part(ops, assembly, total, tags) for name, tags in elements.items()}
         for what, whole in (("stiffness", K), ("mass", total.mass)):
             covered = sum(part[what] for part in parts.values())
-            left = _clean(whole - covered, whole, _TOLERANCE)
-            if left.any():
-                name = _silent(ops, assembly, total, elements, what, left, dofs)
+            difference = _clean(whole - covered, whole, _TOLERANCE)
+            if difference.any():
+                name = _undamped_group(ops, assembly, total, elements, what, difference, dofs)
                 parts[name][what] = _clean(parts[name][what] + whole - covered, whole)
     finally:
         ops.rayleigh(*map(float, rayleigh))
@@ -366,27 +366,27 @@ def _take_apart(
 
 @contextmanager
 def _without_masses(ops: Any, at_nodes: Mapping[str, list[int]]) -> Iterator[Callable[..., None]]:
-    """Take the masses off the nodes.
+    """Remove the masses of nodes temporarily.
 
-    Yields a function that puts those of some nodes back, or off again with the factor 0.
+    Yields a function that restores the masses of some nodes, or removes them again with factor 0.
     """
     before = {}
     for node in chain.from_iterable(at_nodes.values()):
         before[node] = np.array(ops.nodeMass(node), dtype=np.float64)
 
-    def put(nodes: Iterable[int], factor: float = 1.0) -> None:
+    def set_masses(nodes: Iterable[int], factor: float = 1.0) -> None:
         for node in nodes:
             ops.mass(node, *(factor * before[node]).tolist())
 
-    put(before, 0.0)
+    set_masses(before, 0.0)
     try:
-        yield put
+        yield set_masses
     finally:
-        put(before)
+        set_masses(before)
 
 
 def _part(ops: Any, assembly: _Assembly, total: _Totals, tags: Iterable[int]) -> dict[str, _Array]:
-    """Return what elements add to K and M, through damping of theirs alone."""
+    """Return the contribution of elements to K and M, by means of their Rayleigh damping."""
     out = {}
     for what, factors in (("stiffness", (0.0, 1.0)), ("mass", (1.0, 0.0))):
         for tag in tags:
@@ -398,21 +398,21 @@ def _part(ops: Any, assembly: _Assembly, total: _Totals, tags: Iterable[int]) ->
     return out
 
 
-def _silent(
+def _undamped_group(
     ops: Any,
     assembly: _Assembly,
     total: _Totals,
     elements: Mapping[str, list[int]],
     what: str,
-    left: _Array,
+    difference: _Array,
     dofs: DofSet,
 ) -> str:
-    """Return the one group that has elements without Rayleigh damping: what is left is theirs.
+    """Return the only group with elements without Rayleigh damping, which owns the difference.
 
     Raises
     ------
     ModelError
-        If there is none, or more than one.
+        If there is no such group, or more than one.
     """
     quiet: dict[str, list[int]] = {}
     for name, tags in elements.items():
@@ -424,20 +424,21 @@ def _silent(
                 quiet.setdefault(name, []).extend(alike)
     if len(quiet) == 1:
         return next(iter(quiet))
-    i, j = map(int, np.unravel_index(np.argmax(np.abs(left)), left.shape))
+    i, j = map(int, np.unravel_index(np.argmax(np.abs(difference)), difference.shape))
     shown = []
     for name, tags in quiet.items():
         shown.append(f"{name!r}: {ops.eleType(tags[0])} {', '.join(map(str, tags[:3]))}")
     who = "; ".join(shown) or "some of a type"
     raise ModelError(
-        f"the groups do not add up to the {what} of OpenSees: {left[i, j]:.3g} is left at"
-        f" {dofs[i]}, {dofs[j]}. Elements of several groups take no Rayleigh damping, through which"
-        f" their matrices are read ({who}); make them with '-doRayleigh', 1"
+        f"the groups do not add up to the {what} of OpenSees: they differ by"
+        f" {difference[i, j]:.3g} at {dofs[i]}, {dofs[j]}. Elements of several groups ignore"
+        " Rayleigh damping, by which their matrices are computed"
+        f" ({who}); create them with '-doRayleigh', 1"
     )
 
 
 def _clean(matrix: _Array, whole: _Array, share: float = _ROUNDING) -> _Array:
-    """Return a difference without entries below a share of the largest of row and column."""
+    """Return a difference without entries below a fraction of the largest of row and column."""
     scale = np.abs(whole).max(axis=1)
     is_rounding = np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :])
     return np.where(is_rounding, 0.0, matrix)

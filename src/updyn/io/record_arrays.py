@@ -1,14 +1,14 @@
-"""Time records from arrays by name, as MATLAB and HDF5 files hold them.
+"""Time records from named arrays of MATLAB and HDF5 files.
 
-The user says which arrays are what::
+Options select the arrays::
 
     values    {"hammer": "f", "1:Z": "data.acc"}    channel = array; or an array of names that
                                                     channels and arrays share; or one array
     channels  ["hammer", "1:Z"]                     names of the channels in one array
-    order     ["time", "record"]                    what the axes of the arrays are; in one row or
-                                                    column they are times
+    order     ["time", "record"]                    axes of the arrays; a single row or column is
+                                                    along time
     time      "t"                                   times, evenly spaced; or
-    rate      51200, or "fs"                        samples a second, or the number that says it
+    rate      51200, or "fs"                        samples per second, or the name of this number
 
 Times are in s unless the file states another unit.
 """
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.items import kind_of, number, placed, real, vector
+from updyn.io.items import kind_of, locate_errors, number, real, vector
 from updyn.signals.records import Records, seconds, step_of
 from updyn.units import find_unit, suggest_unit
 
@@ -44,16 +44,16 @@ def build_records(
     rate: float | str | None,
     units: Mapping[str, str] | None = None,
 ) -> Records:
-    """Return the records that arrays hold.
+    """Build records from arrays.
 
     Parameters
     ----------
     items : mapping of str to object
-        What the file holds, nested or not; in a name, dots stand between the levels.
+        Content of the file, nested or not; dots in a name separate the levels.
     path : path
         The file, for messages.
     values, channels, order, time, rate
-        See the module.
+        See the module docstring.
     units : mapping of str to str, optional
         Unit of each array for which the file states one; by default times are in s, rates in Hz.
 
@@ -64,15 +64,15 @@ def build_records(
     Raises
     ------
     FormatError
-        If an array is not there, is of another kind or shape, or times are not evenly spaced.
+        If an array is missing, of another kind or shape, or times are not evenly spaced.
     OptionError
-        If the options do not say what is needed, or contradict one another.
+        If options are missing or contradict one another.
     """
     arrays = _flat(items)
     if values is None:
         raise OptionError(
-            f"{path}: which arrays are records? values = {{ CHANNEL = ARRAY }} says it; the file"
-            f" holds {_held(arrays)}",
+            f"{path}: select the arrays of records with values = {{ CHANNEL = ARRAY }}; the file"
+            f" holds {_format_arrays(arrays)}",
             key=("values",),
         )
     units = units or {}
@@ -80,15 +80,15 @@ def build_records(
         names, array = _one_array(arrays, values, channels, order, path)
         labels = [units.get(values, "")] * len(names)
     else:
-        named = _named(values)
+        named = _arrays_by_channel(values)
         names, array = _by_channel(arrays, named, channels, order, path)
         labels = [units.get(name, "") for name in named.values()]
     step = _step(arrays, time, rate, units, array.shape[2], path)
-    with placed(path):
+    with locate_errors(path):
         return Records.of(array, step, names, labels, Path(path).name)
 
 
-def _named(values: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
+def _arrays_by_channel(values: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
     """Return the array of each channel."""
     named = dict(values) if isinstance(values, Mapping) else {name: name for name in values}
     if not named:
@@ -106,13 +106,13 @@ def _one_array(
     """Return the names and values of all channels in one array."""
     if channels is None:
         raise OptionError(
-            f"values = {name!r}: one array of all channels; channels = [...] says which they are",
+            f"values = {name!r}: one array for all channels; name them with channels = [...]",
             key=("channels",),
         )
-    whole = _arranged(_array(arrays, name, path), name, order, path)
+    whole = _order_axes(_array(arrays, name, path), name, order, path)
     if whole.shape[1] != len(channels):
         raise OptionError(
-            f"{len(channels)} channels, and {whole.shape[1]} in {name!r}", key=("channels",)
+            f"{len(channels)} channels, but {whole.shape[1]} in {name!r}", key=("channels",)
         )
     return list(channels), whole
 
@@ -124,23 +124,24 @@ def _by_channel(
     order: Sequence[str] | None,
     path: str | Path,
 ) -> tuple[list[str], _Real]:
-    """Return the names and values of channels that have an array each."""
+    """Return the names and values of channels with one array each."""
     if channels is not None:
         raise OptionError(
-            "channels: names of the channels in one array; values say here which array each has",
+            "channels: only for one array with all channels; here values give the array of each"
+            " channel",
             key=("channels",),
         )
     if order is not None and "channel" in order:
-        raise OptionError("order: each channel has an array of its own", key=("order",))
+        raise OptionError("order: each channel has a separate array", key=("order",))
     parts = {}
     for channel, name in named.items():
-        parts[channel] = _arranged(_array(arrays, name, path), name, order, path)
+        parts[channel] = _order_axes(_array(arrays, name, path), name, order, path)
     first, *others = parts.items()
     for channel, part in others:
         if part.shape != first[1].shape:
             raise FormatError(
                 f"{named[channel]!r} holds {_size(part)}, {named[first[0]]!r} {_size(first[1])};"
-                " channels have to be alike",
+                " expected channels of equal size",
                 path,
             )
     return list(parts), np.concatenate(list(parts.values()), axis=1)
@@ -151,18 +152,18 @@ def _size(array: _Real) -> str:
 
 
 def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> _Real:
-    """Return the array of that name."""
+    """Return the array with this name."""
     if name not in arrays:
         raise FormatError(f"no array {name!r}; {suggest(name, sorted(arrays))}", path)
     return np.asarray(real(arrays[name], name, path), dtype=np.float64)
 
 
-def _arranged(array: _Real, name: str, order: Sequence[str] | None, path: str | Path) -> _Real:
+def _order_axes(array: _Real, name: str, order: Sequence[str] | None, path: str | Path) -> _Real:
     """Return an array with the axes record, channel, time."""
     if order is None:
         if array.size != max(array.shape, default=1):
             raise OptionError(
-                f"{name!r} is of shape {array.shape}: say what its axes are, such as order ="
+                f"{name!r} has shape {array.shape}: give its axes, such as order ="
                 " ['time', 'record']",
                 key=("order",),
             )
@@ -171,20 +172,20 @@ def _arranged(array: _Real, name: str, order: Sequence[str] | None, path: str | 
     for axis in axes:
         if axis not in _AXES or axes.count(axis) > 1:
             raise OptionError(
-                f"order {axes}: expected record, channel and time, each once at most; found"
+                f"order {axes}: expected record, channel and time, each at most once; found"
                 f" {axis!r}",
                 key=("order",),
             )
     if "time" not in axes:
-        raise OptionError(f"order {axes}: which axis is time?", key=("order",))
-    # MATLAB drops trailing axes of length 1, and makes a column of a row.
+        raise OptionError(f"order {axes}: expected the axis time", key=("order",))
+    # MATLAB drops trailing axes of length 1, and stores a row as a column.
     shape = list(array.shape)
     while len(shape) > len(axes) and shape[-1] == 1:
         shape.pop()
     shape += [1] * (len(axes) - len(shape))
     if len(shape) != len(axes):
         raise FormatError(
-            f"{name!r} is of shape {array.shape}; expected {len(axes)} axes: {', '.join(axes)}",
+            f"{name!r} has shape {array.shape}; expected {len(axes)} axes: {', '.join(axes)}",
             path,
         )
     array = array.reshape(shape)
@@ -202,10 +203,10 @@ def _step(
     n_samples: int,
     path: str | Path,
 ) -> float:
-    """Return the time between two samples, in s."""
+    """Return the sampling interval in s."""
     if (time is None) == (rate is None):
         raise OptionError(
-            "expected time, the array of times in s, or rate, the samples a second: one of the two",
+            "expected either time, the array of times in s, or rate, the samples per second",
             key=("time",) if time is not None else ("rate",),
         )
     if time is not None:
@@ -214,16 +215,16 @@ def _step(
         times = vector(arrays[time], time, path)
         if len(times) != n_samples:
             raise FormatError(f"{time!r}: {len(times)} times for {n_samples} samples", path)
-        with placed(path):
+        with locate_errors(path):
             passed = seconds(times, units.get(time, ""), time)
-        with placed(path, time):
+        with locate_errors(path, time):
             return step_of(passed)
     if isinstance(rate, str):
         if rate not in arrays:
             raise FormatError(f"no number {rate!r}; {suggest(rate, sorted(arrays))}", path)
         rate = number(arrays[rate], rate, path) * _hertz(units.get(rate, ""), rate, path)
     if not (isinstance(rate, int | float) and np.isfinite(rate) and rate > 0.0):
-        raise OptionError(f"rate {rate!r}: expected samples a second, above 0", key=("rate",))
+        raise OptionError(f"rate {rate!r}: expected samples per second, above 0", key=("rate",))
     return 1.0 / float(rate)
 
 
@@ -246,8 +247,8 @@ def _flat(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return out
 
 
-def _held(arrays: Mapping[str, Any]) -> str:
-    """Say what a file holds."""
+def _format_arrays(arrays: Mapping[str, Any]) -> str:
+    """Format the arrays of a file, for messages."""
     texts = [f"{name!r} ({kind_of(item)})" for name, item in sorted(arrays.items())]
     more = f", ... ({len(texts)} in all)" if len(texts) > 8 else ""
     return (", ".join(texts[:8]) or "nothing") + more

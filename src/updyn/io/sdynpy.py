@@ -1,4 +1,4 @@
-"""SDynPy's ``System``, as ``System.save`` writes it: an ``.npz`` archive with names of its own.
+"""The ``.npz`` archive written by ``System.save`` of SDynPy, identified by its names.
 
 ``mass``, ``stiffness``, ``damping``
     M, K, C in the internal states of the system, (n, n).
@@ -7,7 +7,7 @@
 ``coordinate``
     m pairs of node and direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
 ``enforce_symmetry``
-    Not used here: a model is symmetric.
+    Ignored, because a model is symmetric.
 
 The fields are those of ``System.save`` of SDynPy 0.23; the program itself is not needed.
 """
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
-from updyn.io.items import known_only, placed, real
+from updyn.io.items import known_only, locate_errors, real
 from updyn.model import Group, Model
 
 __all__ = ["FIELDS", "is_system", "system_model"]
@@ -34,7 +34,7 @@ _NEEDED = FIELDS[:5]
 
 
 def is_system(names: Mapping[str, Any]) -> bool:
-    """Return whether the names of an archive are those of a system, or nearly all of them."""
+    """Return whether the names of an archive are all or nearly all of those of a system."""
     return "coordinate" in names and sum(name in names for name in _NEEDED) >= 3
 
 
@@ -44,26 +44,26 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        What the archive holds.
+        Content of the archive.
     path : path
         The file, for messages.
 
     Returns
     -------
     Model
-        One group, "model", in the units of the file, which are to be SI. A state is named after the
-        coordinate that shows it alone; where that coordinate is negative, the state changes sign.
+        One group, "model", in the units of the file, which have to be SI. A state gets the label of
+        the coordinate that is equal to it; for a negative coordinate the state changes sign.
 
     Raises
     ------
     FormatError
-        If a field is missing or not valid, or a state is no coordinate (a modal or Craig-Bampton
+        If a field is missing or not valid, or a state is not a coordinate (a modal or Craig-Bampton
         reduction).
 
     Warns
     -----
     UpdynWarning
-        If coordinates that are combinations of states are left out.
+        If coordinates that are combinations of states are ignored.
     """
     known_only(arrays, FIELDS, path, "SDynPy System")
     missing = [name for name in _NEEDED if name not in arrays]
@@ -83,10 +83,10 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
     ):
         if found != expected:
             raise FormatError(f"SDynPy System: {name} of shape {found}, expected {expected}", path)
-    row = _shown_by(T, nodes, directions, path)
+    row = _coordinate_of_state(T, nodes, directions, path)
     sign = np.sign(directions[row]) * T[row, np.arange(size)]
     turned = sign[:, None] * sign[None, :]
-    with placed(path, "SDynPy System"):
+    with locate_errors(path, "SDynPy System"):
         group = Group(K * turned, M * turned, viscous=C * turned if C.any() else None)
         return Model.from_groups(
             {"model": group},
@@ -118,32 +118,32 @@ def _coordinates(
     return given["node"].astype(np.int64), directions
 
 
-def _shown_by(
+def _coordinate_of_state(
     T: NDArray[np.float64],
     nodes: NDArray[np.int64],
     directions: NDArray[np.int64],
     path: str | Path,
 ) -> NDArray[np.intp]:
-    """Return for each state the first coordinate that is this state only, with either sign."""
-    # A reduction computes its identity part: the last digits of it may be off.
+    """Return for each state the first coordinate equal to it, with either sign."""
+    # The identity part of a reduction is computed, so its last digits may be wrong.
     ones, zeros = np.abs(np.abs(T) - 1.0) < 1e-12, np.abs(T) < 1e-12
     alone = (ones.sum(axis=1) == 1) & ((ones | zeros).all(axis=1))
     pure = ones & alone[:, None]
     if not pure.any(axis=0).all():
         lone = int(np.argmin(pure.any(axis=0)))
         raise FormatError(
-            f"SDynPy System: state {lone + 1} of {T.shape[1]} is no coordinate but part of several"
-            " (a modal or Craig-Bampton reduction); save the system before it is reduced, or a"
+            f"SDynPy System: state {lone + 1} of {T.shape[1]} is not a coordinate but part"
+            " of several (a modal or Craig-Bampton reduction); save the unreduced system, or a"
             " reduction that keeps coordinates (Guyan, dynamic)",
             path,
         )
     row: NDArray[np.intp] = np.argmax(pure, axis=0)
-    left = np.setdiff1d(np.arange(len(T)), row)
-    if left.size:
-        first = DofSet.from_arrays(nodes[left[:1]], np.abs(directions[left[:1]]) - 1)[0]
+    dependent = np.setdiff1d(np.arange(len(T)), row)
+    if dependent.size:
+        first = DofSet.from_arrays(nodes[dependent[:1]], np.abs(directions[dependent[:1]]) - 1)[0]
         warnings.warn(
-            f"{path}: {left.size} coordinates that follow from the {T.shape[1]} states are left"
-            f" out, the first being {first}",
+            f"{path}: {dependent.size} coordinates that are combinations of the {T.shape[1]} states"
+            f" are ignored; the first is {first}",
             UpdynWarning,
             stacklevel=4,
         )

@@ -1,9 +1,9 @@
 """Numbers in a text, checked against a grammar before they are converted.
 
-A converter that stops at the first character which it does not know reads ``2.0D+05`` as 2 and
-``1,5`` as 1, and `float` and `int` of Python read ``1_5`` as 15. Here every character has to be
-part of a number as programs write them, else the text is refused. Exponents may have ``E`` or
-``D``, as Fortran writes them.
+A converter that stops at the first unknown character reads ``2.0D+05`` as 2 and ``1,5`` as 1, and
+`float` and `int` of Python read ``1_5`` as 15. Here every character has to be part of a number in
+the notation of programs, else the text is refused. Exponents may have ``E`` or ``D``, as in
+Fortran.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from updyn.errors import FormatError
 
 __all__ = ["check_last_line", "number_rows", "real_of", "reals", "rounding_of", "whole_of"]
 
-#: Whole numbers of at most 15 digits: they are exact as doubles.
+#: Integers of at most 15 digits, which doubles represent exactly.
 _WHOLE = rb"[+-]?[0-9]{1,15}+"
 _REAL = rb"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eEdD][+-]?[0-9]++)?"
 _BLANKS = rb"[ \t]++"
@@ -43,26 +43,26 @@ def number_rows(
     separator: bytes = b"",
     comment: bytes = b"",
 ) -> NDArray[np.float64]:
-    """Read rows of numbers, one a line; empty lines are passed over.
+    """Read rows of numbers, one per line; empty lines are ignored.
 
     Parameters
     ----------
     body : bytes
         The lines. The last one has to end with a line break.
     columns : str
-        A letter for each number of a row: "i" for a whole one, "r" for a real one.
+        A letter for each number of a row: "i" for an integer, "r" for a real number.
     expected : str
-        What the columns are, for messages: ``"row, column, entry"``.
+        Names of the columns, for messages: ``"row, column, entry"``.
     path : path
         The file, for messages.
     first_line : int
-        Line of the file on which `body` begins.
+        Line of `body` in the file.
     commas : bool
-        Whether numbers may stand between commas, too, and a comma after the last.
+        Whether commas may also separate numbers and follow the last one.
     separator : bytes
-        What stands between two numbers instead of blanks, once, and perhaps after the last.
+        Separator of numbers instead of blanks; it may also follow the last number.
     comment : bytes
-        What lines of comment start with, if there are any.
+        Start of comment lines, if any.
 
     Returns
     -------
@@ -72,13 +72,14 @@ def number_rows(
     Raises
     ------
     FormatError
-        If a line is anything else, does not end, or a number is too large; the message says which.
+        If a line has another content or does not end, or a number is too large; the message gives
+        the line.
     """
     check_last_line(body, path, first_line)
     end = _lines(columns, commas, separator, comment).match(body)
-    assert end is not None  # no line at all matches, too
+    assert end is not None  # an empty text matches, too
     if end.end() < len(body):
-        raise _refused(body, end.end(), expected, path, first_line)
+        raise _row_error(body, end.end(), expected, path, first_line)
     if comment:
         body = re.sub(rb"(?m)^[ \t]*" + re.escape(comment) + rb".*$", b"", body)
     if not body.strip():  # numpy reads a number from blanks
@@ -89,17 +90,14 @@ def number_rows(
     wrong = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if wrong.size:
         at = _start_of_row(body, int(wrong[0]))
-        raise _refused(body, at, f"{expected}, of a size that a double holds", path, first_line)
+        raise _row_error(body, at, f"{expected}, of a size that a double holds", path, first_line)
     return table
 
 
 def real_of(text: str) -> float:
-    """Return the number that a text is; blanks around it do not matter.
+    """Return the number in a text, ignoring outer blanks; raise a ValueError for any other text.
 
-    Raises
-    ------
-    ValueError
-        If the text is anything else: no infinity, no number that a double cannot hold.
+    Infinities and numbers that exceed the range of a double are refused.
     """
     found = text.strip()
     if _ONE_REAL.fullmatch(found) is None:
@@ -111,7 +109,7 @@ def real_of(text: str) -> float:
 
 
 def reals(body: bytes) -> NDArray[np.float64] | None:
-    """Return the numbers that stand between blanks and line breaks; None if a word is none."""
+    """Return the numbers separated by blanks and line breaks; None if a word is not a number."""
     if _REALS.fullmatch(body) is None:
         return None
     found = np.fromstring(body.translate(_EXPONENT), sep=" ")
@@ -119,21 +117,10 @@ def reals(body: bytes) -> NDArray[np.float64] | None:
 
 
 def rounding_of(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the place value of the last digit of each number, as a program has printed it.
+    """Return the place value of the last digit of each number in its printed form.
 
     Numbers of one column have the same number of decimals, or the same number of significant
-    digits, and may lack zeros at their end.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        The numbers as they are printed.
-    values : ndarray of float, shape (len(texts),)
-        The same numbers.
-
-    Returns
-    -------
-    ndarray of float, shape (len(texts),)
+    digits, and may lack trailing zeros. `values` are the numbers in `texts`.
     """
     decimals, digits = 0, 1
     for text in texts:
@@ -148,12 +135,9 @@ def rounding_of(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np
 
 
 def whole_of(text: str) -> int:
-    """Return the whole number that a text is; blanks around it do not matter.
+    """Return the integer in a text, ignoring outer blanks; raise a ValueError for any other text.
 
-    Raises
-    ------
-    ValueError
-        If the text is anything else, or has more than 18 digits: it might not fit 64 bits.
+    Numbers of more than 18 digits are refused, because they may exceed 64 bits.
     """
     found = text.strip()
     if _ONE_WHOLE.fullmatch(found) is None:
@@ -167,7 +151,7 @@ def check_last_line(
     first_line: int = 1,
     harmless: re.Pattern[bytes] | None = None,
 ) -> None:
-    """Refuse a text whose last line does not end: it may be cut short, even within a number.
+    """Refuse a text whose last line does not end, because it may be truncated within a number.
 
     Parameters
     ----------
@@ -176,14 +160,14 @@ def check_last_line(
     path : path
         The file, for the message.
     first_line : int
-        Line of the file on which `body` begins.
+        Line of `body` in the file.
     harmless : re.Pattern, optional
-        Last lines that are whole, or mean nothing, as they are.
+        Last lines that are complete or irrelevant without a line break.
 
     Raises
     ------
     FormatError
-        If the last character is no line break.
+        If the last character is not a line break.
     """
     raw = body.encode("utf-8", "replace") if isinstance(body, str) else body
     if not raw or raw.endswith((b"\n", b"\r")):
@@ -191,24 +175,24 @@ def check_last_line(
     last = raw[max(raw.rfind(b"\n"), raw.rfind(b"\r")) + 1 :]
     if harmless is None or harmless.fullmatch(last.strip()) is None:
         raise FormatError(
-            f"the last line, {_shown(last)}, does not end: the file may be cut short; if it is"
-            " whole, add a line break",
+            f"the last line, {_shown(last)}, does not end: the file may be truncated; if it is"
+            " complete, add a line break",
             path,
             first_line + raw.count(b"\n"),
         )
 
 
 def _lines(columns: str, commas: bool, separator: bytes, comment: bytes) -> re.Pattern[bytes]:
-    """Return a pattern of all lines up to the first that is not as described."""
+    """Return a pattern of all lines before the first invalid one."""
     margin = rb"[ \t]*+"
     between = _COMMA if commas else _BLANKS
     behind = rb"(?:[ \t]*+,)?" if commas else b""
-    if separator:  # which may be a tab
+    if separator:  # it may be a tab
         margin = rb" *+"
         between = margin + re.escape(separator) + margin
         behind = rb"(?: *+" + re.escape(separator) + rb")?"
     row = between.join(
-        _repeated(letter, len(list(same)), between) for letter, same in groupby(columns)
+        _repeat_pattern(letter, len(list(same)), between) for letter, same in groupby(columns)
     )
     kinds = [row + behind]
     if comment:
@@ -216,8 +200,8 @@ def _lines(columns: str, commas: bool, separator: bytes, comment: bytes) -> re.P
     return re.compile(rb"(?:" + margin + rb"(?:" + b"|".join(kinds) + rb")?[ \t]*+\r?\n)*+")
 
 
-def _repeated(letter: str, count: int, between: bytes) -> bytes:
-    """Return a pattern of so many numbers of one kind."""
+def _repeat_pattern(letter: str, count: int, between: bytes) -> bytes:
+    """Return a pattern of `count` numbers of one kind."""
     number = _WHOLE if letter == "i" else _REAL
     if count == 1:
         return number
@@ -225,12 +209,14 @@ def _repeated(letter: str, count: int, between: bytes) -> bytes:
 
 
 def _start_of_row(body: bytes, number: int) -> int:
-    """Return where the row of that number begins, counted from 0 and without empty lines."""
+    """Return the start of row `number`, counted from 0 without empty lines."""
     rows = re.finditer(rb"(?m)^[ \t]*+[^\s].*$", body)
     return next(found.start() for at, found in enumerate(rows) if at == number)
 
 
-def _refused(body: bytes, at: int, expected: str, path: str | Path, first_line: int) -> FormatError:
+def _row_error(
+    body: bytes, at: int, expected: str, path: str | Path, first_line: int
+) -> FormatError:
     line = body[at:].split(b"\n", 1)[0]
     number = first_line + body.count(b"\n", 0, at)
     return FormatError(f"found {_shown(line)}; expected {expected}", path, number)

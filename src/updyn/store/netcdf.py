@@ -20,7 +20,7 @@ import numpy as np
 
 from updyn.errors import FormatError, suggest
 from updyn.io.hdf5 import Folder, check_kind, put_kind
-from updyn.io.items import existing, library, number
+from updyn.io.items import library, number, require_file
 from updyn.io.native import write_native
 from updyn.io.netcdf import load_netcdf
 from updyn.store.values import from_text, to_text
@@ -360,7 +360,7 @@ def read_dataset(
     FormatError
         If the file is not there, is damaged, or holds something else (the right reader is named).
     """
-    path = existing(path)
+    path = require_file(path)
     found = load_netcdf(path, kind, f"{what} (NetCDF-4)", groups=groups)
     check_kind(found.root, path, kind)
     folders = {}

@@ -47,7 +47,7 @@ from updyn.errors import FormatError, InputError, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import write_json
 from updyn.io.hdf5 import put_model, take_model
-from updyn.io.items import guarded, placed
+from updyn.io.items import guard_reader, locate_errors
 from updyn.modal import ModeSet
 from updyn.store.measured_modes import put_mode_set, take_mode_set
 from updyn.store.netcdf import (
@@ -159,7 +159,7 @@ def read_result(path: str | Path) -> UpdateResult:
     groups = {"start": "start_model", "model": "updated_model"}
     data, found = read_dataset(path, "result", "record of a run", tuple(groups.values()))
     models: dict[str, Any] = {f: take_model(found[name], path) for f, name in groups.items()}
-    with guarded(path, "result"), placed(path):
+    with guard_reader(path, "result"), locate_errors(path):
         fields = take_fields(data, _RESULT, path)
         measured = take_mode_set(data, path) or FRF.from_xarray(data)
         return UpdateResult(data=measured, **models, **fields)

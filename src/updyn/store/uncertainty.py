@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from updyn.errors import OptionError
-from updyn.io.items import guarded
+from updyn.io.items import guard_reader
 from updyn.store.netcdf import (
     Array,
     Arrays,
@@ -144,7 +144,7 @@ def read_uncertainty(
     """
     path = Path(path)
     data, _ = read_dataset(path, "uncertainty", "draws or profiles")
-    with guarded(path, "uncertainty"):
+    with guard_reader(path, "uncertainty"):
         if Text(("profile", *KINDS)).take(data, "kind", path) == "profile":
             return _to_profiles(data, path)
         draws = Draws(**take_fields(data, _DRAWS, path))

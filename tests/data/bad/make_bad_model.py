@@ -137,7 +137,7 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "one_matrix.npz": (
         lambda p: sp.save_npz(p, sp.csr_array(K)),
-        "holds one sparse matrix as scipy.sparse.save_npz",
+        "holds one sparse matrix written by scipy.sparse.save_npz",
     ),
     # -- mat
     "no_dofs.mat": (mat(dofs=None), "no 'dofs': the 2 DOFs need labels"),
@@ -187,7 +187,7 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "lower_triangle.h5": (
         h5(lambda f: f["groups/0000/stiffness/indices"].__setitem__(2, 0)),
-        "entry (2, 1) lies below the diagonal",
+        "entry (2, 1) is below the diagonal",
     ),
     "nan.h5": (
         h5(lambda f: f["groups/0000/mass/data"].__setitem__(0, np.nan)),
@@ -205,19 +205,19 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "too_few_entries.toml": (
         toml(matrix=MTX.replace("2 2 3", "2 2 4")),
-        "3 entries; the header says 4: the file is cut short",
+        "3 entries; the header states 4: the file is truncated",
     ),
     "too_many_entries.toml": (
         toml(matrix=MTX.replace("2 2 3", "2 2 2")),
-        "the header says 2: there are more than it says",
+        "the header states 2: there are too many",
     ),
     "not_square.toml": (
         toml(matrix=MTX.replace("2 2 3", "3 2 3")),
-        "the matrix is 3 x 2; expected a square one",
+        "the matrix is 3 x 2; expected a square matrix",
     ),
     "both_triangles.toml": (
         toml(matrix=MTX.replace("2 2 3", "2 2 4") + "1 2 -1.0\n"),
-        "entry (1, 2) stands twice; under the header 'symmetric' only one triangle is stored",
+        "entry (1, 2) occurs twice; with the header 'symmetric' only one triangle is stored",
     ),
     "unknown_key.toml": (
         toml("stiffness", "stifness"),
@@ -229,11 +229,14 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "group_twice.toml": (
         lambda p: (toml()(p), p.write_text(p.read_text() + "\n" + p.read_text().split("\n\n")[1])),
-        "group_twice.toml:8: group name 'shaft' stands twice",
+        "group_twice.toml:8: group name 'shaft' occurs twice",
     ),
     "no_dofs.toml": (toml('dofs = ["1:X", "2:X"]', 'title = "x"'), "no 'dofs'"),
     "not_toml.toml": (text("[[group]\nname = 3\n"), "not_toml.toml:1: not a TOML file"),
-    "alone.mtx": (text(MTX), "one matrix alone is not a model: write a small TOML file beside it"),
+    "alone.mtx": (
+        text(MTX),
+        "one matrix is not a model: write a small TOML file in the same folder",
+    ),
     "not_a_matrix.mtx": (text("1 2 3\n"), "not a Matrix Market file"),
 }
 
@@ -272,7 +275,7 @@ FRFS: dict[str, tuple[Callable[[Path], None], str]] = {
         frf_npz(H=np.ones((1, 2, 3)) * 1j),
         "found shape (1, 2, 3), expected (lines, responses, references) = (3, 2, 1)",
     ),
-    "magnitude.npz": (frf_npz(H=np.ones((3, 2, 1))), "magnitudes and decibels are no FRFs"),
+    "magnitude.npz": (frf_npz(H=np.ones((3, 2, 1))), "may be magnitudes or decibels"),
     "no_quantity.npz": (frf_npz(quantity=None), "no 'quantity'"),
     "impedance.npz": (frf_npz(quantity="impedance"), "force over a motion"),
     "lines_fall.npz": (frf_npz(freq=FREQ[::-1]), "lines must increase"),

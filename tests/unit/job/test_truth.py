@@ -76,7 +76,7 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
         ("a.json", "[1, 2]", "expected names with values, found a list"),
         ("a.json", '{"part 1.stiffness": Infinity}', "expected a finite number, found inf"),
         ("a.json", '{"part 1.stiffness": 1%s}' % ("0" * 400), "expected a finite number, found 10"),
-        ("a.json", '{"part 1": {"stiffness": 1, "stiffness": 2}}', "'stiffness' stands twice"),
+        ("a.json", '{"part 1": {"stiffness": 1, "stiffness": 2}}', "'stiffness' occurs twice"),
         ("a.json", "{" * 3, "not JSON"),
     ],
 )

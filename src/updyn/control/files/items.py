@@ -47,7 +47,7 @@ from updyn.control.ports import Port, as_ports
 from updyn.errors import FormatError, suggest
 from updyn.frf import QUANTITIES
 from updyn.group import is_number
-from updyn.io.items import known_only, placed
+from updyn.io.items import known_only, locate_errors
 from updyn.store.values import from_text, to_text
 
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
@@ -152,7 +152,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         given[name] = _number(items[name], name, path)
     for name in _COUNTS:
         given[name] = _count(items[name], name, path)
-    with placed(path):
+    with locate_errors(path):
         plant = Plant(
             **given,
             input_ports=tuple(port for port, _ in inputs),
@@ -367,7 +367,7 @@ def _ports(
             raise FormatError(
                 f"{place}: rotation is {one['rotation']!r}; expected true or false", path
             )
-        with placed(path, place):
+        with locate_errors(path, place):
             port = Port(one["name"], one["weights"], one["rotation"])
         quantity = one.get("quantity", "")
         known = isinstance(quantity, str) and quantity in QUANTITIES
@@ -381,7 +381,7 @@ def _ports(
                 f"{place}: unit {one['unit']!r}, but that of this port is {unit!r}", path
             )
         out.append((port, quantity))
-    with placed(path, f"{what}s"):
+    with locate_errors(path, f"{what}s"):
         as_ports([port for port, _ in out], what)
     return out
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from updyn.control.plant import Plant
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.formats import Format, load
-from updyn.io.items import existing, guarded, unreadable
+from updyn.io.items import guard_reader, require_file, unreadable
 
 __all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 
@@ -87,9 +87,9 @@ def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
     >>> updyn.read_plant("plant.npz").inputs
     ('12:X',)
     """
-    found = existing(path)
+    found = require_file(path)
     chosen = plant_format(found, "read_plant", format)
-    with guarded(found, chosen.name):
+    with guard_reader(found, chosen.name):
         plant: Plant = load(chosen).read_plant(found)
     return plant
 

@@ -1,4 +1,4 @@
-"""Facts of an Abaqus deck about its matrices: nodes, sets, sections, materials, matrix cards."""
+"""Facts about the matrices of an Abaqus deck: nodes, sets, sections, materials, matrix cards."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import System, check_materials
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.keyword_deck.cards import Card, Row, number, whole
-from updyn.io.keyword_deck.sets import Sets, joined
+from updyn.io.keyword_deck.sets import Sets, concatenate
 from updyn.io.keyword_deck.structure import (
     Property,
     heading_of,
@@ -42,7 +42,7 @@ _SUPPORTS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeckFacts:
-    """A deck of Abaqus as far as its matrices need it. Names are looked up in capitals.
+    """The parts of an Abaqus deck that its matrices need. Names are in upper case.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ class DeckFacts:
     title : str
         Its heading.
     cards : tuple of Card
-        Those of the model.
+        Cards of the model.
     steps : tuple of tuple of Card
-        Those of each step.
+        Cards of each step.
     properties : mapping of str to Property
         Materials, springs and masses.
     sections : mapping of str to str
@@ -73,18 +73,12 @@ class DeckFacts:
         return [card for card in self.cards if card.name == "MATRIX ASSEMBLE"]
 
     @property
-    def flat(self) -> bool:
-        """Whether the deck has no parts; only then are its node numbers those of the matrices."""
+    def is_flat(self) -> bool:
+        """Whether the deck has no parts; only then its node numbers are those of the matrices."""
         return not any(card.name in _PARTS for card in self.cards)
 
-    def drawn(self, units: System) -> Geometry | None:
-        """Return where the nodes stand, in m; None where the deck has none of its own.
-
-        Raises
-        ------
-        FormatError
-            If a node cannot be read or stands twice.
-        """
+    def read_geometry(self, units: System) -> Geometry | None:
+        """Return the node positions in m, or None if the deck has none; refuse repeated nodes."""
         own = [card for card in self.cards if card.name == "NODE"]
         materials = []
         for part in self.properties.values():
@@ -93,42 +87,36 @@ class DeckFacts:
         check_materials(materials, units, self.path)
         if not own:
             return None
-        if not self.flat:
+        if not self.is_flat:
             warnings.warn(
-                f"{self.path}: the deck has parts, whose nodes Abaqus numbers anew: no geometry is"
+                f"{self.path}: the deck has parts, whose nodes Abaqus renumbers: no geometry is"
                 " read",
                 UpdynWarning,
                 stacklevel=3,
             )
             return None
         numbers, places = zip(*(read_nodes(card) for card in own), strict=True)
-        with placed(self.path):
+        with locate_errors(self.path):
             return Geometry(np.concatenate(numbers), np.concatenate(places) * units.length)
 
     def element_sets(self) -> dict[str, NDArray[np.int64]]:
-        """Return the members of each element set.
-
-        Raises
-        ------
-        FormatError
-            If a card cannot be read.
-        """
+        """Return the members of each element set."""
         sets = Sets()
         for card in self.cards:
             name = card.get("ELSET")
             if name and card.name == "ELEMENT":
                 sets.add(name, _element_numbers(card))
             elif name and card.name == "ELSET":
-                sets.read(card)
+                sets.add_card(card)
         return {name: sets.members(name) for name in sets}
 
-    def held(self) -> NDArray[np.int64]:
-        """Return node and dof (1 to 6) of every support of the model and its first step, (n, 2).
+    def supports(self) -> NDArray[np.int64]:
+        """Return node and dof (1 to 6) of all supports of the model and its first step, (n, 2).
 
         Raises
         ------
         FormatError
-            If a line cannot be read, names a node set that is not there, or does not hold at 0.
+            If a line cannot be read, refers to a missing node set, or has a nonzero displacement.
         """
         sets = Sets()
         found = []
@@ -138,24 +126,24 @@ class DeckFacts:
             if card.name == "NODE" and name:
                 sets.add(name, read_nodes(card)[0])
             elif card.name == "NSET":
-                sets.read(card)
+                sets.add_card(card)
             elif card.name == "BOUNDARY":
-                found += [_held(card, row, sets) for row in card.rows]
-        return joined([part.reshape(-1) for part in found]).reshape(-1, 2)
+                found += [_support_dofs(card, row, sets) for row in card.rows]
+        return concatenate([part.reshape(-1) for part in found]).reshape(-1, 2)
 
     def by_material(
         self, changes: Mapping[str, Mapping[str, float]]
     ) -> dict[str, Mapping[str, float]]:
-        """Return changes by material, of groups that are called as element sets or as materials.
+        """Return the changes by material; groups are named by element set or by material.
 
         Raises
         ------
         FormatError
-            If an element set shares its material with another one that does not change alike.
+            If an element set shares its material with another one that has a different change.
         """
         if self.assemblies:
             raise FormatError(
-                "the deck is put together of matrices and has no materials; write the updated model"
+                "the deck consists of matrices and has no materials; write the updated model"
                 " instead: updyn.write_model(result.model, 'updated.inp')",
                 self.path,
             )
@@ -175,8 +163,8 @@ class DeckFacts:
                 is_alike = self.sections[elset] == material
                 if is_alike and by_elset.get(elset, {}) != dict(change):
                     raise FormatError(
-                        f"group {name!r} is made of material {material!r}, as is {elset!r}, which"
-                        " changes otherwise; give each a material of its own in the deck",
+                        f"group {name!r} shares material {material!r} with {elset!r}, which has"
+                        " different changes; give each a separate material in the deck",
                         self.path,
                     )
             out[material] = change
@@ -184,13 +172,7 @@ class DeckFacts:
 
 
 def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
-    """Read from a deck what its matrices need.
-
-    Raises
-    ------
-    FormatError
-        If a card that is looked at cannot be read.
-    """
+    """Read the parts of a deck that its matrices need."""
     model, steps = split_steps(cards)
     types: dict[str, str] = {}
     sections: dict[str, str] = {}
@@ -214,7 +196,7 @@ def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 
-def _held(card: Card, row: Row, sets: Sets) -> NDArray[np.int64]:
+def _support_dofs(card: Card, row: Row, sets: Sets) -> NDArray[np.int64]:
     """Return node and dof of the supports of a line, shape (n, 2)."""
     fields = row.fields
     if fields[0].upper() in sets:
@@ -240,16 +222,16 @@ def _held(card: Card, row: Row, sets: Sets) -> NDArray[np.int64]:
             f"*BOUNDARY: found {row.text!r}; expected node, first direction, last direction", row
         )
     if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
-        raise card.error(f"*BOUNDARY: found {row.text!r}; a support holds at 0", row)
+        raise card.error(f"*BOUNDARY: found {row.text!r}; expected a support at 0", row)
     both = np.repeat(nodes, len(directions)), np.tile(directions, len(nodes))
     return np.stack(both, axis=1).astype(np.int64)
 
 
 def _element_numbers(card: Card) -> NDArray[np.int64]:
-    """Return the numbers of the elements; a line that ends with a comma goes on in the next."""
-    numbers, goes_on = [], False
+    """Return the numbers of the elements; a trailing comma continues the line."""
+    numbers, continues = [], False
     for row in card.rows:
-        if not goes_on:
+        if not continues:
             numbers.append(whole(row.fields[0], card, row))
-        goes_on = row.text.endswith(",")
+        continues = row.text.endswith(",")
     return np.array(numbers, dtype=np.int64)

@@ -8,11 +8,11 @@ element, then as above    ``*MATRIX GENERATE, ELEMENT BY ELEMENT``
 row, column, a            ``FORMAT=COORDINATE``: positions counted from 1; no labels
 ========================  ===================================================================
 
-Columns stand between commas or blanks; ``*`` starts a comment. A symmetric matrix is written as one
-triangle or whole. Nodes below 0 are internal ones of Abaqus (Lagrange multipliers, generalised
-displacements); a diagonal entry of 1e36 stands for a degree of freedom that is held. Sources:
+Columns are separated by commas or blanks; ``*`` starts a comment. A symmetric matrix is written as
+one triangle or completely. Nodes below 0 are internal nodes of Abaqus (Lagrange multipliers,
+generalised displacements); a diagonal entry of 1e36 marks a fixed degree of freedom. Sources:
 Abaqus Keywords Guide, ``*MATRIX INPUT``; Abaqus Analysis User's Guide, "Generating matrices"; 1e36
-and the whole matrix under COORDINATE: files as users describe them.
+and the complete matrix for COORDINATE: descriptions of files by users.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import System
-from updyn.io.items import placed, unreadable
+from updyn.io.items import locate_errors, unreadable
 from updyn.io.keyword_deck.sets import distinct
 from updyn.io.text_numbers import number_rows, real_of
 from updyn.model import Group, Matrix, Model
@@ -53,16 +53,16 @@ __all__ = [
     "read_entries",
 ]
 
-#: The diagonal entry of a degree of freedom that is held is 1e36.
+#: Threshold below 1e36, the diagonal entry of a fixed degree of freedom.
 HELD = 1e35
-#: How Abaqus calls a matrix file: job, what it holds, step.
+#: Name of a matrix file of Abaqus: job, quantity, step.
 NAME = re.compile(r"(.+)_(STIF|MASS|DMPV|DMPS)(\d+)", re.IGNORECASE)
 _SHAPES = {
     3: "row, column, entry",
     5: "node, dof, node, dof, entry",
     6: "element, node, dof, node, dof, entry",
 }
-_FIRST_ROWS = 100  # that tell the number of columns
+_FIRST_ROWS = 100  # used to detect the number of columns
 _OTHER_DOFS = {"7": "warping", "8": "pressure", "9": "electric potential"}
 
 
@@ -79,7 +79,7 @@ class Entries:
     values : ndarray of float, shape (n,)
         The entries.
     elements : ndarray of int, shape (n,), optional
-        Which element each is of; None: of the whole.
+        Element of each entry; None for the matrix of the whole model.
     """
 
     path: Path
@@ -88,8 +88,8 @@ class Entries:
     elements: NDArray[np.int64] | None = None
 
     @property
-    def labelled(self) -> bool:
-        """Whether the rows name nodes."""
+    def has_labels(self) -> bool:
+        """Whether the rows contain node labels."""
         return int(self.labels.shape[1]) == 4
 
     def of(self, elements: NDArray[np.int64]) -> Entries:
@@ -101,52 +101,42 @@ class Entries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:
-    """The degrees of freedom of several matrix files: by node and direction, internal nodes last.
+    """The degrees of freedom of several matrix files, by node and direction, internal nodes last.
 
     Parameters
     ----------
     keys : ndarray of int, shape (N, 2)
-        Node as Abaqus numbers it, and dof 1 to 6.
+        Node number in Abaqus, and dof 1 to 6.
     """
 
     keys: NDArray[np.int64]
 
     @classmethod
     def union(cls, files: Sequence[Entries]) -> Labels:
-        """Return those that the rows of labelled files name."""
+        """Return the labels in the rows of all files."""
         pairs = np.unique(np.concatenate([f.labels.reshape(-1, 2) for f in files]), axis=0)
         internal = pairs[:, 0] < 0
         return cls(np.concatenate([pairs[~internal], pairs[internal][::-1]]))
 
     @property
     def internal(self) -> NDArray[np.bool_]:
-        """Which of them are at internal nodes, shape (N,)."""
+        """Whether each is at an internal node, shape (N,)."""
         return np.asarray(self.keys[:, 0] < 0)
 
     @property
     def dofs(self) -> DofSet:
-        """The N degrees of freedom; internal node -n is node (largest of the others) + n."""
+        """The N degrees of freedom; internal node -n becomes node (largest of the others) + n."""
         nodes = self.keys[:, 0]
         largest = int(nodes.max(initial=0))
         return DofSet.from_arrays(np.where(nodes < 0, largest - nodes, nodes), self.keys[:, 1] - 1)
 
     def matrix(self, file: Entries) -> Matrix:
-        """Return a file as a symmetric matrix.
-
-        Parameters
-        ----------
-        file : Entries
-            Labelled rows, all of which are among the labels.
-
-        Returns
-        -------
-        sparse, shape (N, N)
-            In the order of the labels.
+        """Return the entries of a file as a symmetric matrix, in the order of the labels.
 
         Raises
         ------
         FormatError
-            If an entry stands twice, or the two triangles differ.
+            If an entry occurs twice, or the two triangles differ.
         """
         codes = self.keys @ _CODE
         order = np.argsort(codes)
@@ -154,11 +144,11 @@ class Labels:
         return _symmetric(at[:, 0], at[:, 1], file, len(self.keys), self.dofs)
 
 
-_CODE = np.array([8, 1])  # node and dof as one number
+_CODE = np.array([8, 1])  # combines node and dof in one number
 
 
 def is_abaqus(path: Path) -> bool:
-    """Return whether a file is one of Abaqus, by its first row, and by its name if bare."""
+    """Return whether a file is an Abaqus matrix, by its first row, for coordinates by its name."""
     fields: list[str] = []
     try:
         with path.open(encoding="ascii", errors="replace") as file:
@@ -174,7 +164,7 @@ def is_abaqus(path: Path) -> bool:
 
 
 def _is_row(line: str) -> bool:
-    """Return whether a line is neither empty nor a comment or a keyword."""
+    """Return whether a line is not empty, a comment or a keyword."""
     return bool(line.strip()) and not line.lstrip().startswith("*")
 
 
@@ -193,20 +183,11 @@ def _is_number(text: str) -> bool:
 def read_entries(path: Path) -> Entries:
     """Read a matrix file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    Entries
-
     Raises
     ------
     FormatError
-        If a row is not as described, the last one does not end, a label is no whole number, a
-        degree of freedom is not 1 to 6 or an entry is not finite; the message says the line.
+        If a row has another format, the last row is not complete, a label is not an integer, a
+        degree of freedom is not 1 to 6 or an entry is not finite; the message gives the line.
     """
     try:
         raw = path.read_bytes()
@@ -216,13 +197,7 @@ def read_entries(path: Path) -> Entries:
 
 
 def entries_of(raw: bytes, path: Path, first_line: int = 1) -> Entries:
-    """Read the rows of a matrix; `first_line` is the line of the file on which they begin.
-
-    Raises
-    ------
-    FormatError
-        As `read_entries`.
-    """
+    """Read the rows of a matrix; `first_line` is the line of the first row in the file."""
     first = list(islice(_rows(raw, first_line), _FIRST_ROWS))
     if not first:
         raise FormatError("the matrix file has no entry", path)
@@ -273,23 +248,12 @@ def _bad_label(raw: bytes, at: int, path: Path, first_line: int) -> FormatError:
 
 
 def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
-    """Return a file of rows and columns as a symmetric matrix.
-
-    Parameters
-    ----------
-    file : Entries
-        Rows without labels.
-    dofs : DofSet
-        The N degrees of freedom, in the order of the file.
-
-    Returns
-    -------
-    sparse, shape (N, N)
+    """Return a file of rows and columns as a symmetric matrix, in the order of `dofs`.
 
     Raises
     ------
     FormatError
-        If a row lies beyond N, an entry stands twice or the two triangles differ.
+        If a row exceeds N, an entry occurs twice or the two triangles differ.
     """
     largest = int(file.labels.max())
     if largest > len(dofs):
@@ -302,16 +266,16 @@ def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
 def _symmetric(
     row: NDArray[np.int64], column: NDArray[np.int64], file: Entries, n: int, dofs: DofSet
 ) -> Matrix:
-    """Return the matrix of one triangle, either of them entry by entry, or of both."""
+    """Return the symmetric matrix of one triangle, each entry in either of them, or of both."""
     low = np.minimum(row, column)
     high = np.maximum(row, column)
     part: Any = 0
     if file.elements is not None:
         _, part = np.unique(file.elements, return_inverse=True)
-    same = _first_twice((part * n + row) * n + column)
+    same = _first_duplicate((part * n + row) * n + column)
     if same is not None:
         where = f"({dofs[int(row[same])]}, {dofs[int(column[same])]})"
-        raise FormatError(f"entry {where} stands twice", file.path)
+        raise FormatError(f"entry {where} occurs twice", file.path)
     off = low != high
     pairs = ((part * n + low) * n + high)[off]
     _, index, count = np.unique(pairs, return_inverse=True, return_counts=True)
@@ -337,8 +301,8 @@ def _symmetric(
     else:
         k = np.flatnonzero(off)[np.flatnonzero(count[index] == 1)[0]]
         raise FormatError(
-            f"entry ({dofs[int(row[k])]}, {dofs[int(column[k])]}) stands in one triangle, others in"
-            " both; expected one triangle or the whole matrix",
+            f"entry ({dofs[int(row[k])]}, {dofs[int(column[k])]}) is in only one triangle, others"
+            " in both; expected one triangle or the whole matrix",
             file.path,
         )
     at = (np.concatenate([row, column[off]]), np.concatenate([column, row[off]]))
@@ -346,15 +310,15 @@ def _symmetric(
     return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
 
 
-def _first_twice(codes: NDArray[np.int64]) -> int | None:
+def _first_duplicate(codes: NDArray[np.int64]) -> int | None:
     order = np.argsort(codes, kind="stable")
     same = np.flatnonzero(np.diff(codes[order]) == 0)
     return int(order[same[0]]) if same.size else None
 
 
-#: What a matrix file can hold, and how Abaqus calls it in file names.
+#: Quantities of matrix files, and their abbreviations in file names of Abaqus.
 MATRICES = {"stiffness": "STIF", "mass": "MASS", "viscous": "DMPV", "structural": "DMPS"}
-_PROPORTIONAL = 1e-8  # how far structural damping may be from a multiple of the stiffness
+_PROPORTIONAL = 1e-8  # relative deviation of structural damping from a multiple of the stiffness
 _INTERNAL = ("keep", "condense")
 
 
@@ -367,9 +331,9 @@ class Part:
     name : str
         Group name.
     files : mapping of str to Entries
-        Of "stiffness", "mass", "viscous" and "structural", the imaginary part of the stiffness.
+        By "stiffness", "mass", "viscous" and "structural" (the imaginary part of the stiffness).
     loss_factor : float, optional
-        Structural loss factor; None: as the structural matrix says.
+        Structural loss factor; by default that of the structural matrix.
     """
 
     name: str
@@ -395,32 +359,32 @@ def assemble(
     parts : sequence of Part
         The groups.
     units : System
-        Those of the files.
+        Units of the files.
     path : Path
-        The file that named them, for messages.
+        The file that lists them, for messages.
     dofs : DofSet, optional
-        The degrees of freedom in the order of the rows; of files without labels, and of no others.
+        The degrees of freedom in the order of the rows; only for files without labels.
     geometry : Geometry, optional
-        Where the nodes stand.
+        Positions of the nodes.
     title : str
-        For the record.
+        Title of the model.
     internal : {"keep", "condense"}
-        What becomes of internal nodes; see `updyn.io.abaqus.model.read_model`.
+        Treatment of internal nodes; see `updyn.io.abaqus.model.read_model`.
     held : ndarray of int, shape (n, 2), optional
         Node and dof (1 to 6) of supports that are not in the matrices.
 
     Returns
     -------
     Model
-        In SI units, without the degrees of freedom that are held.
+        In SI units, without the fixed degrees of freedom.
 
     Raises
     ------
     FormatError
-        If files do not fit each other, structural damping is no multiple of the stiffness, or an
-        internal degree of freedom cannot be condensed.
+        If files do not match, structural damping is not a multiple of the stiffness, or an internal
+        degree of freedom cannot be condensed.
     OptionError
-        If `internal` is neither.
+        If `internal` is not valid.
     """
     if internal not in _INTERNAL:
         raise OptionError(f"internal {internal!r}; {suggest(str(internal), _INTERNAL)}")
@@ -439,7 +403,7 @@ def assemble(
         inner = labels.internal
     keep = _free(matrices, known, held, path)
     if internal == "condense" and (inner & keep).any():
-        matrices = [_restricted(own, keep) for own in matrices]
+        matrices = [_restrict(own, keep) for own in matrices]
         known = known[np.flatnonzero(keep)]
         inner = inner[keep]
         _condense(matrices, parts, known, inner, path)
@@ -450,30 +414,30 @@ def assemble(
     groups = {}
     for part, own in zip(parts, matrices, strict=True):
         if part.name in groups:
-            raise FormatError(f"group name {part.name!r} stands twice", path)
-        kept = _restricted(own, keep)
+            raise FormatError(f"group name {part.name!r} occurs twice", path)
+        kept = _restrict(own, keep)
         si = {what: units.to_si(A, known) for what, A in kept.items()}
         groups[part.name] = _group(part, si, path)
-    with placed(path):
+    with locate_errors(path):
         return Model.from_groups(groups, known, geometry=geometry, title=title)
 
 
 def _warn_of_masses(
     matrices: Sequence[Mapping[str, Matrix]], inner: NDArray[np.bool_], path: Path
 ) -> None:
-    """Warn of internal degrees of freedom with mass, which look like translations of nodes."""
+    """Warn of internal degrees of freedom with mass, which count as translations of nodes."""
     for own in matrices:
         if "mass" in own and inner.any() and own["mass"][inner].count_nonzero():
             warnings.warn(
-                f"{path}: internal degrees of freedom have mass, and no deck says where the nodes"
-                " are: the masses that updyn info shows count them as translations",
+                f"{path}: internal degrees of freedom have mass, and no deck gives node positions:"
+                " the masses in updyn info count them as translations",
                 UpdynWarning,
                 stacklevel=4,
             )
             return
 
 
-def _restricted(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
+def _restrict(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
     return {what: A[keep][:, keep] for what, A in matrices.items()}
 
 
@@ -482,22 +446,23 @@ def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Lab
     files: list[Entries] = []
     for part in parts:
         files += part.files.values()
-    bare = [file for file in files if not file.labelled]
-    named = [file for file in files if file.labelled]
+    bare = [file for file in files if not file.has_labels]
+    named = [file for file in files if file.has_labels]
     if bare and dofs is None:
         raise FormatError(
-            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT, or"
-            ' name the degrees of freedom in a small TOML file: dofs = "dofs.csv"',
+            "the rows have no node labels (FORMAT=COORDINATE); write them with FORMAT=MATRIX"
+            ' INPUT, or give the degrees of freedom in a small TOML file: dofs = "dofs.csv"',
             bare[0].path,
         )
     if bare and named:
         raise FormatError(
-            f"the rows say no nodes, those of {named[0].path.name} do; write all in one format",
+            f"the rows have no node labels, unlike those of {named[0].path.name}; write all in one"
+            " format",
             bare[0].path,
         )
     if not bare and dofs is not None:
         raise FormatError(
-            "'dofs' is for files without labels; those of these files say their nodes", path
+            "'dofs' is only for files without labels; the rows of these files have labels", path
         )
     if dofs is not None:
         return None, dofs
@@ -511,7 +476,7 @@ def _free(
     supports: NDArray[np.int64] | None,
     path: Path,
 ) -> NDArray[np.bool_]:
-    """Return which degrees of freedom are neither held nor empty."""
+    """Return which degrees of freedom are neither fixed nor empty."""
     used = np.zeros(len(dofs), dtype=np.bool_)
     held = np.zeros(len(dofs), dtype=np.bool_)
     if supports is not None:
@@ -527,13 +492,13 @@ def _free(
         first = dofs[int(np.flatnonzero(empty)[0])]
         warnings.warn(
             f"{path}: {first} has neither stiffness, mass nor damping ({int(empty.sum())} such):"
-            " left out",
+            " removed",
             UpdynWarning,
             stacklevel=4,
         )
     free: NDArray[np.bool_] = used & ~held
     if not free.any():
-        raise FormatError("no degree of freedom is free: everything is held", path)
+        raise FormatError("no degree of freedom is free: all are fixed", path)
     return free
 
 
@@ -548,7 +513,7 @@ def _group(part: Part, matrices: Mapping[str, Matrix], path: Path) -> Group:
                 path,
             )
         gamma = _ratio(D, K, part, path)
-    with placed(path, f"group {part.name!r}"):
+    with locate_errors(path, f"group {part.name!r}"):
         return Group(K, matrices.get("mass"), loss_factor=gamma, viscous=matrices.get("viscous"))
 
 
@@ -558,8 +523,8 @@ def _ratio(D: Matrix, K: Matrix | None, part: Part, path: Path) -> float:
     gamma = float((D.multiply(K)).sum() / (K.multiply(K)).sum())
     if abs(D - gamma * K).max() > _PROPORTIONAL * abs(K).max() * max(abs(gamma), 1e-6):
         raise FormatError(
-            f"group {part.name!r}: structural damping is no multiple of its stiffness; give each"
-            " material a group of its own",
+            f"group {part.name!r}: structural damping is not a multiple of its stiffness; make"
+            " each material a separate group",
             path,
         )
     return gamma
@@ -574,8 +539,8 @@ def _condense(
 ) -> None:
     """Condense massless internal degrees of freedom out of their stiffness matrix, in place.
 
-    K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact where they have no mass, and stays a multiple of
-    the group's unknown where they belong to that group alone.
+    K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact for massless degrees of freedom, and remains
+    proportional to the unknown of the group if they belong only to this group.
     """
     owners = np.zeros(len(dofs), dtype=np.int64)
     for own, part in zip(matrices, parts, strict=True):
@@ -606,8 +571,7 @@ def _condense(
         i = np.flatnonzero(inner & touched)
         r = np.flatnonzero(~inner)
         if i.size:
-            # The structural matrix is proportional to the stiffness and is checked before it
-            # shrinks with it.
+            # The structural matrix is checked for proportionality before the condensation.
             gamma = _ratio(own["structural"], K, part, path) if "structural" in own else None
             own["stiffness"] = _schur(sp.csc_array(K), r, i, part, dofs, path)
             if gamma is not None:
@@ -625,7 +589,7 @@ def _schur(
         small = splu(sp.csc_array(K[i][:, i])).solve(coupling[:, columns].toarray())
     except RuntimeError as error:
         raise FormatError(
-            f"group {part.name!r}: internal {dofs[int(i[0])]} and its like have a singular"
+            f"group {part.name!r}: internal DOFs such as {dofs[int(i[0])]} have a singular"
             " stiffness (Lagrange multipliers); keep them: internal = 'keep'",
             path,
         ) from error

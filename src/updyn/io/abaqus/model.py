@@ -1,14 +1,15 @@
-"""Models from the matrix files of Abaqus (``.mtx``), by a deck or by file names, and as its decks.
+"""Models from matrix files of Abaqus (``.mtx``), found by a deck or by names, and Abaqus decks.
 
-Abaqus itself is not run. A deck (``.inp``) says which files there are:
+Abaqus itself is not run. A deck (``.inp``) lists the files:
 
 - steps with ``*MATRIX GENERATE``: step n of ``job.inp`` wrote ``job_STIFn.mtx``, ``job_MASSn.mtx``,
   ``job_DMPVn.mtx`` and ``job_DMPSn.mtx``. With ``ELSET=`` the set is a group; with ``ELEMENT BY
-  ELEMENT`` each material is one; a step of the whole besides is what the groups have to add up to.
-- ``*MATRIX INPUT`` and ``*MATRIX ASSEMBLE``: each assembly is a group, called as its stiffness.
+  ELEMENT`` each material is a group; the groups must add up to an additional step of the whole.
+- ``*MATRIX INPUT`` and ``*MATRIX ASSEMBLE``: each assembly is a group, named by its stiffness.
 
-``job_STIF1.mtx`` alone stands for what step 1 wrote. A TOML file is as in `updyn.io.matrix_market`,
-without ``dofs``, with ``structural`` besides, and ``unit``, ``deck`` and ``internal`` at its top.
+``job_STIF1.mtx`` selects the files of step 1. A TOML file is as in `updyn.io.matrix_market`,
+without ``dofs``, with the additional key ``structural``, and ``unit``, ``deck`` and ``internal`` at
+its top.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ __all__ = [
 def read_model(
     path: str | Path, *, unit: str = "m", internal: str = "keep", job: str | None = None
 ) -> Model:
-    """Read the matrices that Abaqus wrote.
+    """Read a model from matrices written by Abaqus.
 
     Parameters
     ----------
@@ -68,25 +69,25 @@ def read_model(
         The consistent units of deck and files by their length: m, N, kg; mm, N, t; in, lbf, lbf
         s2/in. The model is in SI.
     internal : {"keep", "condense"}
-        What becomes of internal nodes of Abaqus, which have numbers below 0: "keep" makes node -n
-        the node (largest of the others) + n, exact in all cases, as what is not measured is
-        condensed line by line. "condense" takes them out (K_rr - K_ri K_ii^-1 K_ir), which is exact
-        where they have neither mass nor damping and belong to one group; else it is an error.
+        Treatment of internal nodes of Abaqus, which have numbers below 0. "keep" changes node -n
+        to node (largest of the others) + n and is exact in all cases, because unmeasured DOFs are
+        condensed at each frequency line. "condense" removes them (K_rr - K_ri K_ii^-1 K_ir), which
+        requires that they have neither mass nor damping and belong to one group.
     job : str, optional
-        Name of the job, of which the matrix files of a deck are called. None: as the deck.
+        Name of the job in the names of the matrix files, by default that of the deck.
 
     Returns
     -------
     Model
-        Without degrees of freedom that are held (1e36 on the diagonal). Geometry: the nodes of the
-        deck, where it has no parts; of matrix files that of the deck of their name, if it is there.
+        Without fixed degrees of freedom (1e36 on the diagonal). The geometry contains the nodes of
+        the deck if it has no parts; for matrix files, of the deck with their job name, if any.
 
     Raises
     ------
     FormatError
-        If a file is missing or not valid, or groups do not add up; the message says file and line.
+        If a file is missing or not valid, or groups do not add up; the message gives file and line.
     OptionError
-        If there is no such unit, or `internal` is neither.
+        If the unit or `internal` is not valid.
     """
     path = Path(path)
     units = system(unit)
@@ -94,19 +95,19 @@ def read_model(
         facts = read_facts(path, read_cards(path))
         if facts.assemblies:
             parts = assembled_parts(facts)
-            held: NDArray[np.int64] | None = facts.held()
+            held: NDArray[np.int64] | None = facts.supports()
         else:
             parts = generated_parts(facts, job or path.stem)
-            held = None  # the matrices that a step wrote have its supports in them
-        drawn = facts.drawn(units)
+            held = None  # matrices written by a step contain its supports
+        drawn = facts.read_geometry(units)
         return assemble(
             parts, units, path, geometry=drawn, title=facts.title, internal=internal, held=held
         )
     found = NAME.fullmatch(path.stem)
     if found is None:
         raise FormatError(
-            "its name is not as Abaqus gives it (job_STIF1.mtx); name the files in a small TOML"
-            f' file: [[group]] with name = "...", stiffness = "{path.name}", mass = "..."',
+            "its name is not that of an Abaqus matrix (job_STIF1.mtx); list the files in a small"
+            f' TOML file: [[group]] with name = "...", stiffness = "{path.name}", mass = "..."',
             path,
         )
     name, step = found[1], found[3]
@@ -117,38 +118,39 @@ def read_model(
             entries[what] = read_entries(file)
         elif what in ("stiffness", "mass"):
             raise FormatError(
-                f"no {file.name} beside it; *MATRIX GENERATE, STIFFNESS, MASS writes both", path
+                f"no {file.name} in the same folder; *MATRIX GENERATE, STIFFNESS, MASS writes both",
+                path,
             )
-    geometry = _beside(path.parent / f"{name}.inp", units)
+    geometry = _geometry_of_deck(path.parent / f"{name}.inp", units)
     return assemble([Part(name, entries)], units, path, geometry=geometry, internal=internal)
 
 
-def _beside(deck: Path, units: System) -> Geometry | None:
+def _geometry_of_deck(deck: Path, units: System) -> Geometry | None:
     if not is_file(deck):
         return None
-    return read_facts(deck, read_cards(deck)).drawn(units)
+    return read_facts(deck, read_cards(deck)).read_geometry(units)
 
 
 def write_properties(
     changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
 ) -> None:
-    """Write the materials that changed as a file for ``*INCLUDE``, in the place of their old cards.
+    """Write the changed materials to a file for ``*INCLUDE`` that replaces their cards.
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
-        By group, called as a material, as the element set of a section, or as springs or masses:
-        "stiffness" and "mass" are factors on the deck's moduli and densities, "loss_factor" is the
-        new ``*DAMPING, STRUCTURAL=``, "viscous" a factor on the damping that ALPHA and BETA give.
+        By group, named by material, by element set of a section, or by springs or masses:
+        "stiffness" and "mass" are factors on the moduli and densities of the deck, "loss_factor" is
+        the new ``*DAMPING, STRUCTURAL=``, "viscous" a factor on the damping of ALPHA and BETA.
     deck : path
-        The deck; Abaqus's parts and instances may stand in it.
+        The deck; it may contain parts and instances.
     path : path
         The file to write.
 
     Raises
     ------
     FormatError
-        If the deck cannot be read, has no such group (the nearest is named), or a set shares its
+        If the deck cannot be read, has no such group (with the nearest name), or a set shares its
         material with others.
     """
     deck = Path(deck)
@@ -162,7 +164,7 @@ _PARAMETERS = {
     "viscous": "VISCOUS DAMPING",
     "structural": "STRUCTURAL DAMPING",
 }
-#: What a deck that is put together of matrices may hold.
+#: Cards allowed in a deck that consists of matrices.
 _USAGE = ("HEADING", "PREPRINT", "NODE", "NSET", "MATRIX INPUT", "MATRIX ASSEMBLE", "BOUNDARY")
 #: Abaqus writes 15 digits.
 _TOLERANCE = 1e-10
@@ -170,18 +172,9 @@ _TOLERANCE = 1e-10
 
 # -- *MATRIX GENERATE ---------------------------------------------------------------------------
 def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
-    """Return the groups whose matrices the steps of a deck wrote.
+    """Return the groups whose matrices were written by the steps of a deck.
 
-    Parameters
-    ----------
-    facts : DeckFacts
-        The deck.
-    job : str
-        Name of the job; the files stand beside the deck.
-
-    Returns
-    -------
-    list of Part
+    `job` is the name in the files, which are in the folder of the deck.
 
     Raises
     ------
@@ -195,20 +188,20 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
         if not cards:
             continue
         card = cards[0]
-        files = _written(facts, card, job, at)
+        files = _read_step(facts, card, job, at)
         elset = card.get("ELSET")
         if "ELEMENT BY ELEMENT" in card.parameters:
             parts += _by_material(facts, card, files)
         elif elset:
-            # A set of an instance is called "instance.set"; groups have no dots.
+            # A set of an instance is named "instance.set"; group names have no dots.
             parts.append(Part(elset.rpartition(".")[2], files))
         else:
             whole = files
     if not parts and not whole:
         raise FormatError(
-            "no step of the deck writes matrices. Abaqus has to: add *STEP, *MATRIX GENERATE,"
-            " STIFFNESS, MASS, ELSET=... and *MATRIX OUTPUT, STIFFNESS, MASS for each set that is"
-            " to be a group, run the job and read the deck again",
+            "no step of the deck writes matrices: add *STEP, *MATRIX GENERATE, STIFFNESS, MASS,"
+            " ELSET=... and *MATRIX OUTPUT, STIFFNESS, MASS for each set that forms a group, run"
+            " the job with Abaqus and read the deck again",
             facts.path,
         )
     if not parts:
@@ -218,8 +211,8 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
     return parts
 
 
-def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Entries]:
-    """Return the matrices that a step wrote."""
+def _read_step(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Entries]:
+    """Read the matrices that a step wrote."""
     by_element = "ELEMENT BY ELEMENT" in card.parameters
     files = {}
     for what, parameter in _PARAMETERS.items():
@@ -234,22 +227,24 @@ def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Ent
         files[what] = read_entries(file)
         if by_element and files[what].elements is None:
             raise FormatError(
-                f"the matrix is whole, the deck says by element (line {card.line})", file
+                f"the matrix is not written by element, as the deck states (line {card.line})",
+                file,
             )
         if not by_element and files[what].elements is not None:
             raise FormatError(
-                f"the matrix is by element, the deck says whole (line {card.line})", file
+                f"the matrix is written by element, unlike the deck states (line {card.line})",
+                file,
             )
     if not files:
-        raise card.error("*MATRIX GENERATE says neither STIFFNESS nor MASS")
+        raise card.error("*MATRIX GENERATE has neither STIFFNESS nor MASS")
     return files
 
 
 def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> list[Part]:
-    if not facts.flat:
+    if not facts.is_flat:
         raise card.error(
-            "ELEMENT BY ELEMENT in a deck with parts: Abaqus numbers its elements anew; write it"
-            " flat"
+            "ELEMENT BY ELEMENT in a deck with parts, whose elements Abaqus renumbers; write a"
+            " flat deck"
         )
     sets = facts.element_sets()
     members: dict[str, list[NDArray[np.int64]]] = {}
@@ -273,16 +268,16 @@ def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> 
         lost = np.setdiff1d(file.elements, seen)
         if lost.size:
             raise FormatError(
-                f"element {lost[0]} is of no section of the deck ({lost.size} such)", file.path
+                f"element {lost[0]} has no section in the deck ({lost.size} such)", file.path
             )
     return parts
 
 
 def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
-    """Compare the groups with the whole."""
-    if not total.labelled or not all(f.labelled for f in files):
+    """Refuse groups that do not add up to the whole."""
+    if not total.has_labels or not all(f.has_labels for f in files):
         raise FormatError(
-            "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT",
+            "the rows have no node labels (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT",
             total.path,
         )
     labels = Labels.union([total, *files])
@@ -299,33 +294,34 @@ def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
         dofs = labels.dofs
         raise FormatError(
             f"the element sets do not add up to the {what} of the whole: at"
-            f" {dofs[int(free[rest.row[at]])]}, {dofs[int(free[rest.col[at]])]} {rest.data[at]:.3g}"
-            " is left; a part belongs to no set, or to two",
+            f" {dofs[int(free[rest.row[at]])]}, {dofs[int(free[rest.col[at]])]} the difference is"
+            f" {rest.data[at]:.3g}; a part belongs to no set, or to two",
             total.path,
         )
 
 
 # -- *MATRIX INPUT and *MATRIX ASSEMBLE ---------------------------------------------------------
 def assembled_parts(facts: DeckFacts) -> list[Part]:
-    """Return the groups that a deck puts together of matrices; each ``*MATRIX ASSEMBLE`` is one.
+    """Return the groups of a deck that consists of matrices; each ``*MATRIX ASSEMBLE`` is a group.
 
     Raises
     ------
     FormatError
-        If a matrix is not there, or is not symmetric or not text, or the deck holds more than
-        matrices.
+        If a matrix is missing, not symmetric or not text, or the deck contains other cards.
     """
     for card in facts.cards:
         if card.name not in _USAGE:
             raise card.error(
-                f"*{card.name} beside *MATRIX ASSEMBLE is not read; only"
-                f" {', '.join('*' + name for name in _USAGE)}: have Abaqus write all of the model"
+                f"*{card.name} together with *MATRIX ASSEMBLE is not supported; expected only"
+                f" {', '.join('*' + name for name in _USAGE)}: let Abaqus write the whole model"
                 " with *MATRIX GENERATE"
             )
-    known = {card.need("NAME").upper(): card for card in facts.cards if card.name == "MATRIX INPUT"}
+    known = {
+        card.require("NAME").upper(): card for card in facts.cards if card.name == "MATRIX INPUT"
+    }
     parts = []
     for card in facts.assemblies:
-        card.only(*_PARAMETERS.values())
+        card.check_parameters(*_PARAMETERS.values())
         files = {}
         for what, parameter in _PARAMETERS.items():
             name = card.get(parameter)
@@ -337,13 +333,13 @@ def assembled_parts(facts: DeckFacts) -> list[Part]:
                 )
             files[what] = _input(known[name.upper()], facts.path.parent)
         if not files:
-            raise card.error("*MATRIX ASSEMBLE names no matrix")
+            raise card.error("*MATRIX ASSEMBLE refers to no matrix")
         parts.append(Part(_group_name(card), files))
     return parts
 
 
 def _group_name(card: Card) -> str:
-    """Return the name of the assembly's first matrix, without the ending that says what it is."""
+    """Return the name of the first matrix of the assembly, without its suffix."""
     named = [card.parameters[p] for p in _PARAMETERS.values() if card.get(p)]
     name = named[0]
     for ending in ("_STIF", "_MASS", "_DMPV", "_DMPS"):
@@ -353,13 +349,14 @@ def _group_name(card: Card) -> str:
 
 
 def _input(card: Card, folder: Path) -> Entries:
-    card.only("NAME", "INPUT", "SCALE FACTOR", "TYPE", "MATRIX")
+    card.check_parameters("NAME", "INPUT", "SCALE FACTOR", "TYPE", "MATRIX")
     if (card.get("TYPE") or "SYMMETRIC").upper() != "SYMMETRIC":
-        raise card.error("*MATRIX INPUT, TYPE=UNSYMMETRIC: matrices are symmetric here")
+        raise card.error("*MATRIX INPUT, TYPE=UNSYMMETRIC: expected a symmetric matrix")
     given = card.get("INPUT")
     if "MATRIX" in card.parameters or (given or "").lower().endswith(".sim"):
         raise card.error(
-            "*MATRIX INPUT of a .sim file, which only Abaqus reads; write text with *MATRIX OUTPUT"
+            "*MATRIX INPUT of a .sim file, which only Abaqus can read; write text with *MATRIX"
+            " OUTPUT"
         )
     if given is None:
         if not card.rows:
@@ -384,32 +381,31 @@ _LARGEST = 10**9 - 1  # node number of Abaqus
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model as a deck, and its matrices beside it, in SI units.
+    """Write a model as a deck with matrix files, in SI units.
 
-    Damping in proportion to a group's mass or stiffness goes into its viscous matrix.
-
-    Abaqus reads numbers of up to twenty characters: an entry keeps 13 digits or more.
+    Rayleigh damping of a group is added to its viscous matrix. Abaqus reads numbers of up to twenty
+    characters, so entries keep at least 13 digits.
 
     Parameters
     ----------
     model : Model
-        The model. Of its geometry positions are written, no lines.
+        The model. Only the positions of its geometry are written.
     path : path
-        The deck to write, for instance ``case.inp``; the matrices are called ``case_1_STIF.mtx``,
+        The deck to write, for instance ``case.inp``. The matrices are named ``case_1_STIF.mtx``,
         ``case_1_MASS.mtx``, ``case_1_DMPV.mtx`` and ``case_1_DMPS.mtx`` (loss factor times
-        stiffness), the number being that of the group, and are replaced where they exist. The deck
-        is written last.
+        stiffness) with the number of the group; existing files are replaced. The deck is written
+        last.
 
     Raises
     ------
     FormatError
         If the node number of a degree of freedom is not from 1 to 999999999, two groups would have
-        one name, or a loss factor depends on frequency.
+        the same name, or a loss factor depends on frequency.
 
     Warns
     -----
     UpdynWarning
-        If nodes have directions of their own, or Rayleigh coefficients have become matrices.
+        If nodes have local directions, or Rayleigh coefficients were converted to matrices.
     """
     path = Path(path)
     _check(model, path)
@@ -421,7 +417,7 @@ def write_model(model: Model, path: str | Path) -> None:
     if folded:
         warnings.warn(
             f"{path}: Rayleigh damping of {', '.join(map(repr, folded[:6]))} is written as viscous"
-            " matrices, which no longer follow mass and stiffness",
+            " matrices, which no longer depend on mass and stiffness",
             UpdynWarning,
             stacklevel=3,
         )
@@ -448,17 +444,18 @@ def _check(model: Model, path: Path) -> None:
     nodes = model.dofs.nodes
     if nodes.min() < 1 or nodes.max() > _LARGEST:
         bad = nodes[(nodes < 1) | (nodes > _LARGEST)][0]
-        raise FormatError(f"node {bad}: Abaqus numbers nodes from 1 to {_LARGEST}", path)
+        raise FormatError(f"node {bad}; expected node numbers from 1 to {_LARGEST}", path)
     seen: dict[str, str] = {}
     for name in model.groups:
         if re.search(r'[",=]', name):
             raise FormatError(
-                f"group {name!r}: a name in a deck has no quotes, commas and equals signs", path
+                f"group {name!r}: names in a deck cannot contain quotes, commas and equals signs",
+                path,
             )
         other = seen.setdefault(name.upper(), name)
         if other != name:
             raise FormatError(
-                f"groups {other!r} and {name!r} are one name in a deck, where case does not matter",
+                f"groups {other!r} and {name!r} have the same name in a deck, which ignores case",
                 path,
             )
 
@@ -472,7 +469,7 @@ def _nodes(geometry: Geometry | None, path: Path) -> list[str]:
         return []
     if geometry.axes is not None:
         warnings.warn(
-            f"{path}: a deck has no place for directions of nodes; left out",
+            f"{path}: a deck cannot hold directions of nodes; written without",
             UpdynWarning,
             stacklevel=4,
         )

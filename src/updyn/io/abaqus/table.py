@@ -1,9 +1,9 @@
-"""Models of a TOML file (`updyn.io.model_table`) whose groups name matrix files of Abaqus.
+"""Models of a TOML file (`updyn.io.model_table`) whose groups refer to matrix files of Abaqus.
 
 ::
 
-    unit = "mm"                        # of all files; "m" where absent
-    deck = "wing.inp"                  # optional: where the nodes stand; element sets
+    unit = "mm"                        # of all files; by default "m"
+    deck = "wing.inp"                  # optional: positions of the nodes, element sets
     internal = "keep"                  # or "condense", see updyn.io.abaqus.model
 
     [[group]]
@@ -12,8 +12,8 @@
     mass = "spar_MASS2.mtx"
     loss_factor = 0.02                 # optional, instead of structural
 
-Files written with FORMAT=COORDINATE have no labels; ``dofs`` gives them, in the order of the rows.
-Of files written with ELEMENT BY ELEMENT ``elset`` picks the elements of a group by the sets of the
+Files written with FORMAT=COORDINATE have no labels; ``dofs`` lists them, in the order of the rows.
+For files written with ELEMENT BY ELEMENT, ``elset`` selects the elements of a group by a set of the
 deck.
 """
 
@@ -45,7 +45,7 @@ _GROUP = ("name", *MATRICES, "loss_factor", "elset")
 
 
 def names_abaqus_files(table: ModelTable) -> bool:
-    """Say whether the first matrix file that a group names and that exists is one of Abaqus."""
+    """Return whether the first existing matrix file of a group is an Abaqus file."""
     for group in table.content["group"]:
         for what in MATRICES:
             given = group.get(what)
@@ -58,21 +58,12 @@ def names_abaqus_files(table: ModelTable) -> bool:
 
 
 def read_table(table: ModelTable) -> Model:
-    """Build the model of a TOML file whose groups name matrix files of Abaqus.
-
-    Parameters
-    ----------
-    table : ModelTable
-        The file.
-
-    Returns
-    -------
-    Model
+    """Build the model of a TOML file whose groups refer to matrix files of Abaqus.
 
     Raises
     ------
     FormatError
-        If a key is unknown, a file is missing or not valid, or files do not fit each other.
+        If a key is unknown, a file is missing or not valid, or files do not match.
     """
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
@@ -82,7 +73,7 @@ def read_table(table: ModelTable) -> Model:
     if "deck" in content:
         deck = table.file(content, "deck")
         facts = read_facts(deck, read_cards(deck))
-        geometry = facts.drawn(units) if geometry is None else geometry
+        geometry = facts.read_geometry(units) if geometry is None else geometry
     parts = [_part(table, group, number, facts) for number, group in enumerate(content["group"])]
     return assemble(
         parts,
@@ -109,8 +100,8 @@ def _part(
         files = _of_set(files, elset, facts, table, number)
     elif any(f.elements is not None for f in files.values()):
         raise FormatError(
-            f"group {name!r}: its files are written element by element; say of which elements it"
-            " is: elset = '...', with deck = '...' above",
+            f"group {name!r}: its files are written element by element; select its elements:"
+            " elset = '...', with deck = '...' above",
             table.path,
             table.line("name", "group", number),
         )
@@ -126,7 +117,7 @@ def _of_set(
 ) -> dict[str, Entries]:
     line = table.line("elset", "group", number)
     if facts is None:
-        raise FormatError("elset needs deck = '...', which says its elements", table.path, line)
+        raise FormatError("elset needs deck = '...', which defines it", table.path, line)
     sets = facts.element_sets()
     if elset.upper() not in sets:
         raise FormatError(
@@ -138,7 +129,7 @@ def _of_set(
     for what, file in files.items():
         if file.elements is None:
             raise FormatError(
-                f"{file.path.name} is not written element by element; leave elset out",
+                f"{file.path.name} is not written element by element; remove elset",
                 table.path,
                 line,
             )

@@ -16,7 +16,7 @@ from updyn.errors import FormatError, OptionError, suggest
 from updyn.foreign import box
 from updyn.geometry import Geometry
 from updyn.io.ansys.archive import check_archive
-from updyn.io.items import is_file, placed
+from updyn.io.items import is_file, locate_errors
 from updyn.shapes import HEXAHEDRON, LINE, QUADRANGLE, TETRAHEDRON, Shape, edges_of, faces_of
 
 __all__ = ["BY", "Attributes", "find_neighbour", "groups_of", "read_attributes"]
@@ -78,7 +78,7 @@ class Attributes:
         """Return positions in m, nodal systems, edges and faces; `length` is the unit in m."""
         drawn = self._corners_by_shape()
         axes = _axes(self.angles) if np.any(self.angles) else None
-        with placed(self.path):
+        with locate_errors(self.path):
             xyz = self.xyz * length
             return Geometry(self.nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, in_all
 from updyn.io.consistent_units import UNITS, System, system
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 
 __all__ = ["DOF_NAMES", "BinaryFile", "labels_of"]
 
@@ -221,5 +221,5 @@ def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> D
             " fields, fluid and multipliers",
             path,
         )
-    with placed(path, "degrees of freedom"):
+    with locate_errors(path, "degrees of freedom"):
         return DofSet.from_arrays(nodes, numbers - 1)

@@ -24,7 +24,7 @@ from updyn.io.ansys.attributes import Attributes, find_neighbour, groups_of, rea
 from updyn.io.ansys.binary import BinaryFile, labels_of
 from updyn.io.ansys.full import FullSystem, read_system
 from updyn.io.ansys.properties import write_properties
-from updyn.io.items import chosen, is_file, placed
+from updyn.io.items import is_file, locate_errors, parse_selection
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -126,7 +126,7 @@ def read_model(
     if system is not None:
         _check_sum(parts, system, kept, path)
     geometry = None if known is None else known.geometry(units.length)
-    with placed(path):
+    with locate_errors(path):
         made = {name: _group(matrices, loss_factor) for name, matrices in parts.items() if matrices}
         return Model.from_groups(made, kept, geometry=geometry)
 
@@ -294,8 +294,8 @@ def _free_dofs(
     elif supports is not None:
         grounded = list(supports)
         if grounded:
-            with placed(path, "supports"):
-                keep[dofs.match(chosen(grounded, "supports", path)).index] = False
+            with locate_errors(path, "supports"):
+                keep[dofs.match(parse_selection(grounded, "supports", path)).index] = False
     elif not is_free:
         warnings.warn(
             f"{path}: no supports are given, so the model is read as free: give full= (the .full"

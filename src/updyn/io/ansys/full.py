@@ -22,7 +22,7 @@ from updyn.errors import FormatError, OptionError
 from updyn.io.ansys.binary import BinaryFile, labels_of
 from updyn.io.ansys.properties import write_properties
 from updyn.io.differences import groups_by_difference
-from updyn.io.items import is_file, placed
+from updyn.io.items import is_file, locate_errors
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["FullSystem", "read_model", "read_system", "write_properties"]
@@ -110,13 +110,13 @@ def read_model(
     """
     system = read_system(path, unit)
     if doubled is None:
-        with placed(path):
+        with locate_errors(path):
             groups = {"model": Group(system.stiffness, system.mass, loss_factor, system.viscous)}
     else:
         groups = _by_difference(system, doubled, path, unit, loss_factor)
         if system.viscous is not None:
             groups["damping"] = Group(viscous=system.viscous)
-    with placed(path):
+    with locate_errors(path):
         return Model.from_groups(groups, system.dofs)
 
 

@@ -1,7 +1,7 @@
 """Decks of CalculiX: models, with materials as groups by difference, and updated properties.
 
-``ccx`` keeps the rotations of a rigid body as the translations of a node of their own; here they
-are rotations of its reference node.
+``ccx`` keeps the rotations of a rigid body as translations of an additional node; the model has
+them as rotations of its reference node.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from updyn.io.abaqus import model as abaqus
 from updyn.io.calculix.program import ABAQUS, Matrices, check_model, find_program, storage_deck
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, whole
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.io.keyword_deck.structure import (
     KeywordDeck,
     Property,
-    drawn,
     heading_of,
+    nodes_by_shape,
     read_deck,
     read_properties,
 )
@@ -43,8 +43,8 @@ __all__ = [
     "write_properties",
 ]
 
-#: ccx prints 14 digits: an entry is off by up to 5e-14 of itself, a difference of two by 1e-13 of
-#: the larger.
+#: ccx prints 14 digits: the relative error of an entry is up to 5e-14, that of a difference up to
+#: 1e-13 of the larger entry.
 _TOLERANCE = 1e-10
 
 
@@ -57,43 +57,42 @@ def read_model(
 ) -> Model:
     """Read a deck of solids by running ``ccx`` on it.
 
-    A deck that holds ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is one of Abaqus and is
-    handed to `updyn.io.abaqus.model`.
+    A deck with ``*MATRIX INPUT``, ``*MATRIX GENERATE`` or parts is an Abaqus deck and is read by
+    `updyn.io.abaqus.model`.
 
     Parameters
     ----------
     path : path
         The deck, ``.inp``.
     unit : {"m", "mm", "in"}
-        The deck's consistent units by their length: m, N, kg; mm, N, t; in, lbf, lbf s2/in. The
+        Consistent units of the deck by their length: m, N, kg; mm, N, t; in, lbf, lbf s2/in. The
         model is in SI.
     ccx : str
-        The program: its name or its path.
+        Name or path of the program.
     timeout : float
-        Longest time of one run, in s. There is one run for the deck and one for each material.
+        Time limit of one run in seconds. There is one run for the deck and one for each material.
 
     Returns
     -------
     Model
-        Groups: the materials, the springs and the point masses, by name; DOFs: those of the nodes
-        that are neither held nor tied, and rotations of the reference nodes of rigid bodies;
-        geometry: all nodes, with edges and faces of the solids. ``*DAMPING, STRUCTURAL=`` is the
-        loss factor of a material, ALPHA and BETA (of the whole deck) the viscous damping of each
-        group.
+        Groups are the materials, the springs and the point masses, by name. DOFs are those of the
+        nodes that are neither fixed nor tied, and rotations of the reference nodes of rigid bodies.
+        The geometry contains all nodes, with edges and faces of the solids. ``*DAMPING,
+        STRUCTURAL=`` is the loss factor of a material, ALPHA and BETA (of the whole deck) define
+        the viscous damping of each group.
 
     Raises
     ------
     FormatError
-        If a card cannot be read or is of a kind that has no place in the matrices, or ``ccx``
-        fails; the message says file and line, or what ``ccx`` said.
+        If a card cannot be read or has no effect on the matrices, or ``ccx`` fails; the message
+        gives file and line, or the message of ``ccx``.
     OptionError
-        If there is no ``ccx``, with what to install, or no such unit.
+        If ``ccx`` is not installed, or the unit is unknown.
 
     Warns
     -----
     UpdynWarning
-        If materials do not look like solids in the unit stated, a material has no density, or no
-        element.
+        If materials are not plausible for the unit, a material has no density, or no element.
     """
     path = Path(path)
     cards = read_cards(path)
@@ -109,12 +108,12 @@ def read_model(
     check_materials(moduli, units, path)
 
     def run(changed: Property | None = None) -> Matrices:
-        return program.matrices([*_lines(model, changed), *step], remarks=changed is None)
+        return program.run_deck([*_lines(model, changed), *step], remarks=changed is None)
 
     total = run()
-    dofs = rotations.renamed(total.dofs, deck)
+    dofs = rotations.move_rotations(total.dofs, deck)
 
-    def doubled(name: str) -> tuple[Matrix, Matrix]:
+    def double_part(name: str) -> tuple[Matrix, Matrix]:
         one = run(parts[name])
         if one.dofs != total.dofs:
             raise FormatError(
@@ -123,12 +122,12 @@ def read_model(
         return one.stiffness, one.mass
 
     sums = total.stiffness, total.mass
-    split = groups_by_difference(parts, sums, doubled, dofs, path, _TOLERANCE)
+    split = groups_by_difference(parts, sums, double_part, dofs, path, _TOLERANCE)
     groups = {}
     for key, (K, M) in split.items():
         name = parts[key].name
         if K is None and M is None:
-            _warn(path, f"{name!r} has neither stiffness nor mass at the free DOFs: left out")
+            _warn(path, f"{name!r} has neither stiffness nor mass at the free DOFs: removed")
             continue
         gamma = 0.0
         viscous = []
@@ -138,15 +137,15 @@ def read_model(
                 viscous.append(alpha * M)
         if K is not None:
             K = units.to_si(K, dofs)
-            gamma = parts[key].damping("STRUCTURAL")
+            gamma = parts[key].damping_parameter("STRUCTURAL")
             if beta:
                 viscous.append(beta * K)
         C = sum(viscous) if viscous else None
-        with placed(path, f"group {name!r}"):
+        with locate_errors(path, f"group {name!r}"):
             groups[name] = Group(K, M, loss_factor=gamma, viscous=C)
     heading = heading_of(model)
-    with placed(path):
-        solids = drawn(deck)
+    with locate_errors(path):
+        solids = nodes_by_shape(deck)
         geometry = Geometry(
             deck.nodes, deck.xyz * units.length, edges_of(solids), faces=faces_of(solids)
         )
@@ -158,12 +157,12 @@ def read_parts(
 ) -> tuple[list[Card], list[str], KeywordDeck, dict[str, Property]]:
     """Return the cards of the model, the lines of the storing step, the structure and its groups.
 
-    Groups are by name in capitals.
+    Groups are by name in upper case.
 
     Raises
     ------
     FormatError
-        If a card cannot be read, or a material is not linear or not there.
+        If a card cannot be read, or a material is missing or not linear.
     """
     model, step = storage_deck(cards)
     check_model(model)
@@ -179,8 +178,8 @@ def read_parts(
         bad = sorted(set(part.name) & set(".*?[]"))
         if bad:
             raise part.cards[0].error(
-                f"{part.kind} {part.name!r} holds {bad[0]!r}: unknowns are called name.quantity and"
-                " chosen by glob; rename it in the deck"
+                f"{part.kind} {part.name!r} contains {bad[0]!r}, which is reserved in names of"
+                " unknowns (name.quantity, selected by glob); rename it in the deck"
             )
     materials = [name for name, p in found.items() if p.kind == "material"]
     for section in deck.sections:
@@ -193,7 +192,7 @@ def read_parts(
     for name, part in found.items():
         if part.kind == "material":
             if not len(deck.elements_of(name)):
-                _warn(path, f"no element is made of material {part.name!r}: left out")
+                _warn(path, f"no element is made of material {part.name!r}: removed")
                 continue
             if part.card("ELASTIC") is None:
                 raise part.cards[0].error(f"material {part.name!r} has no *ELASTIC")
@@ -204,10 +203,10 @@ def read_parts(
 
 
 def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
-    """Return the lines of a deck, with stiffness and density of a part doubled."""
+    """Return the lines of a deck, with doubled stiffness and density of a part."""
     cards = list(model)
     if changed is not None:
-        cards[changed.at : changed.at + len(changed.cards)] = changed.scaled(2.0, 2.0)
+        cards[changed.at : changed.at + len(changed.cards)] = changed.scale_cards(2.0, 2.0)
     lines = []
     for card in cards:
         lines += card.text()
@@ -215,17 +214,17 @@ def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
 
 
 def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
-    """Return ALPHA (1/s) and BETA (s), which ccx applies to the whole deck wherever they stand.
+    """Return ALPHA (1/s) and BETA (s) of the deck; ccx applies them to the whole deck.
 
     Raises
     ------
     FormatError
-        If two cards say them, or one is not a number.
+        If two cards define them, or one is not a number.
     """
     found = [c for c in model if c.name == "DAMPING" and {"ALPHA", "BETA"} & set(c.parameters)]
     if len(found) > 1:
         raise found[1].error(
-            f"*DAMPING with ALPHA and BETA stands twice, also on line {found[0].line}"
+            f"*DAMPING with ALPHA and BETA occurs twice, also on line {found[0].line}"
         )
     if not found:
         return 0.0, 0.0
@@ -242,14 +241,14 @@ def _warn(path: Path, message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Rotations:
-    """The nodes that hold the rotations of rigid bodies.
+    """The nodes whose translations are the rotations of rigid bodies.
 
     Parameters
     ----------
     named : tuple of (int, int)
-        ROT NODE and REF NODE of each rigid body that names both.
+        ROT NODE and REF NODE of each rigid body that specifies both.
     unnamed : tuple of int
-        REF NODE of the others, in the order of the deck: ``ccx`` makes a node beyond the largest
+        REF NODE of the others, in the order of the deck: ``ccx`` adds a node after the largest one
         for each.
     path : Path
         The deck, for messages.
@@ -259,38 +258,27 @@ class Rotations:
     unnamed: tuple[int, ...]
     path: Path
 
-    def renamed(self, dofs: DofSet, deck: KeywordDeck) -> DofSet:
-        """Return the degrees of freedom with rotations as those of the reference nodes.
+    def move_rotations(self, dofs: DofSet, deck: KeywordDeck) -> DofSet:
+        """Return the degrees of freedom with rotations at the reference nodes, in the same order.
 
-        Parameters
-        ----------
-        dofs : DofSet
-            As ``ccx`` names them, all along X, Y and Z.
-        deck : KeywordDeck
-            The structure.
-
-        Returns
-        -------
-        DofSet
-            In the same order.
+        `dofs` are those of ``ccx``, all along X, Y and Z.
 
         Raises
         ------
         FormatError
-            If there are nodes that the deck does not have and that no rigid body explains.
+            If there are additional nodes that do not belong to a rigid body.
         """
         made = np.setdiff1d(dofs.nodes, deck.nodes)
-        # C3D8I has three generalised displacements of its own, which ccx keeps (with mass) as
-        # nodes.
+        # C3D8I has three internal generalised displacements, which ccx keeps (with mass) as nodes.
         inner = 0
         for block in deck.elements:
             if block.type == "C3D8I":
                 inner += 3 * block.numbers.size
         if len(made) != inner + len(self.unnamed) or (inner and self.unnamed):
             raise FormatError(
-                f"ccx makes {len(made)} nodes that the deck does not have, {inner} of them inside"
-                f" C3D8I, and there are {len(self.unnamed)} rigid bodies or couplings without a"
-                " node for their rotations: give each *RIGID BODY a ROT NODE",
+                f"ccx adds {len(made)} nodes to those of the deck, {inner} of them inside C3D8I,"
+                f" but there are {len(self.unnamed)} rigid bodies or couplings without a node for"
+                " their rotations: give each *RIGID BODY a ROT NODE",
                 self.path,
             )
         bodies = list(self.named)
@@ -306,30 +294,13 @@ class Rotations:
 
 
 def read_rotations(model: Sequence[Card], path: Path) -> Rotations:
-    """Return the rotation nodes of rigid bodies and couplings.
-
-    Parameters
-    ----------
-    model : sequence of Card
-        The cards before the first step.
-    path : Path
-        The deck, for messages.
-
-    Returns
-    -------
-    Rotations
-
-    Raises
-    ------
-    FormatError
-        If a node is no whole number.
-    """
+    """Return the rotation nodes of rigid bodies and couplings before the first step."""
     named = []
     unnamed = []
     for card in model:
         if card.name in ("RIGID BODY", "COUPLING"):
             row = Row(card.line, "")
-            reference = whole(card.need("REF NODE"), card, row)
+            reference = whole(card.require("REF NODE"), card, row)
             rotation = card.get("ROT NODE")
             if rotation:
                 named.append((whole(rotation, card, row), reference))
@@ -339,23 +310,23 @@ def read_rotations(model: Sequence[Card], path: Path) -> Rotations:
 
 
 _FOLLOWS = (
-    "ALPHA and BETA hold for the whole deck: viscous damping follows the new mass and stiffness."
+    "ALPHA and BETA apply to the whole deck: viscous damping changes with mass and stiffness."
 )
 
 
 def write_properties(
     changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
 ) -> None:
-    """Write the materials, springs and masses that changed as a file for ``*INCLUDE``.
+    """Write the changed materials, springs and masses to a file for ``*INCLUDE``.
 
-    It takes the place of their old cards in the deck: CalculiX uses the first of two materials of
-    one name. A deck of Abaqus is handed to `updyn.io.abaqus.model`.
+    It has to replace their cards in the deck, because CalculiX uses the first of two materials of
+    the same name. A deck of Abaqus is handled by `updyn.io.abaqus.model`.
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
-        By group: "stiffness" and "mass" are factors on the deck's moduli, spring constants,
-        densities and masses, "loss_factor" is the new ``*DAMPING, STRUCTURAL=``.
+        By group: "stiffness" and "mass" are factors on the moduli, spring constants, densities and
+        masses of the deck, "loss_factor" is the new ``*DAMPING, STRUCTURAL=``.
     deck : path
         The deck.
     path : path
@@ -364,7 +335,7 @@ def write_properties(
     Raises
     ------
     FormatError
-        If the deck cannot be read, has no such group (the nearest is named) or no place for the
+        If the deck cannot be read, has no such group (with the nearest name) or cannot hold the
         change.
     """
     deck = Path(deck)

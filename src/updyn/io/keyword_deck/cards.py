@@ -1,9 +1,9 @@
 """Input decks of the keyword family (CalculiX, Abaqus) as cards, with their files and lines.
 
-A card is a line that starts with ``*``, with parameters between commas, and the data lines below
-it. ``**`` starts a comment. Case and blanks do not matter, a keyword line that ends with a comma
-goes on in the next line, and ``*INCLUDE, INPUT=file`` is replaced by what is in that file, as is
-``INPUT=file`` of nodes, elements and sets.
+A card is a line that starts with ``*``, with parameters separated by commas, and the following data
+lines. ``**`` starts a comment. Case and blanks are ignored, a trailing comma continues a keyword
+line, and ``*INCLUDE, INPUT=file`` is replaced by the content of that file, as is ``INPUT=file`` of
+nodes, elements and sets.
 """
 
 from __future__ import annotations
@@ -22,12 +22,11 @@ from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 
-#: Both programs read the first twenty characters of a field; CalculiX drops what follows without a
-#: word.
+#: Both programs read the first twenty characters of a field; CalculiX silently drops the rest.
 FIELD_WIDTH = 20
-#: Last lines that need no line break: a comment, the end of a step or of an assembly.
+#: Last lines that are complete without a line break: a comment, the end of a step or an assembly.
 _ENDS = re.compile(rb"(?:\*\*.*|\*END [A-Z]{4,})?", re.IGNORECASE)
-#: Keywords whose data lines Abaqus may read from another file, INPUT=.
+#: Keywords that Abaqus can combine with INPUT=, a file with the data lines.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
 
 
@@ -38,11 +37,11 @@ class Row:
     Parameters
     ----------
     line : int
-        Where it stands in its file.
+        Line number in its file.
     text : str
-        As it is written.
+        The text as written.
     path : Path, optional
-        The file, where it is not that of its keyword.
+        The file, if it differs from the file of the keyword.
     """
 
     line: int
@@ -51,7 +50,7 @@ class Row:
 
     @property
     def fields(self) -> list[str]:
-        """The texts between the commas, stripped; a comma at the end starts no further one."""
+        """The texts between the commas, stripped; a trailing comma adds no field."""
         found = [part.strip() for part in self.text.split(",")]
         if len(found) > 1 and not found[-1]:
             found.pop()
@@ -65,13 +64,13 @@ class Card:
     Parameters
     ----------
     name : str
-        The keyword in capitals, one blank between its words, without the star.
+        The keyword in upper case, with single blanks, without the star.
     parameters : mapping of str to str
-        By name in capitals; the value as written, empty where there is none.
+        By name in upper case; the value as written, or an empty text.
     rows : tuple of Row
         The data lines, without comments and empty lines.
     path : Path
-        The file it stands in.
+        The file of the keyword.
     line : int
         The line of the keyword.
     """
@@ -83,17 +82,11 @@ class Card:
     line: int
 
     def get(self, parameter: str) -> str | None:
-        """Return a parameter as it is written, or None."""
+        """Return a parameter as written, or None."""
         return self.parameters.get(parameter)
 
-    def need(self, parameter: str) -> str:
-        """Return a parameter that has to be there.
-
-        Raises
-        ------
-        FormatError
-            If it is not, or has no value.
-        """
+    def require(self, parameter: str) -> str:
+        """Return a parameter; raise a FormatError if it is missing or has no value."""
         if not self.parameters.get(parameter):
             message = f"*{self.name} has no {parameter}="
             if self.parameters:
@@ -101,22 +94,16 @@ class Card:
             raise self.error(message)
         return self.parameters[parameter]
 
-    def only(self, *known: str) -> None:
-        """Refuse parameters that are not known: each of them changes what the card means.
-
-        Raises
-        ------
-        FormatError
-            If there is another; the nearest known one is named.
-        """
+    def check_parameters(self, *known: str) -> None:
+        """Refuse parameters other than `known`, because each changes the meaning of the card."""
         for name in self.parameters:
             if name not in known:
                 raise self.error(
-                    f"*{self.name}: parameter {name!r} is not read; {suggest(name, known)}"
+                    f"*{self.name}: parameter {name!r} is not supported; {suggest(name, known)}"
                 )
 
     def error(self, message: str, row: Row | None = None) -> FormatError:
-        """Return an error that names file and line: of the row, else of the keyword."""
+        """Return an error at the row, by default at the keyword."""
         if row is None:
             return FormatError(message, self.path, self.line)
         return FormatError(message, row.path or self.path, row.line)
@@ -135,7 +122,7 @@ def read_cards(path: str | Path) -> list[Card]:
     Parameters
     ----------
     path : path
-        The deck. Names of included files are relative to the folder it stands in.
+        The deck. Names of included files are relative to its folder.
 
     Returns
     -------
@@ -145,20 +132,20 @@ def read_cards(path: str | Path) -> list[Card]:
     Raises
     ------
     FormatError
-        If a file is missing, includes itself or is not a text, or data stand before the first
-        keyword; the message says file and line.
+        If a file is missing, includes itself or is not a text, or data precede the first keyword;
+        the message gives file and line.
     """
     path = Path(path)
     inclusions = Inclusions()
-    return _grouped(_lines(path, _source(path), path.parent, (), inclusions), path)
+    return _group_lines(_lines(path, _source(path), path.parent, (), inclusions), path)
 
 
 def _lines(
     path: Path, lines: list[str], folder: Path, within: tuple[Path, ...], inclusions: Inclusions
 ) -> Iterator[tuple[Path, int, str]]:
-    """Yield file, line number and text of every line that is no comment.
+    """Yield file, line number and text of every line except comments.
 
-    Included files stand in their place, and keyword lines that continue are joined.
+    Included files are inserted, and continued keyword lines are joined.
     """
     joined = ""
     start = 0
@@ -181,7 +168,7 @@ def _lines(
             yield path, start, joined
         joined = ""
         if name == "INCLUDE" or (given and name in _DATA_ELSEWHERE):
-            inner = _included(name, given, path, start, folder)
+            inner = _resolve_include(name, given, path, start, folder)
             chain = (*within, path)
             if inner.resolve() in [p.resolve() for p in chain]:
                 raise FormatError(
@@ -189,8 +176,7 @@ def _lines(
                 )
             if len(chain) > DEEPEST:
                 raise FormatError(
-                    f"*{name}, INPUT={inner.name}: files include files {DEEPEST} deep; expected"
-                    " less",
+                    f"*{name}, INPUT={inner.name}: nested {DEEPEST} levels deep; expected fewer",
                     path,
                     start,
                 )
@@ -201,7 +187,7 @@ def _lines(
             yield from _lines(inner, source, folder, chain, inclusions)
     if joined:
         raise FormatError(
-            f"the keyword line ends with a comma and the file ends there: {joined!r}", path, start
+            f"the file ends after a keyword line with a trailing comma: {joined!r}", path, start
         )
 
 
@@ -216,7 +202,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        # Older preprocessors write headings and comments in the code page of their machine.
+        # Older preprocessors write headings and comments in local code pages.
         text = path.read_text(encoding="latin-1")
         if "\0" in text:
             raise FormatError("not an input deck: the file is binary", path) from None
@@ -225,7 +211,7 @@ def _text(path: Path) -> str:
         raise unreadable(path, error) from error
 
 
-def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
+def _resolve_include(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
     if not given:
         raise FormatError("*INCLUDE has no INPUT=", path, at)
     inner = folder / given
@@ -235,7 +221,7 @@ def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
     return inner
 
 
-def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
+def _group_lines(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
     cards: list[Card] = []
     head: tuple[Path, int, str] | None = None
     rows: list[Row] = []
@@ -254,7 +240,7 @@ def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
         else:
             rows.append(Row(at, text, None if path == head[0] else path))
     if head is None:
-        raise FormatError("not an input deck: there is no keyword in it", deck)
+        raise FormatError("not an input deck: it contains no keyword", deck)
     return [*cards, _card(head, rows)]
 
 
@@ -263,7 +249,7 @@ def _card(head: tuple[Path, int, str], rows: list[Row]) -> Card:
     name = _name(text)
     parameters = _parameters(text)
     if name in _DATA_ELSEWHERE:
-        parameters.pop("INPUT", None)  # whose lines are here now
+        parameters.pop("INPUT", None)  # its lines are already inserted
     return Card(name, MappingProxyType(parameters), tuple(rows), path, at)
 
 
@@ -282,7 +268,7 @@ def _parameters(text: str) -> dict[str, str]:
 
 # -- numbers ------------------------------------------------------------------------------------
 def number(text: str, card: Card, row: Row) -> float:
-    """Read a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
+    """Return a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
 
     Raises
     ------
@@ -292,8 +278,8 @@ def number(text: str, card: Card, row: Row) -> float:
     """
     if len(text) > FIELD_WIDTH:
         raise card.error(
-            f"*{card.name}: {text!r} has {len(text)} characters; the programs read the first"
-            f" {FIELD_WIDTH} and drop the rest, write it shorter",
+            f"*{card.name}: {text!r} has {len(text)} characters; expected at most"
+            f" {FIELD_WIDTH}, because the programs ignore the rest",
             row,
         )
     try:
@@ -303,13 +289,7 @@ def number(text: str, card: Card, row: Row) -> float:
 
 
 def whole(text: str, card: Card, row: Row) -> int:
-    """Read a whole number of a data line.
-
-    Raises
-    ------
-    FormatError
-        If it is not one.
-    """
+    """Return an integer of a data line."""
     try:
         return whole_of(text)
     except ValueError:
@@ -317,7 +297,7 @@ def whole(text: str, card: Card, row: Row) -> int:
 
 
 def short_number(value: float) -> str:
-    """Write a number in at most twenty characters and with a decimal point, as exactly as fits."""
+    """Format a number with a decimal point in at most twenty characters, as accurately as fits."""
     text = _with_point(repr(float(value)))
     digits = 17
     while len(text) > FIELD_WIDTH:

@@ -23,27 +23,28 @@ def write_changes(
     own_rayleigh: bool,
     remarks: Sequence[str] = (),
 ) -> None:
-    """Write the cards of the parts that change, with their old values as comments.
+    """Write the cards of the changed parts, with their old values as comments.
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
         By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
     parts : mapping of str to Property
-        What the deck has, by name in capitals.
+        Properties of the deck, by name in upper case.
     deck : Path
         The deck, for messages and for the heading.
     path : Path
         The file to write.
     own_rayleigh : bool
-        Whether a material has its own ALPHA and BETA; else a factor on viscous damping is refused.
+        Whether ALPHA and BETA belong to a material; otherwise a factor on viscous damping is
+        refused.
     remarks : sequence of str
-        What the heading says besides.
+        Further lines of the heading.
 
     Raises
     ------
     FormatError
-        If a group or a quantity is not there, or a number is not usable.
+        If a group or a quantity is missing, or a number is not valid.
     """
     check_changes(changes, deck)
     lines: list[str] = []
@@ -55,12 +56,12 @@ def write_changes(
             raise FormatError(f"the deck has no material, spring or mass {name!r}; {near}", deck)
         _check(part, change, own_rayleigh)
         changed.append(part.name)
-        lines += _block(part, change, _changed(part, change, own_rayleigh))
+        lines += _block(part, change, _new_cards(part, change, own_rayleigh))
     heading = [
         f"** New properties for {deck.name}: {', '.join(changed)}.",
         (
-            "** They take the place of the cards of the same names there: delete those, and where"
-            " the first stood write"
+            "** They replace the cards of the same names: delete those, and insert at the first"
+            " of them"
         ),
         f"** *INCLUDE, INPUT={path.name}",
     ]
@@ -70,7 +71,7 @@ def write_changes(
 
 
 def _check(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> None:
-    """Refuse changes of what a part does not have."""
+    """Refuse changes of quantities that a part does not have."""
     where = f"group {part.name!r}"
     for quantity, value in change.items():
         if quantity in ("stiffness", "mass") and value != 1.0 and not part.values(quantity):
@@ -79,34 +80,34 @@ def _check(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> N
                 lacks = "*ELASTIC" if quantity == "stiffness" else "*DENSITY"
             raise part.cards[0].error(f"{where} has no {lacks} to change")
     if change.get("loss_factor") and part.kind != "material":
-        raise part.cards[0].error(f"{where}: *{part.cards[0].name} has no place for a loss factor")
+        raise part.cards[0].error(f"{where}: *{part.cards[0].name} cannot hold a loss factor")
     if change.get("viscous", 1.0) != 1.0:
         if part.kind != "material" or not own_rayleigh:
             raise part.cards[0].error(
-                f"{where}: ALPHA and BETA hold for the whole deck, so that the viscous damping of"
-                " one group cannot be changed in it"
+                f"{where}: ALPHA and BETA apply to the whole deck; the viscous damping of one group"
+                " cannot be changed"
             )
-        if not (part.damping("ALPHA") or part.damping("BETA")):
+        if not (part.damping_parameter("ALPHA") or part.damping_parameter("BETA")):
             raise part.cards[0].error(f"{where} has no *DAMPING with ALPHA or BETA to change")
 
 
-def _changed(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> tuple[Card, ...]:
+def _new_cards(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> tuple[Card, ...]:
     stiffness = change.get("stiffness", 1.0)
     mass = change.get("mass", 1.0)
     viscous = change.get("viscous", 1.0)
-    cards = part.scaled(stiffness, mass)
+    cards = part.scale_cards(stiffness, mass)
     if part.kind != "material":
         return cards
     values = {}
-    # A material without damping needs no card that says so.
+    # A material without damping needs no card.
     gamma = change.get("loss_factor")
-    if gamma is not None and (gamma or part.damping("STRUCTURAL")):
+    if gamma is not None and (gamma or part.damping_parameter("STRUCTURAL")):
         values["STRUCTURAL"] = float(gamma)
-    # C = ALPHA M + BETA K of the new M and K, and is to be the factor times the old C.
+    # C = ALPHA M + BETA K with the new M and K has to be the factor times the old C.
     for name, factor in (("ALPHA", viscous / mass), ("BETA", viscous / stiffness)):
-        if own_rayleigh and part.damping(name) and factor != 1.0:
-            values[name] = part.damping(name) * factor
-    return part.damped(cards, values)
+        if own_rayleigh and part.damping_parameter(name) and factor != 1.0:
+            values[name] = part.damping_parameter(name) * factor
+    return part.set_damping(cards, values)
 
 
 def _block(part: Property, change: Mapping[str, float], cards: tuple[Card, ...]) -> list[str]:

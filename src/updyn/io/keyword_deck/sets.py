@@ -1,4 +1,4 @@
-"""Sets of nodes or of elements in a deck, ``*NSET`` and ``*ELSET``.
+"""Sets of nodes or elements in a deck, ``*NSET`` and ``*ELSET``.
 
 One line can define any number of members, by GENERATE or by names of other sets; the number of
 members is limited.
@@ -15,25 +15,25 @@ from numpy.typing import NDArray
 from updyn.errors import suggest
 from updyn.io.keyword_deck.cards import Card, Row, whole
 
-__all__ = ["Sets", "distinct", "joined"]
+__all__ = ["Sets", "concatenate", "distinct"]
 
 _Numbers = NDArray[np.int64]
 
-#: Largest number of members that the sets of a deck take from GENERATE and from other sets: 80 MB.
+#: Largest number of members by GENERATE and by names of sets in a deck: 80 MB.
 _MOST_MEMBERS = 10_000_000
-_PER_LINE = 16  # largest number of numbers in a line that both programs read
+_PER_LINE = 16  # numbers per line that both programs read
 
 
-def joined(parts: Sequence[_Numbers]) -> _Numbers:
-    """Return arrays end to end; an empty array if there are no arrays."""
+def concatenate(parts: Sequence[_Numbers]) -> _Numbers:
+    """Return the arrays end to end; an empty array for no arrays."""
     return np.concatenate([np.empty(0, dtype=np.int64), *parts])
 
 
 def distinct(numbers: _Numbers) -> _Numbers:
-    """Return each number once, ascending.
+    """Return the distinct numbers, ascending.
 
-    `numpy.unique` hashes whole numbers since version 2.3: a hundred times as long as sorting for 2
-    million ascending ones (numpy 2.5).
+    `numpy.unique` hashes integers since version 2.3, which takes a hundred times as long as sorting
+    for 2 million ascending numbers (numpy 2.5).
     """
     found = np.sort(numbers)
     is_first = np.ones(len(found), dtype=np.bool_)
@@ -47,8 +47,8 @@ class Sets:
     Parameters
     ----------
     known : ndarray of int, optional
-        Numbers of all nodes or elements of the deck: GENERATE selects from these only. None: every
-        number in the range becomes a member.
+        Numbers of all nodes or elements of the deck; GENERATE selects only from these. None selects
+        every number in the range.
     """
 
     def __init__(self, known: _Numbers | None = None) -> None:
@@ -63,24 +63,18 @@ class Sets:
         return iter(self._parts)
 
     def add(self, name: str | None, members: _Numbers) -> None:
-        """Add members to a set, which need not exist; nothing if the name is empty."""
+        """Add members to a set and create it if necessary; ignore an empty name."""
         if name:
             self._parts.setdefault(name.upper(), []).append(members)
 
     def members(self, name: str) -> _Numbers:
-        """Return the members of a set, ascending; its name is in capitals."""
-        found = distinct(joined(self._parts[name]))
+        """Return the members of a set (name in upper case), ascending."""
+        found = distinct(concatenate(self._parts[name]))
         self._parts[name] = [found]
         return found
 
     def count(self, number: int, card: Card, row: Row | None = None) -> None:
-        """Count members that a line adds.
-
-        Raises
-        ------
-        FormatError
-            If there are too many.
-        """
+        """Count members added by a line; raise a FormatError above the limit."""
         self._count += number
         if self._count > _MOST_MEMBERS:
             raise card.error(
@@ -89,25 +83,24 @@ class Sets:
                 row,
             )
 
-    def read(self, card: Card) -> Card:
-        """Read an ``*NSET`` or ``*ELSET`` card, which may name sets above it.
+    def add_card(self, card: Card) -> Card:
+        """Add the set of an ``*NSET`` or ``*ELSET`` card, which may refer to previous sets.
 
         Returns
         -------
         Card
-            The card for the program, which it reads in limited time: GENERATE ends at the last
-            number that exists, and a member that is listed several times is listed once.
+            An equivalent card that programs read in limited time: GENERATE ends at the last
+            existing number, and repeated members are removed.
 
         Raises
         ------
         FormatError
-            If a line is not as expected, or names a set that is not there, or there are too many
-            members.
+            If a line is not valid, refers to a missing set, or adds too many members.
         """
-        card.only(card.name, "GENERATE", "UNSORTED", "INTERNAL")
-        name = card.need(card.name)
+        card.check_parameters(card.name, "GENERATE", "UNSORTED", "INTERNAL")
+        name = card.require(card.name)
         if "GENERATE" in card.parameters:
-            rows = [self._generated(name, card, row) for row in card.rows]
+            rows = [self._add_range(name, card, row) for row in card.rows]
             return replace(card, rows=tuple(row for row in rows if row is not None))
         found: list[_Numbers] = []
         for row in card.rows:
@@ -122,13 +115,13 @@ class Sets:
                     )
                 found.append(self.members(text.upper()))
                 self.count(len(found[-1]), card, row)
-        all_members = joined(found)
+        all_members = concatenate(found)
         members = distinct(all_members)
         self.add(name, members)
-        return card if len(members) == len(all_members) else _explicit(card, members)
+        return card if len(members) == len(all_members) else _list_members(card, members)
 
-    def _generated(self, name: str, card: Card, row: Row) -> Row | None:
-        """Add the numbers of a line of GENERATE; return the line up to the last that exists."""
+    def _add_range(self, name: str, card: Card, row: Row) -> Row | None:
+        """Add the numbers of a line of GENERATE; return the line up to the last existing number."""
         fields = row.fields
         if len(fields) not in (2, 3):
             raise card.error(
@@ -137,9 +130,7 @@ class Sets:
         first, last, *given = [whole(field, card, row) for field in fields]
         step = given[0] if given else 1
         if step < 1 or last < first:
-            raise card.error(
-                f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row
-            )
+            raise card.error(f"*{card.name}, GENERATE: {first} to {last} by {step} is empty", row)
         if self._known is None:
             self.count((last - first) // step + 1, card, row)
             self.add(name, np.arange(first, last + 1, step, dtype=np.int64))
@@ -156,7 +147,7 @@ class Sets:
         return replace(row, text=f"{first}, {there[-1]}, {step}")
 
 
-def _explicit(card: Card, members: _Numbers) -> Card:
+def _list_members(card: Card, members: _Numbers) -> Card:
     """Return a card that lists its members."""
     texts = members.astype(str).tolist()
     lines = (texts[start : start + _PER_LINE] for start in range(0, len(texts), _PER_LINE))

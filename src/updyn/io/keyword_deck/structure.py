@@ -1,8 +1,8 @@
 """The structure in a deck of CalculiX or Abaqus: nodes, elements, sets, sections, properties.
 
-Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only
-the cards before the first ``*STEP`` are read. Properties are what can be scaled: materials, springs
-and point masses, each a group of the model.
+Decks have to be flat, as for CalculiX; the parts and instances of Abaqus are not expanded. Only the
+cards before the first ``*STEP`` are read. Properties are the scalable quantities: materials,
+springs and point masses, each a group of the model.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
 from updyn.io.keyword_deck.cards import Card, Row, number, short_number, whole
-from updyn.io.keyword_deck.sets import Sets, distinct, joined
+from updyn.io.keyword_deck.sets import Sets, concatenate, distinct
 from updyn.shapes import HEXAHEDRON, PYRAMID, TETRAHEDRON, WEDGE, Shape
 
 __all__ = [
@@ -25,15 +25,15 @@ __all__ = [
     "KeywordDeck",
     "Property",
     "Section",
-    "drawn",
     "heading_of",
+    "nodes_by_shape",
     "read_deck",
     "read_nodes",
     "read_properties",
     "split_steps",
 ]
 
-#: Nodes of the solids, and which of them are corners of which shape.
+#: Number of nodes of the solids, with the shape and its corner nodes.
 SOLIDS = {
     "C3D4": (4, TETRAHEDRON),
     "C3D4H": (4, TETRAHEDRON),
@@ -60,13 +60,13 @@ class Elements:
     Parameters
     ----------
     type : str
-        Element type in capitals.
+        Element type in upper case.
     numbers : ndarray of int, shape (n,)
         Element numbers.
     nodes : ndarray of int, shape (n, k)
         Node numbers.
     card : Card
-        Where they stand.
+        Their card.
     """
 
     type: str
@@ -77,16 +77,16 @@ class Elements:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section: which elements are made of which material.
+    """A section: the material of an element set.
 
     Parameters
     ----------
     elset : str
-        Element set, in capitals.
+        Element set, in upper case.
     material : str
-        Material, in capitals.
+        Material, in upper case.
     card : Card
-        Where it stands.
+        Its card.
     """
 
     elset: str
@@ -96,7 +96,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeywordDeck:
-    """A structure as a deck describes it. Names are in capitals; lengths are the deck's own.
+    """The structure in a deck. Names are in upper case; lengths are in the unit of the deck.
 
     Parameters
     ----------
@@ -105,15 +105,15 @@ class KeywordDeck:
     nodes : ndarray of int, shape (n,)
         Node numbers.
     xyz : ndarray of float, shape (n, 3)
-        Positions, in the deck's unit of length.
+        Positions, in the unit of length of the deck.
     elements : tuple of Elements
-        By card.
+        The elements by card.
     nsets, elsets : mapping of str to ndarray of int
         Members of each set, ascending.
     sections : tuple of Section
         The solid sections.
     cards : tuple of Card
-        The cards of the model; cards of sets as `updyn.io.keyword_deck.sets.Sets.read` returns
+        The cards of the model; cards of sets as `updyn.io.keyword_deck.sets.Sets.add_card` returns
         them.
     """
 
@@ -127,9 +127,9 @@ class KeywordDeck:
     cards: tuple[Card, ...]
 
     def elements_of(self, material: str) -> NDArray[np.int64]:
-        """Return the numbers of the elements that are made of a material, ascending."""
+        """Return the numbers of the elements made of a material, ascending."""
         own = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
-        return distinct(joined(own))
+        return distinct(concatenate(own))
 
 
 def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
@@ -147,7 +147,7 @@ def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
 
 
 def heading_of(model: Sequence[Card]) -> str:
-    """Return the first line of the heading; empty where there is none."""
+    """Return the first line of the heading, or an empty text."""
     for card in model:
         if card.name == "HEADING" and card.rows:
             return card.rows[0].text
@@ -162,18 +162,17 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
     path : path
         The deck, for messages.
     model : sequence of Card
-        The cards before the first step; those that say nothing of these are passed over.
+        The cards before the first step; other cards are ignored.
 
     Returns
     -------
     KeywordDeck
-        What they say.
 
     Raises
     ------
     FormatError
-        If a number cannot be read, a node, element or set is named and not there, an element is of
-        a type that is not read, or an element has no section or two.
+        If a number cannot be read, a card refers to a missing node, element or set, an element type
+        is not supported, or an element has no section or two.
     """
     path = Path(path)
     nodes = [read_nodes(card) for card in model if card.name == "NODE"]
@@ -182,7 +181,7 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
     numbers, places = map(np.concatenate, zip(*nodes, strict=True))
     blocks = [_elements(card) for card in model if card.name == "ELEMENT"]
     nsets = Sets(numbers)
-    elsets = Sets(joined([block.numbers for block in blocks]))
+    elsets = Sets(concatenate([block.numbers for block in blocks]))
     next_nodes, next_block = iter(nodes), iter(blocks)
     sections: list[Section] = []
     cards: list[Card] = []
@@ -192,10 +191,10 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
         elif card.name == "ELEMENT":
             elsets.add(card.get("ELSET"), next(next_block).numbers)
         elif card.name in ("NSET", "ELSET"):
-            card = (nsets if card.name == "NSET" else elsets).read(card)
+            card = (nsets if card.name == "NSET" else elsets).add_card(card)
         elif card.name == "SOLID SECTION":
-            elset = card.need("ELSET").upper()
-            sections.append(Section(elset, card.need("MATERIAL").upper(), card))
+            elset = card.require("ELSET").upper()
+            sections.append(Section(elset, card.require("MATERIAL").upper(), card))
         cards.append(card)
     deck = KeywordDeck(
         path,
@@ -212,32 +211,21 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
     return deck
 
 
-def drawn(deck: KeywordDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
-    """Return the solids by shape.
-
-    Parameters
-    ----------
-    deck : KeywordDeck
-        The structure.
-
-    Returns
-    -------
-    list of (Shape, ndarray of int)
-        With the nodes of each, shape (m, k).
-    """
+def nodes_by_shape(deck: KeywordDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
+    """Return the solids by shape, with the nodes of each, shape (m, k)."""
     return [(SOLIDS[b.type][1], b.nodes) for b in deck.elements if b.type in SOLIDS]
 
 
 # -- cards --------------------------------------------------------------------------------------
 def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the numbers and the positions of a ``*NODE`` card, in the deck's unit of length.
+    """Return the numbers and positions of a ``*NODE`` card, in the unit of length of the deck.
 
     Raises
     ------
     FormatError
-        If a line is not as expected, or the positions are in a system of their own.
+        If a line is not valid, or the positions are in a local system.
     """
-    card.only("NSET")
+    card.check_parameters("NSET")
     numbers = np.zeros(len(card.rows), dtype=np.int64)
     places = np.zeros((len(card.rows), 3))
     for i, row in enumerate(card.rows):
@@ -252,16 +240,16 @@ def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def _elements(card: Card) -> Elements:
-    card.only("TYPE", "ELSET")
-    kind = card.need("TYPE").upper()
+    card.check_parameters("TYPE", "ELSET")
+    kind = card.require("TYPE").upper()
     if kind in SOLIDS:
         n_nodes, _ = SOLIDS[kind]
     elif kind in POINTS:
         n_nodes = POINTS[kind]
     else:
-        raise card.error(_why_not(kind))
+        raise card.error(_describe_unsupported(kind))
     found: list[list[int]] = []
-    pending: list[int] = []  # an element may take several lines
+    pending: list[int] = []  # an element may need several lines
     row = None
     for row in card.rows:
         pending += [whole(field, card, row) for field in row.fields]
@@ -276,7 +264,7 @@ def _elements(card: Card) -> Elements:
     return Elements(kind, table[:, 0], table[:, 1:], card)
 
 
-def _why_not(kind: str) -> str:
+def _describe_unsupported(kind: str) -> str:
     expanded = (
         "is expanded into solids with hidden nodes and constraints, so that its matrices have no"
         " DOFs of the deck"
@@ -293,34 +281,34 @@ def _why_not(kind: str) -> str:
         )
     if kind.startswith("DASHPOT"):
         return (
-            f"*ELEMENT: {kind}: dashpots stand in no matrix that is written; leave it out and add"
-            " its damping later"
+            f"*ELEMENT: {kind}: written matrices do not contain dashpots; remove it and add its"
+            " damping later"
         )
-    return f"*ELEMENT: type {kind!r} is not read; {suggest(kind, [*SOLIDS, *POINTS])}"
+    return f"*ELEMENT: type {kind!r} is not supported; {suggest(kind, [*SOLIDS, *POINTS])}"
 
 
 # -- checks -------------------------------------------------------------------------------------
 def _check_nodes(deck: KeywordDeck) -> None:
-    twice = _twice(deck.nodes)
+    twice = _first_duplicate(deck.nodes)
     if twice is not None:
-        raise FormatError(f"*NODE: node {twice} stands twice", deck.path)
+        raise FormatError(f"*NODE: node {twice} is defined twice", deck.path)
     for block in deck.elements:
         bad = ~np.isin(block.nodes, deck.nodes)
         if bad.any():
             at = int(np.flatnonzero(bad.any(axis=1))[0])
             raise block.card.error(
-                f"*ELEMENT: element {block.numbers[at]} names node {block.nodes[at][bad[at]][0]},"
-                " which is not in the deck",
+                f"*ELEMENT: element {block.numbers[at]} refers to node"
+                f" {block.nodes[at][bad[at]][0]}, which is not in the deck",
                 _row_of(block.card, int(block.numbers[at])),
             )
-    twice = _twice(joined([block.numbers for block in deck.elements]))
+    twice = _first_duplicate(concatenate([block.numbers for block in deck.elements]))
     if twice is not None:
         last = [block.card for block in deck.elements if twice in block.numbers][-1]
-        raise last.error(f"*ELEMENT: element {twice} stands twice", _row_of(last, twice))
+        raise last.error(f"*ELEMENT: element {twice} is defined twice", _row_of(last, twice))
 
 
-def _twice(numbers: NDArray[np.int64]) -> int | None:
-    """Return the least number that stands twice, None where there is none."""
+def _first_duplicate(numbers: NDArray[np.int64]) -> int | None:
+    """Return the smallest repeated number, or None."""
     values, counts = np.unique(numbers, return_counts=True)
     again = values[counts > 1]
     return int(again[0]) if len(again) else None
@@ -343,13 +331,13 @@ def _check_sections(deck: KeywordDeck) -> None:
                 f" {suggest(section.elset, deck.elsets)}"
             )
         members.append(deck.elsets[section.elset])
-    taken = joined(members)
-    twice = _twice(taken)
+    taken = concatenate(members)
+    twice = _first_duplicate(taken)
     if twice is not None:
         *_, one, two = [s for s in deck.sections if twice in deck.elsets[s.elset]]
         raise two.card.error(
-            f"*SOLID SECTION: element {twice} is of {one.elset!r} (line {one.card.line}) and of"
-            f" {two.elset!r}; an element has one section"
+            f"*SOLID SECTION: element {twice} is in {one.elset!r} (line {one.card.line}) and in"
+            f" {two.elset!r}; expected one section per element"
         )
     for block in deck.elements:
         without = block.numbers[~np.isin(block.numbers, taken)]
@@ -360,9 +348,9 @@ def _check_sections(deck: KeywordDeck) -> None:
             )
 
 
-#: What may stand below ``*MATERIAL`` and does not make it nonlinear.
+#: Cards of a linear ``*MATERIAL``.
 LINEAR = ("ELASTIC", "DENSITY", "DAMPING", "EXPANSION", "CONDUCTIVITY", "SPECIFIC HEAT")
-#: What may stand there besides.
+#: Cards of a nonlinear ``*MATERIAL``.
 NONLINEAR = (
     "PLASTIC",
     "CYCLIC HARDENING",
@@ -387,7 +375,7 @@ _OTHER = (
     "FLUID CONSTANTS",
     "SPECIFIC GAS CONSTANT",
 )
-#: Of each line of ``*ELASTIC`` (and of those that continue it) the fields that are moduli.
+#: Fields with moduli in each line of ``*ELASTIC``, including continuation lines.
 _MODULI = {
     "ISO": ((0,),),
     "ISOTROPIC": ((0,),),
@@ -401,20 +389,20 @@ _MODULI = {
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """A material, the springs or the masses of an element set.
+    """A material, or the springs or masses of an element set.
 
     Parameters
     ----------
     name : str
-        As it is written: of the material, else of the element set.
+        Name of the material or of the element set, as written.
     kind : {"material", "spring", "mass"}
-        What it is.
+        Kind of property.
     at : int
         Position of its first card among those of the model.
     cards : tuple of Card
-        Its cards, which follow each other.
+        Its consecutive cards.
     start : int
-        Of a spring: the line, counted from 0, from which on spring constants stand; above it are
+        For a spring: the first line with spring constants, counted from 0; the lines before it are
         its directions.
     """
 
@@ -425,20 +413,14 @@ class Property:
     start: int = 0
 
     def card(self, name: str) -> Card | None:
-        """Return the card of a name, or None."""
+        """Return the card with this name, or None."""
         for card in self.cards:
             if card.name == name:
                 return card
         return None
 
-    def damping(self, parameter: str) -> float:
-        """Return STRUCTURAL, ALPHA or BETA of the material's ``*DAMPING``, 0 where it has none.
-
-        Raises
-        ------
-        FormatError
-            If it is not a number of at least 0.
-        """
+    def damping_parameter(self, parameter: str) -> float:
+        """Return STRUCTURAL, ALPHA or BETA of ``*DAMPING`` (at least 0), by default 0."""
         card = self.card("DAMPING")
         if card is None or card.get(parameter) is None:
             return 0.0
@@ -449,13 +431,7 @@ class Property:
         return value
 
     def values(self, what: str) -> list[float]:
-        """Return the moduli ("stiffness") or the densities ("mass") in order.
-
-        Raises
-        ------
-        FormatError
-            If one is not a number.
-        """
+        """Return the moduli ("stiffness") or the densities ("mass") in order."""
         found = []
         for card, i, j in self._places(what):
             row = card.rows[i]
@@ -463,28 +439,13 @@ class Property:
         return found
 
     def first(self, what: str) -> float | None:
-        """Return the first modulus or density, None where there is none."""
+        """Return the first modulus or density, or None."""
         return next(iter(self.values(what)), None)
 
-    def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[Card, ...]:
-        """Return the cards with all moduli and all densities multiplied.
+    def scale_cards(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[Card, ...]:
+        """Return the cards with all moduli and densities multiplied by factors.
 
-        Numbers that do not change are left as written.
-
-        Parameters
-        ----------
-        stiffness, mass : float
-            Factors.
-
-        Returns
-        -------
-        tuple of Card
-            In the same order.
-
-        Raises
-        ------
-        FormatError
-            If one is not a number.
+        Numbers with factor 1 are kept as written.
         """
         out = {id(card): card for card in self.cards}
         for what, factor in (("stiffness", stiffness), ("mass", mass)):
@@ -499,11 +460,8 @@ class Property:
                 out[id(card)] = replace(now, rows=tuple(rows))
         return tuple(out[id(card)] for card in self.cards)
 
-    def damped(self, cards: Sequence[Card], values: Mapping[str, float]) -> tuple[Card, ...]:
-        """Return cards of this material with parameters of ``*DAMPING`` set.
-
-        Where there is no such card, one is added.
-        """
+    def set_damping(self, cards: Sequence[Card], values: Mapping[str, float]) -> tuple[Card, ...]:
+        """Return cards of this material with new parameters of ``*DAMPING``, added if missing."""
         if not values:
             return tuple(cards)
         texts = {name: short_number(value) for name, value in values.items()}
@@ -549,7 +507,7 @@ class Property:
 def _pattern(card: Card) -> tuple[tuple[int, ...], ...]:
     kind = (card.get("TYPE") or "ISO").upper()
     if kind not in _MODULI:
-        raise card.error(f"*ELASTIC: TYPE={kind} is not read; {suggest(kind, _MODULI)}")
+        raise card.error(f"*ELASTIC: TYPE={kind} is not supported; {suggest(kind, _MODULI)}")
     return _MODULI[kind]
 
 
@@ -559,28 +517,27 @@ def read_properties(
     *,
     own_rayleigh: bool = True,
 ) -> dict[str, Property]:
-    """Find the materials, springs and point masses of a deck.
+    """Return the materials, springs and point masses of a deck, by name in upper case, in order.
 
     Parameters
     ----------
     model : sequence of Card
         The cards before the first step.
     springs_between : mapping of str to str, optional
-        Element type by element set in capitals. Springs of type SPRINGA have no line of directions;
-        where the type is not known a first line of whole numbers is one.
+        Element type by element set in upper case. Springs of type SPRINGA have no line of
+        directions; if the type is unknown, a first line of integers is read as directions.
     own_rayleigh : bool
-        Whether ALPHA and BETA of ``*DAMPING`` are of the material above (Abaqus), or of the deck
-        wherever they stand (CalculiX).
+        Whether ALPHA and BETA of ``*DAMPING`` belong to the preceding material (Abaqus), or to the
+        whole deck (CalculiX).
 
     Returns
     -------
     dict of str to Property
-        By name in capitals, in the order of the deck.
 
     Raises
     ------
     FormatError
-        If a name stands twice.
+        If a name occurs twice.
     """
     out: dict[str, Property] = {}
     for at, card in enumerate(model):
@@ -588,22 +545,23 @@ def read_properties(
             stop = at + 1
             while stop < len(model) and model[stop].name in (*LINEAR, *NONLINEAR, *_OTHER):
                 stop += 1
-            # ALPHA and BETA of the deck may stand right behind a material.
+            # ALPHA and BETA of the deck may directly follow a material.
             while not own_rayleigh and _is_rayleigh(model[stop - 1]):
                 stop -= 1
-            found = Property(card.need("NAME"), "material", at, tuple(model[at:stop]))
+            found = Property(card.require("NAME"), "material", at, tuple(model[at:stop]))
         elif card.name == "SPRING":
-            name = card.need("ELSET")
+            name = card.require("ELSET")
             kind = (springs_between or {}).get(name.upper())
             found = Property(name, "spring", at, (card,), _first_constant(card, kind))
         elif card.name == "MASS":
-            found = Property(card.need("ELSET"), "mass", at, (card,))
+            found = Property(card.require("ELSET"), "mass", at, (card,))
         else:
             continue
         key = found.name.upper()
         if key in out:
             raise card.error(
-                f"*{card.name}: {found.name!r} stands twice, also on line {out[key].cards[0].line}"
+                f"*{card.name}: {found.name!r} is defined twice, also on line"
+                f" {out[key].cards[0].line}"
             )
         out[key] = found
     return out

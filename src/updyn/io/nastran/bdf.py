@@ -30,7 +30,7 @@ from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
 from updyn.io.nastran.cards import Card, lines_of
 from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
@@ -149,7 +149,7 @@ def read_model(
         loss_factor = losses[name] if K is not None else 0.0
         group = Group(**matrices, loss_factor=loss_factor)
         groups[name] = group.with_exchanged(bars.exchanged(name))
-    with placed(deck.path):
+    with locate_errors(deck.path):
         free = Model(groups, total.dofs, geometry, _title(deck))
         held, ties = _constraints(deck, total, units.length)
         tied = constrain(free, ties, held)
@@ -463,7 +463,7 @@ def _viscous_matrix(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) 
             component = max(element.integer(at + 1, 1), 1)
             if node:
                 labels.append(Dof(node, DIRECTIONS[component - 1]))
-        with placed(deck.path, f"{element.name} {element.text(0)}"):
+        with locate_errors(deck.path, f"{element.name} {element.text(0)}"):
             ends = total.dofs.match(labels).index.tolist()
         b = card.real(1)
         for i, sign in zip(ends, (1.0, -1.0), strict=False):

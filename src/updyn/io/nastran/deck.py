@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.nastran.cards import Card, lines_of, parse
 from updyn.io.nastran.fields import Line
 from updyn.shapes import (
@@ -824,7 +824,7 @@ def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
         if any(motion is not _BASIC for motion in motions):
             pairs = zip(motions, positions, strict=True)
             axes = np.array([motion.directions(position) for motion, position in pairs])
-    with placed(deck.path):
+    with locate_errors(deck.path):
         drawn = _corners_by_shape(deck)
         xyz = np.array(positions).reshape(-1, 3) * scale
         return Geometry(nodes, xyz, edges_of(drawn), axes, faces_of(drawn))

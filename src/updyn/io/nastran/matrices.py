@@ -40,7 +40,7 @@ from updyn.errors import AbsentError, FormatError, ModelError, UpdynWarning
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import system
 from updyn.io.damping import DAMPING, plain_damping
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
 from updyn.io.nastran.deck import NastranDeck, geometry_of, read_deck
 from updyn.io.nastran.dmig import DMIGMatrix, read_dmig, write_dmig
@@ -132,7 +132,7 @@ def read_table(table: ModelTable) -> Model:
                 f"group {name!r}: {error}", table.path, table.line("name", "group", number)
             ) from error
     title = table.title
-    with placed(table.path):
+    with locate_errors(table.path):
         return Model.from_groups(groups, dofs[used], geometry=geometry, title=title)
 
 
@@ -212,7 +212,7 @@ def _used_dofs(
     used = np.zeros(len(dofs), dtype=np.bool_)
     for m in matrices:
         if isinstance(m, DMIGMatrix):
-            with placed(table.path, f"DMIG {m.name}"):
+            with locate_errors(table.path, f"DMIG {m.name}"):
                 used[dofs.match(m.dofs).index] = True
         elif m.matrix.shape[0] == len(dofs):
             used[np.unique(sp.coo_array(m.matrix).row)] = True
@@ -279,7 +279,7 @@ class MatrixFiles:
         path = Path(path)
         beside = path.with_suffix(".toml")
         if beside.is_file():
-            table = ModelTable.read(beside)
+            table = ModelTable.read_file(beside)
             if table.has_groups and names_nastran_files(table):
                 return read_table(table)
             raise FormatError(

@@ -31,7 +31,7 @@ from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
-from updyn.io.items import counted, placed
+from updyn.io.items import format_counts, locate_errors
 from updyn.io.nastran.deck import geometry_of
 from updyn.io.nastran.matrices import OP2
 from updyn.io.nastran.op2_cards import deck_of
@@ -255,7 +255,7 @@ def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
                 others[mode] += 1
     if not found:
         held = ", ".join(dict.fromkeys(block.name for block in file.blocks)) or "nothing"
-        also = f" with {counted(others)}" if others else ""
+        also = f" with {format_counts(others)}" if others else ""
         raise AbsentError(
             "holds no modes (eigenvectors in the table OUGV1; Nastran writes it by PARAM,POST,-1"
             f" and DISPLACEMENT(PLOT) = ALL); it holds {held}{also}",
@@ -263,7 +263,7 @@ def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
         )
     if others:
         warnings.warn(
-            f"{file.path}: results other than modes are ignored: {counted(others)}",
+            f"{file.path}: results other than modes are ignored: {format_counts(others)}",
             UpdynWarning,
             stacklevel=4,
         )
@@ -390,7 +390,7 @@ def _build_modes(file: OP2File, found: list[_Mode], length: float, mass: float) 
         kinds = Counter(f"of type {kind}" for kind in first.kinds[~is_known].tolist())
         warnings.warn(
             f"{file.path}: points that are neither grids nor scalar points are ignored:"
-            f" {counted(kinds)}",
+            f" {format_counts(kinds)}",
             UpdynWarning,
             stacklevel=5,
         )
@@ -403,7 +403,7 @@ def _build_modes(file: OP2File, found: list[_Mode], length: float, mass: float) 
     seen = np.argwhere(shapes.any(axis=0))
     if not len(seen):
         raise FormatError(f"the shape at {frequency[0]:g} Hz is zero at all points", file.path)
-    with placed(file.path):
+    with locate_errors(file.path):
         return ModeSet(
             frequency,
             shapes[:, seen[:, 0], seen[:, 1]].T,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.nastran.op4 import Collector, OP4Matrix, check_header, complete_triangles
 
 __all__ = ["MAGIC", "Block", "OP2File", "g_set", "matrix_of", "refuse_element_blocks"]
@@ -301,7 +301,7 @@ def g_set(file: OP2File) -> DofSet | None:
             file.path,
         )
     axes = np.arange(count.sum()) - np.repeat(expected - 1, count)
-    with placed(file.path, "EQEXIN"):
+    with locate_errors(file.path, "EQEXIN"):
         return DofSet.from_arrays(np.repeat(nodes, count), axes)
 
 

@@ -43,7 +43,7 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import AbsentError, FormatError, InputError, OptionError, UpdynWarning, key_path
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
-from updyn.io.items import chosen, counted, placed
+from updyn.io.items import format_counts, locate_errors, parse_selection
 from updyn.io.lengths import length
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
@@ -163,7 +163,7 @@ def read_frf(
     )
     if geometry is not None and not local_axes:
         geometry = Geometry(geometry.nodes, geometry.xyz, geometry.lines, faces=geometry.faces)
-    with placed(path):
+    with locate_errors(path):
         return FRF(
             parts.freq,
             parts.values,
@@ -254,7 +254,7 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
 # -- quantity and values ------------------------------------------------------------------------
 def _quantity(measured: Sequence[Function], given: str | None, path: str | Path) -> str:
     if given is not None:
-        with placed(path), key_path("quantity"):
+        with locate_errors(path), key_path("quantity"):
             check_quantity(given)
     stated: dict[str, int] = {}
     for function in measured:
@@ -342,7 +342,7 @@ def _describe_absence(
 ) -> str:
     held = []
     if functions:
-        held.append(counted(Counter(f.name for f in functions)))
+        held.append(format_counts(Counter(f.name for f in functions)))
     if collector.nodes:
         held.append(f"a geometry of {len(collector.nodes)} nodes (see updyn.io.read_geometry)")
     if others:
@@ -365,7 +365,7 @@ def _datasets(others: Counter[int]) -> str:
 def _warn_of_others(functions: Sequence[Function], path: str | Path) -> None:
     left_out = [f for f in functions if f.kind not in (_FRF, _COHERENCE)]
     if left_out:
-        kinds = counted(Counter(f.name for f in left_out))
+        kinds = format_counts(Counter(f.name for f in left_out))
         warnings.warn(
             f"{path}: functions that are neither FRF nor coherence are ignored: {kinds} (first:"
             f" line {left_out[0].line})",
@@ -626,8 +626,8 @@ class _Side:
         if wanted is None:
             self.kept = held
             return
-        self.kept = chosen(wanted, f"{self.what}s", self.path)
-        with placed(self.path, f"{self.what}s"), key_path(f"{self.what}s"):
+        self.kept = parse_selection(wanted, f"{self.what}s", self.path)
+        with locate_errors(self.path, f"{self.what}s"), key_path(f"{self.what}s"):
             held.match(self.kept, self.what)
 
     def __contains__(self, dof: Dof) -> bool:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError
 from updyn.geometry import Geometry
-from updyn.io.items import placed
+from updyn.io.items import locate_errors
 from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field, whole_fields
 
 __all__ = ["NUMBERS", "Collector", "Units"]
@@ -363,7 +363,7 @@ class Collector:
                     )
         # All numbers so far are in the unit of the file; dataset 164 may follow any dataset.
         turned = np.abs(np.array(axes) - np.eye(3)).max() > 0
-        with placed(self.path):
+        with locate_errors(self.path):
             return Geometry(
                 list(self.nodes),
                 np.array(xyz) / self.units.length,

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.atomic import atomic_path
-from updyn.io.items import counted, placed
+from updyn.io.items import format_counts, locate_errors
 from updyn.io.uff.datasets import (
     Dataset,
     datasets,
@@ -184,7 +184,7 @@ def read_modes(path: str | Path) -> ModeSet:
         )
     if ignored:
         warnings.warn(
-            f"{path}: analysis data other than modes are ignored: {counted(ignored)}",
+            f"{path}: analysis data other than modes are ignored: {format_counts(ignored)}",
             UpdynWarning,
             stacklevel=2,
         )
@@ -584,7 +584,7 @@ def _build_modes(found: Sequence[_Mode], units: Units, path: str | Path) -> Mode
             raise FormatError(
                 f"dataset {mode.number}: the shape is zero at all nodes", path, mode.line
             )
-    with placed(path):
+    with locate_errors(path):
         return ModeSet(
             [m.frequency for m in found],
             shapes[:, seen[:, 0], seen[:, 1]].T,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS
 from updyn.errors import AbsentError, FormatError, UpdynWarning
-from updyn.io.items import counted, existing, placed
+from updyn.io.items import format_counts, locate_errors, require_file
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
 from updyn.io.uff.geometry import NUMBERS, Collector
@@ -57,7 +57,7 @@ def read_records(path: str | Path) -> Records:
     UpdynWarning
         If other functions are ignored; the message counts them.
     """
-    collector = Collector(existing(path))
+    collector = Collector(require_file(path))
     functions: list[Function] = []
     for dataset in datasets(path):
         if dataset.number == 58:
@@ -69,12 +69,12 @@ def read_records(path: str | Path) -> Records:
     if not chosen:
         raise AbsentError(
             "holds no time response (dataset 58, function type 1); it holds"
-            f" {counted(others) or 'no function'}",
+            f" {format_counts(others) or 'no function'}",
             path,
         )
     if others:
         warnings.warn(
-            f"{path}: functions other than time responses are ignored: {counted(others)}",
+            f"{path}: functions other than time responses are ignored: {format_counts(others)}",
             UpdynWarning,
             stacklevel=2,
         )
@@ -98,7 +98,7 @@ def read_records(path: str | Path) -> Records:
         for record, function in enumerate(records):
             values[record, at] = factor * function.y
     values.flags.writeable = False  # Records does not copy read-only arrays
-    with placed(path):
+    with locate_errors(path):
         return Records.of(values, _step(expected), list(channels), units, Path(path).name)
 
 
