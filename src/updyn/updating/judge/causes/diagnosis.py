@@ -25,7 +25,7 @@ from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.halves import halves_apart
-from updyn.updating.judge.causes.misfit import SEEN, Weighed, as_likely, log_misfit
+from updyn.updating.judge.causes.misfit import SEEN, Weighed, log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.other_model import OtherModel
 from updyn.updating.judge.causes.promising import other_models
@@ -296,36 +296,36 @@ def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseMod
     trial = tried(there, fault, [x])
     if trial is None or trial.fault is None:
         return found
-    trial = tried(_as_likely(there, trial, noise), trial.fault, [trial.x])
+    trial = tried(_weighed(there, trial, noise), trial.fault, [trial.x])
     if trial is None or trial.fault is None:
         return found
-    here = _as_likely(stage.near(part, [found.trial.x]), found.trial, noise)
-    before = log_misfit(*_freed(here, found.trial))[0]
-    if trial.power > _AS_WELL * float(np.mean(np.abs(before) ** 2)):
+    here = stage.near(part, [found.trial.x])
+    known = noise.refit(*_freed(here, found.trial), part.n)
+    if _error(there, trial, known) > _AS_WELL * _error(here, found.trial, known):
         return found
     return replace(found, fault=trial.fault)
 
 
+def _error(part: Part, trial: Trial, noise: NoiseModel) -> float:
+    """Return the mean square of the error where a trial ended, in units of some noise."""
+    H, frf = _freed(part, trial)
+    variance = np.maximum(noise.variance(H, frf), np.finfo(float).tiny)
+    return float(np.mean(np.abs(frf.values - H) ** 2 / variance))
+
+
 def _freed(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
-    """Return model and data where a trial ended, without the fault."""
-    assert trial.fault is not None
-    freed = trial.fault.accounted(part, trial.x)
+    """Return model and data where a trial ended, without its fault."""
+    freed = part if trial.fault is None else trial.fault.accounted(part, trial.x)
     return freed.responses(trial.x), freed.frf
 
 
-def _as_likely(part: Part, trial: Trial, noise: NoiseModel) -> Part:
-    """Return the part with its data weighed by the noise that a trial leaves of them."""
+def _weighed(part: Part, trial: Trial, noise: NoiseModel) -> Part:
+    """Return the part whose data count by the noise that a trial leaves of them."""
     H, frf = _freed(part, trial)
     variance = noise.refit(H, frf, part.n).variance(H, frf)
     size = np.abs(part.frf.values) / np.maximum(np.abs(frf.values), np.finfo(float).tiny)
-    return replace(part, frf=replace(part.frf, variance=size**2 * as_likely(H, frf, variance)))
-
-
-def _weighed(part: Part, trial: Trial, noise: NoiseModel) -> FRF:
-    """Return the data weighed by the noise that a trial without a fault leaves of them."""
-    H = part.responses(trial.x)
-    variance = noise.refit(H, part.frf, part.n).variance(H, part.frf)
-    return Weighed.near(H, part.frf, variance)
+    relative = Weighed.near(H, frf, variance).relative
+    return part.with_data(Weighed.of(part.frf, size**2 * variance, relative))
 
 
 def _likeliest(
@@ -346,7 +346,7 @@ def _likeliest(
             return []
         here, without = _settled(part, here, stage, without)
         if is_small(without):
-            part = part.with_data(_weighed(here, without, noise))
+            part = part.with_data(_weighed(here, without, noise).frf)
             here = stage.near(part, [without.x])
             without = tried(here, None, [without.x]) or without
         fresh = candidates(here, without, start, stated, others)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF, ROUNDING
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["SEEN", "Weighed", "as_likely", "log_misfit", "n_seen"]
+__all__ = ["SEEN", "Weighed", "log_misfit", "n_seen"]
 
 _Complex = NDArray[np.complex128]
 
@@ -21,9 +21,8 @@ _CLEAR = 0.03
 SEEN = 3.0
 #: Least noise, as a share of the rms of all data of one unit: what no sensor resolves.
 _LEAST = 1e-5
-#: Share of the values that are more exact than those of weight 1, where each counts by its
-#: likelihood; and the least weight.
-_EXACT, _FAINT = 0.1, 1e-3
+#: Share of the values that are more exact than those of weight 1, if each counts by its likelihood.
+_EXACT = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -49,9 +48,14 @@ class Weighed(FRF):
         answer = np.abs(H)
         seen = answer > ROUNDING * answer.max()
         share = np.sqrt(variance[seen]) / answer[seen]
+        return cls.of(frf, variance, float(np.quantile(share, _EXACT)) if share.size else 1.0)
+
+    @classmethod
+    def of(cls, frf: FRF, variance: NDArray[np.float64], relative: float) -> Self:
+        """Return data with a variance of their noise."""
         about = {one.name: getattr(frf, one.name) for one in fields(FRF)}
         about["variance"] = variance
-        return cls(relative=float(np.quantile(share, _EXACT)) if share.size else 1.0, **about)
+        return cls(relative=relative, **about)
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -112,28 +116,3 @@ def _noise(frf: FRF) -> NDArray[np.float64]:
     """Return the standard deviation of the noise of each value."""
     assert frf.variance is not None
     return np.asarray(np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2))
-
-
-def as_likely(H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the variance with which the misfit weighs values as the likelihood does.
-
-    By themselves values that stand clear of the noise count alike, as models are off by shares of
-    them. Once a model explains the data, an exact value says more than one with some noise.
-
-    Parameters
-    ----------
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        Of the model that explains the data.
-    frf : FRF
-        The data.
-    variance : ndarray of float, shape (n_f, n_i, n_j)
-        Of the noise there.
-    """
-    answer = np.abs(H)
-    least = max(ROUNDING * answer.max(), np.finfo(float).tiny)  # 0: of a part that nothing joins
-    share = np.sqrt(variance) / np.maximum(answer, least)
-    weight = np.clip(
-        np.quantile(share, _EXACT) / np.maximum(share, np.finfo(float).tiny), _FAINT, 1.0
-    )
-    level = np.maximum(answer, np.abs(frf.values))  # of which `log_misfit` takes a share
-    return np.asarray((_CLEAR * level) ** 2 * (1.0 / weight**2 - 1.0))
