@@ -131,7 +131,7 @@ def test_the_journal_of_a_run_is_named(
     ("name", "content", "message"),
     [
         ("a.json", '{"a": 1, "b": 2}', "none of the files that updyn writes; its keys: 'a', 'b'"),
-        ("a.json", "[1, 2]", "holds a list; expected the items of a plant"),
+        ("a.json", "[1, 2]", "found a list; expected the items of a plant"),
         ("a.json", '{"status": ', "JSON"),
         ("a.html", "<!DOCTYPE html><html><title>News</title>", "a page of another program"),
         ("a.h", "#define A 1\n", "neither content nor suffix '.h' is of a known format of"),

@@ -336,7 +336,9 @@ def test_a_change_is_refused_with_its_remedy(name: str, tmp_path: Path) -> None:
     path = tmp_path / "p.json"
     updyn.write_plant(PLANTS["continuous"], path)
     changed(CHANGES[name], path)
-    with pytest.raises(FormatError, match=r"is not what was written.*remove 'sha256'") as error:
+    with pytest.raises(
+        FormatError, match=r"differs from what was written.*remove 'sha256'"
+    ) as error:
         updyn.read_plant(path)
     assert str(error.value).startswith(f"{path}: sha256: ")
 
@@ -414,10 +416,10 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
         (lambda p: p.update(delay=True), "delay: found True"),
         (lambda p: p.update(tolerance=None), "tolerance: found None"),
         (lambda p: p["A"][1].pop(), "A: row 2 has 3 numbers; expected 4"),
-        (lambda p: p["A"][1].__setitem__(2, "1"), "A: row 2 holds something that is not a number"),
+        (lambda p: p["A"][1].__setitem__(2, "1"), "A: row 2 contains a value that is not a number"),
         (
             lambda p: p["A"][1].__setitem__(2, {"__float__": "inf"}),
-            "A holds a number that is not finite",
+            "A contains a number that is not finite",
         ),
         (lambda p: p["A"][1].__setitem__(2, 10**400), r"A: not JSON.*too large"),
         (lambda p: p["B"].pop(), r"B has shape \(3, 2\); expected \(4, 2\)"),
@@ -425,7 +427,7 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
         (lambda p: p["inputs"][0].pop("weights"), "inputs, number 1: 'weights' is missing"),
         (
             lambda p: p["inputs"][0].update(unit="N"),
-            "inputs, number 1: unit 'N', but that of this port is 'N m'",
+            "inputs, number 1: found unit 'N', expected 'N m'",
         ),
         (lambda p: p["inputs"][0].update(weights={"1:Q": 1.0}), "inputs, number 1:.*1:Q"),
         (lambda p: p["outputs"][1].update(rotation=1), "outputs, number 2: rotation is 1"),
@@ -453,7 +455,7 @@ def test_a_text_that_is_not_json(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"p\.json:4: not JSON"):
         updyn.read_plant(path)
     path.write_text(text.replace('"schema": 3,', '"schema": 3, "schema": 3,'), encoding="utf-8")
-    with pytest.raises(FormatError, match="'schema' stands twice"):
+    with pytest.raises(FormatError, match="'schema' occurs twice"):
         updyn.read_plant(path)
     path.write_text(text.replace('"error": 0.013', '"error": NaN'), encoding="utf-8")
     with pytest.raises(FormatError, match="error: not JSON"):

@@ -199,7 +199,7 @@ def test_tables_of_the_plant(made, parts):
     assert "1 rigid-body mode with a pole at 0" in text
     assert "extends beyond the data, 2 to 80 Hz" in text
     # a number of the key figures keeps its percent sign where the line is broken
-    assert re.search(r"asked [\d.]+\N{NO-BREAK SPACE}%</small>", text)
+    assert re.search(r"tolerance [\d.]+\N{NO-BREAK SPACE}%</small>", text)
 
 
 def fitted_result(plant_result):
@@ -291,7 +291,7 @@ def test_points_of_the_margins_lie_on_the_curves(made, parts):
 def test_margins_of_the_family_are_in_the_table(made, parts):
     servo = made[1].servo
     text = parts[0]["servo"]
-    assert "on all 4 plants of the family too" in text
+    assert "also on all 4 plants of the family" in text
     row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', text)[1]
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
     inner = [m.phase_margin for m in servo.velocity_loop.members]
@@ -319,7 +319,9 @@ def test_margins_of_the_sampled_loops_are_in_a_table_of_their_own(made, parts):
     assert servo.sampled.dt == 0.0005
     assert servo.sampled.delay == 2
     own = text[
-        text.index("Margins of the sampled loops: every 0.5 ms, with the hold, torque late by 2") :
+        text.index(
+            "Margins of the sampled loops: every 0.5 ms, with the hold, torque delayed by 2"
+        ) :
     ]
     row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', own)[1]
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)

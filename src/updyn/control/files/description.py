@@ -1,4 +1,4 @@
-"""A plant in a file, as ``updyn info`` describes it."""
+"""Description of a plant file for ``updyn info``."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from updyn.text_table import text_table
 
 __all__ = ["PLANT", "describe_plant"]
 
-#: Natural frequencies that are listed.
+#: Largest number of natural frequencies in the text.
 _MODES = 12
 
 
 def describe_plant(plant: Plant) -> str:
-    """Return size, sampling, band and error, natural frequencies and ports of a plant, as text."""
+    """Return size, sampling, band, errors, natural frequencies and ports of a plant as text."""
     sampled = "continuous"
     if plant.dt is not None:
         sampled = f"sampled every {plant.dt:g} s{_delay(plant)}"
@@ -46,7 +46,7 @@ def describe_plant(plant: Plant) -> str:
                 f"made for {plant.band[0]:g} to {plant.band[1]:g} Hz by route {plant.route!r}:"
                 f" largest relative error of a channel {_relative(plant)}, error"
                 f" {plant.error:.3g} of its peak, of a resonance's height {plant.peak_error:.3g}"
-                f" (asked for {plant.tolerance:g})"
+                f" (tolerance {plant.tolerance:g})"
             ),
             f"{modes}, natural frequencies (Hz): {frequencies}",
             "",
@@ -56,7 +56,7 @@ def describe_plant(plant: Plant) -> str:
 
 
 def _relative(plant: Plant) -> str:
-    return "not known" if math.isnan(plant.relative_error) else f"{plant.relative_error:.3g}"
+    return "unknown" if math.isnan(plant.relative_error) else f"{plant.relative_error:.3g}"
 
 
 def _delay(plant: Plant) -> str:
@@ -74,7 +74,7 @@ def _weights(port: Port) -> str:
 
 
 def _is_plant(path: Path) -> bool:
-    """Tell whether a plant format fits a file."""
+    """Return whether a plant format fits a file."""
     try:
         plant_format(path, "read_plant")
     except FormatError:

@@ -1,20 +1,21 @@
-"""A plant as a C99 header for the code of a controller: matrices, names and functions.
+"""A plant as a C99 header for controller code: matrices, names and functions.
 
-Every name begins with the stem of the file, so that a program can include several plants. Names in
+Every name begins with the stem of the file, so a program can include several plants. Names in
 ``mount.h``::
 
     MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS   sizes
     MOUNT_DT, MOUNT_DELAY                             sampling interval in s (0.0: continuous),
                                                       intervals of delay
     MOUNT_BAND_LOW, MOUNT_BAND_HIGH, MOUNT_ERROR      band in Hz, and the error in it
-    mount_A, mount_B, mount_C, mount_D                double, row after row, in SI units
+    mount_A, mount_B, mount_C, mount_D                double, by rows, in SI units
     mount_input_names, mount_input_units, mount_output_names, mount_output_units
     mount_output(x, u, y)                             y = C x + D u
     mount_derivative(x, u, dx)                        continuous plant: dx = A x + B u
     mount_step(x, u, y)                               sampled plant: y = C x + D u,
                                                       then x = A x + B u
 
-Numbers have all digits needed to read them back exactly. The header allocates and includes nothing.
+Numbers have all digits needed to read them back exactly. The header allocates no memory and
+includes no other file.
 """
 
 from __future__ import annotations
@@ -34,27 +35,17 @@ from updyn.io.atomic import atomic_path
 
 __all__ = ["write_plant"]
 
-_A_LINE = 4  # numbers
-_OTHER = re.compile(r"[^A-Za-z0-9 _.,:;+()/='-]")  # than plain letters
+_A_LINE = 4  # numbers per line
+_OTHER = re.compile(r"[^A-Za-z0-9 _.,:;+()/='-]")  # characters other than plain ones
 
 
 def write_plant(plant: Plant, path: str | Path) -> None:
-    """Write a plant.
+    """Write a plant as a header whose names begin with the stem of the file.
 
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    path : path
-        File to write; its stem is the start of every name in it.
-
-    Raises
-    ------
-    FormatError
-        If the plant has no state: C has no arrays without elements.
+    Raises FormatError if the plant has no state, as C has no empty arrays.
     """
     if not plant.n_states:
-        raise FormatError("the plant has no state; a header holds one with at least one", path)
+        raise FormatError("the plant has no state; a header requires at least one", path)
     stem = re.sub(r"[^A-Za-z0-9]", "_", Path(path).stem)
     name = stem.lower() if stem[:1].isalpha() else f"plant_{stem.lower().lstrip('_')}".rstrip("_")
     text = "\n".join(_lines(plant, name)) + "\n"
@@ -108,7 +99,7 @@ def _lines(plant: Plant, name: str) -> list[str]:
     ):
         length = by_size["u" if what.startswith("input") else "y"]
         out += ["", f"static const char *const {name}_{what}[{length}] = {{"]
-        out += [*_listed(list(map(_string, texts)), 1), "};"]
+        out += [*_format_list(list(map(_c_string, texts)), 1), "};"]
     return [
         *out,
         "",
@@ -167,14 +158,14 @@ def _product(
 
 
 def _rows(matrix: NDArray[Any]) -> list[str]:
-    """Return the lines of an initialiser, row after row, each from a line of its own."""
+    """Return the lines of an initialiser; each row starts a new line."""
     out: list[str] = []
     for row in matrix.tolist():
-        out += _listed(list(map(repr, row)), _A_LINE)
+        out += _format_list(list(map(repr, row)), _A_LINE)
     return out
 
 
-def _listed(items: Sequence[str], a_line: int) -> list[str]:
+def _format_list(items: Sequence[str], a_line: int) -> list[str]:
     lines = []
     for i in range(0, len(items), a_line):
         lines.append(f"    {', '.join(items[i : i + a_line])},")
@@ -182,12 +173,12 @@ def _listed(items: Sequence[str], a_line: int) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    """Return a text that neither ends a comment nor begins another."""
-    return _OTHER.sub("_", text)  # the asterisk is none of the plain letters
+    """Return a text that contains no end or start of a comment."""
+    return _OTHER.sub("_", text)  # the asterisk is not a plain character
 
 
-def _string(text: str) -> str:
-    """Return a C string; other than plain letters are written octal, byte by byte of UTF-8."""
+def _c_string(text: str) -> str:
+    """Return a C string, with other than plain characters as octal bytes of UTF-8."""
 
     def octal(match: re.Match[str]) -> str:
         return "".join(f"\\{byte:03o}" for byte in match[0].encode())

@@ -1,21 +1,21 @@
-"""The items of a plant in a file: their names, their checks, and their form in flat formats.
+"""The items of a plant in a file: names, checks, and their form in flat formats.
 
-Items (`plant_items`), as ``.json`` has them::
+Items (`plant_items`), as in ``.json``::
 
-    format, schema            "updyn plant", 3; earlier ones are read as well: 2 without sha256, 1
-                              without relative_error and zero_shift, too
+    format, schema            "updyn plant", 3; earlier schemas are read: 2 without sha256, 1 also
+                              without relative_error and zero_shift
     A, B, C, D                (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
     dt, delay                 sampling interval in s, None if continuous; intervals of delay in A
     inputs                    {name, unit, weights, rotation} of each; weights by DOF label
     outputs                   the same with quantity
     band                      Hz
     tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
-    relative_error            None: not known
+    relative_error            None: unknown
     zero_shift                {output, input, frequency, shift, depth, plant_depth} of each zero
-    sha256                    digest of all other items; may be left out, by who edits a file
+    sha256                    digest of all other items; optional, for files edited by hand
 
-Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outputs`` alike, by
-(`flat_items`)::
+In formats of arrays and texts (``.mat``, ``.npz``) `flat_items` replaces ``inputs``, and
+``outputs`` likewise, by::
 
     inputs, input_units       names and units
     input_rotation            1 for a moment and an angle, else 0
@@ -23,9 +23,9 @@ Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outpu
     input_weight_port         number of the port of each weight, from 1
     input_weight_dof          DOF label of each weight
     quantities                of the outputs
-    dt                        0 if continuous, as MATLAB has it
+    dt                        0 if continuous, as in MATLAB
     facts, zero_shift         JSON text, see `updyn.store.values`
-    relative_error            nan: not known
+    relative_error            nan: unknown
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ from updyn.store.values import from_text, to_text
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
 
 FORMAT, SCHEMA = "updyn plant", 3
-#: Schemas that are read.
+#: Schemas that can be read.
 _READ = (1, 2, 3)
-#: Ends the message about a file of something else.
+#: End of the message about a file of another kind.
 NO_PLANT = "this file holds no plant"
 
 _MATRICES = ("A", "B", "C", "D")
@@ -109,10 +109,7 @@ def plant_items(plant: Plant) -> dict[str, Any]:
 def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
     """Return the plant from its items.
 
-    Raises
-    ------
-    FormatError
-        If an item is missing, unknown, not valid or contradicts another; file and item are named.
+    Raises FormatError with file and item if an item is missing, unknown, invalid or inconsistent.
     """
     if items.get("format") != FORMAT:
         raise FormatError(
@@ -136,7 +133,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         )
     if band.shape != (2,) or not 0 <= band[0] < band[1] < np.inf:
         raise FormatError(
-            f"band: found {band.tolist()}; expected its lowest and highest line in Hz", path
+            f"band: found {band.tolist()}; expected its lowest and highest frequency in Hz", path
         )
     if not isinstance(items["route"], str):
         raise FormatError(f"route: found {items['route']!r}; expected a text", path)
@@ -171,34 +168,34 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
 
 
 def _digest(items: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of all items but itself; order and form of arrays do not matter."""
+    """Return the SHA-256 of all other items, independent of order and form of arrays."""
     content = {}
     for name, value in items.items():
         if name != _DIGEST:
-            own = value if name == "facts" else _listed(value)
+            own = value if name == "facts" else _as_lists(value)
             content[name] = json.loads(to_text(own, "a plant"))
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
-def _listed(value: Any) -> Any:
-    """Return a value with lists in place of arrays and tuples, and all numbers as float."""
+def _as_lists(value: Any) -> Any:
+    """Return a value with arrays and tuples as lists, and all numbers as float."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {name: _listed(one) for name, one in value.items()}
+        return {name: _as_lists(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_listed(one) for one in value]
+        return [_as_lists(one) for one in value]
     return float(value) if is_number(value) else value
 
 
 def _check_digest(items: Mapping[str, Any], path: str | Path) -> None:
-    """Check the digest of items, where they have one."""
+    """Check the digest of items that have one."""
     if _DIGEST in items and items[_DIGEST] != _digest(items):
         raise FormatError(
-            f"{_DIGEST}: the content of the file is not what was written: its digest is another"
-            " one. It is damaged, or was edited; restore it, or write it again. If the change is"
-            f" wanted, remove {_DIGEST!r}",
+            f"{_DIGEST}: the content of the file differs from what was written, by its digest."
+            " It is damaged or was edited; restore it, or write it again. If the change is"
+            f" intended, remove {_DIGEST!r}",
             path,
         )
 
@@ -242,10 +239,7 @@ def flat_items(plant: Plant) -> dict[str, Any]:
 def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     """Return the items of a plant from those of a flat file: numbers in arrays, texts in lists.
 
-    Raises
-    ------
-    FormatError
-        If one is missing, unknown or not of its kind; file and item are named.
+    Raises FormatError with file and item if an item is missing, unknown or of another type.
     """
     found = None
     if "format" in flat:
@@ -294,7 +288,7 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
         sizes = {name: len(texts.get(name, numbers.get(name, ()))) for name in group}
         if len(set(sizes.values())) > 1:
             counts = ", ".join(f"{name}: {size} items" for name, size in sizes.items())
-            raise FormatError(f"{counts}; expected as many", path)
+            raise FormatError(f"{counts}; expected equal numbers", path)
     out: list[dict[str, Any]] = []
     ports = zip(texts[names], texts[units], numbers[rotation].tolist(), strict=True)
     for name, unit, turns in ports:
@@ -312,12 +306,12 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
     return out
 
 
-#: What a plant of the first schema has in place of later items.
+#: Values of later items for a plant of the first schema.
 _EARLIER: dict[str, Any] = {"relative_error": None, "zero_shift": []}
 
 
 def _finite(found: dict[str, Any]) -> dict[str, Any]:
-    """Return items with None in place of nan."""
+    """Return items with None for nan."""
     out = {}
     for name, value in found.items():
         out[name] = None if isinstance(value, float) and math.isnan(value) else value
@@ -356,7 +350,7 @@ def _port_items(port: Port, unit: str) -> dict[str, Any]:
 def _ports(
     found: Any, what: str, keys: tuple[str, ...], path: str | Path
 ) -> list[tuple[Port, str]]:
-    """Return ports with their quantities, which inputs do not have."""
+    """Return ports with their quantities, empty for inputs."""
     if not isinstance(found, list) or not all(isinstance(p, Mapping) for p in found):
         raise FormatError(f"{what}s: expected a list of ports", path)
     out = []
@@ -378,7 +372,7 @@ def _ports(
         unit = port.motion_unit(quantity) if quantity else port.force_unit
         if one["unit"] != unit:
             raise FormatError(
-                f"{place}: unit {one['unit']!r}, but that of this port is {unit!r}", path
+                f"{place}: found unit {one['unit']!r}, expected {unit!r} for this port", path
             )
         out.append((port, quantity))
     with locate_errors(path, f"{what}s"):
@@ -402,18 +396,18 @@ def _complete(
 
 def _matrix(found: Any, columns: int, name: str, path: str | Path) -> NDArray[np.float64]:
     if isinstance(found, list) and not found:
-        return np.zeros((0, columns))  # no state: there are no rows to say how long they are
+        return np.zeros((0, columns))  # no state: no rows to count the columns from
     return _numbers(found, 2, name, path)
 
 
 def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.float64]:
-    """Return an array of real numbers of so many axes."""
+    """Return an array of real numbers with `ndim` axes."""
     if (
         isinstance(found, list)
         and not all(map(is_number, found))
         and not all(isinstance(r, list) for r in found)
     ):
-        raise FormatError(f"{name}: holds something that is not a number", path)
+        raise FormatError(f"{name}: contains a value that is not a number", path)
     rows: list[Any] = []
     if isinstance(found, list) and all(isinstance(r, list) for r in found):
         rows = found
@@ -421,7 +415,7 @@ def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.f
         if not all(map(is_number, row)) or len(row) != len(rows[0]):
             wrong = f"has {len(row)} numbers"
             if len(row) == len(rows[0]):
-                wrong = "holds something that is not a number"
+                wrong = "contains a value that is not a number"
             raise FormatError(
                 f"{name}: row {number} {wrong}; expected {len(rows[0])} numbers", path
             )
@@ -432,7 +426,7 @@ def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.f
     try:
         array = np.asarray(found, dtype=np.float64)
     except OverflowError as error:
-        raise FormatError(f"{name}: holds a number that is too large", path) from error
+        raise FormatError(f"{name}: contains a number that is too large", path) from error
     if array.ndim != ndim:
         axes = "1 axis" if ndim == 1 else f"{ndim} axes"
         raise FormatError(f"{name}: found shape {array.shape}; expected {axes}", path)
@@ -459,7 +453,7 @@ def _single(found: Any, name: str, path: str | Path) -> float:
 
 
 def _row(found: Any, name: str, path: str | Path) -> NDArray[np.float64]:
-    """Return numbers in one axis; to MATLAB a row and a column are matrices."""
+    """Return numbers as one axis; MATLAB stores rows and columns as matrices."""
     if isinstance(found, list) and not found:
         return np.zeros(0)
     if (

@@ -1,4 +1,4 @@
-"""A plant as JSON: numbers with all their digits, one line for each row of a matrix."""
+"""A plant as JSON: numbers with all digits, one line per row of a matrix."""
 
 from __future__ import annotations
 
@@ -19,15 +19,7 @@ __all__ = ["read_plant", "write_plant"]
 
 
 def write_plant(plant: Plant, path: str | Path) -> None:
-    """Write a plant; names are those of `updyn.control.files.items`.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    path : path
-        File to write.
-    """
+    """Write a plant with the names of `updyn.control.files.items`."""
     rows = []
     for name, value in plant_items(plant).items():
         rows.append(f"  {json.dumps(name)}: {_laid_out(value)}")
@@ -37,28 +29,17 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
 
 def read_plant(path: str | Path) -> Plant:
-    """Read a plant.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Raises
-    ------
-    FormatError
-        If it is not JSON (the line is named), or an item is missing, unknown or not valid.
-    """
+    """Read a plant; raises FormatError with the line for invalid JSON, or for an invalid item."""
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
         items = json.loads(text, object_pairs_hook=once)
     except json.JSONDecodeError as error:
-        said = f"not JSON: {error.msg} (column {error.colno}); cut short or damaged?"
+        said = f"not JSON: {error.msg} (column {error.colno}); truncated or damaged?"
         raise FormatError(said, path, error.lineno) from error
     except (RecursionError, ValueError) as error:
         raise FormatError(f"not JSON as updyn writes it: {error}", path) from error
     if not isinstance(items, dict):
-        raise FormatError(f"holds a {type(items).__name__}; expected the items of a plant", path)
+        raise FormatError(f"found a {type(items).__name__}; expected the items of a plant", path)
     found = {}
     for name, value in items.items():
         found[name] = from_text(json.dumps(value), name, path)

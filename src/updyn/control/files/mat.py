@@ -1,7 +1,7 @@
-"""A plant as MATLAB variables without structs, so that ``load`` and ``ss`` are all that it takes.
+"""A plant as MATLAB variables without structs, so ``load`` and ``ss`` are sufficient.
 
-The variable ``comment`` holds the line that makes the system. ``dt`` is 0 for a continuous plant,
-as for ``ss``; names and units are cell arrays of char. All variables:
+The variable ``comment`` contains the command that makes the system. ``dt`` is 0 for a continuous
+plant, as for ``ss``; names and units are cell arrays of char. All variables:
 `updyn.control.files.items`. Version 5 is written; 5 to 7.3 are read.
 """
 
@@ -21,7 +21,7 @@ from updyn.io.matlab import read_variables
 
 __all__ = ["read_plant", "write_plant"]
 
-#: Octave's ``ss`` does the same, but knows no units.
+#: Octave's ``ss`` accepts the same arguments, but has no units.
 _LINE = (
     "load('{name}'); sys = ss(A,B,C,D,dt,'InputName',inputs,'OutputName',outputs); "
     "% MATLAB also: set(sys,'InputUnit',input_units,'OutputUnit',output_units)"
@@ -29,25 +29,12 @@ _LINE = (
 
 
 def write_plant(plant: Plant, path: str | Path) -> None:
-    """Write a plant as a version 5 file.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    path : path
-        File to write.
-
-    Raises
-    ------
-    FormatError
-        If a matrix is larger than the format allows (2 GB).
-    """
+    """Write a plant as a version 5 file; raises FormatError for a matrix above 2 GB."""
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
 
     items = flat_items(plant)
-    items["facts"] = json.dumps(json.loads(items["facts"]))  # ASCII: what every reader takes
+    items["facts"] = json.dumps(json.loads(items["facts"]))  # ASCII, which every reader accepts
     items["comment"] = _LINE.format(name=Path(path).name.replace("'", "''"))
     variables = {
         name: np.array(v, dtype=object)[:, None] if isinstance(v, list) else v
@@ -59,23 +46,12 @@ def write_plant(plant: Plant, path: str | Path) -> None:
             savemat(temporary, variables, appendmat=False, do_compression=True, oned_as="column")
     except MatWriteError as error:
         raise FormatError(
-            f"a .mat file of version 5 cannot hold this ({error}); write .npz instead", path
+            f"a .mat file of version 5 cannot store this ({error}); write .npz instead", path
         ) from error
 
 
 def read_plant(path: str | Path) -> Plant:
-    """Read a plant.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or a variable is missing, unknown or not valid.
-    """
+    """Read a plant; raises FormatError for a damaged file or an invalid variable."""
     found: dict[str, Any] = read_variables(path)
     found.pop("comment", None)
     return build_plant(nested_items(found, path), path)

@@ -1,4 +1,4 @@
-"""A plant as a NumPy ``.npz`` archive of the items of `updyn.control.files.items`; no pickle."""
+"""A plant as a NumPy ``.npz`` archive of the items of `updyn.control.files.items`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,8 @@ __all__ = ["read_plant", "write_plant"]
 
 
 def write_plant(plant: Plant, path: str | Path) -> None:
-    """Write a plant.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    path : path
-        File to write.
-    """
-    # Through an open file: given a name, numpy appends a suffix where it misses one.
+    """Write a plant as an archive."""
+    # With an open file: for a name without the suffix, numpy appends it.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(
             file,
@@ -35,19 +27,7 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
 
 def read_plant(path: str | Path) -> Plant:
-    """Read a plant.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Raises
-    ------
-    FormatError
-        If the archive is damaged, holds pickled objects, or an array is missing, unknown or not
-        valid.
-    """
+    """Read a plant; raises FormatError for a damaged archive, pickles or an invalid array."""
     found: dict[str, Any] = {}
     for name, array in read_arrays(path).items():
         found[name] = array.ravel().tolist() if array.dtype.kind == "U" else array

@@ -1,7 +1,7 @@
-"""Plants as files: the front doors, and which module handles which format.
+"""Plant files: reading, writing, and the module of each format.
 
-Adding a format is one new module in this folder, with ``write_plant(plant, path)`` and where it can
-``read_plant(path)``, and one `Format` line below.
+A new format needs one module in this folder with ``write_plant(plant, path)`` and, if it can be
+read, ``read_plant(path)``, and one `Format` line below.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ PLANT_FORMATS = (
 
 
 def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) -> None:
-    """Write a plant, the file replaced as a whole once it is complete.
+    """Write a plant to a file, atomically.
 
     Parameters
     ----------
     plant : Plant
         A continuous or sampled one.
     path : path
-        File to write; its suffix chooses the format: ``.json`` (everything, exactly), ``.mat``
-        (MATLAB), ``.npz`` (NumPy), ``.h`` (a C99 header with the matrices and a function that steps
-        or derives).
+        File to write; its suffix selects the format: ``.json`` (everything, exactly), ``.mat``
+        (MATLAB), ``.npz`` (NumPy), ``.h`` (a C99 header with the matrices and a function for the
+        step or the derivative).
     format : {"json", "mat", "npz", "header"}, optional
-        To force the format.
+        Format; by default that of the suffix.
 
     Raises
     ------
     OptionError
-        If it is no plant.
+        If `plant` is not a plant.
     FormatError
         If no format fits, or the file cannot be written.
 
@@ -60,24 +60,24 @@ def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) ->
 
 
 def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
-    """Read a plant that `write_plant` wrote.
+    """Read a plant written by `write_plant`.
 
     Parameters
     ----------
     path : path
         A ``.json``, ``.mat`` or ``.npz`` file.
     format : {"json", "mat", "npz"}, optional
-        To force the format; by default as content and suffix say.
+        Format; by default determined from content and suffix.
 
     Returns
     -------
     Plant
-        Equal to what was written, to the last digit.
+        Equal to the written plant to the last digit.
 
     Raises
     ------
     FormatError
-        If the file is not there, is damaged, or holds something else; file and item are named.
+        If the file is missing, damaged, or contains something else; file and item are named.
 
     Examples
     --------
@@ -95,25 +95,9 @@ def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
 
 
 def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
-    """Choose the format of the file of a plant, by name if given, else by content, else by suffix.
+    """Return the format of a plant file, by name if given, else by content, else by suffix.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it need not exist to be written.
-    verb : {"read_plant", "write_plant"}
-        What is to be done.
-    name : str, optional
-        Format name, to force it.
-
-    Returns
-    -------
-    Format
-
-    Raises
-    ------
-    FormatError
-        If no format fits.
+    `verb` is ``"read_plant"`` or ``"write_plant"``. Raises FormatError if no format fits.
     """
     able = [f for f in PLANT_FORMATS if verb in f.can]
     if name is not None:
@@ -136,13 +120,13 @@ def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
     if path.suffix.lower() == ".h":
         hint = " (a header is for compilers: read the plant from another file)"
     raise FormatError(
-        f"suffix {path.suffix!r} is of no format that can {verb}{hint}; known suffixes: {known}",
+        f"suffix {path.suffix!r}: no format with it can {verb}{hint}; known suffixes: {known}",
         path,
     )
 
 
 def _start(path: Path) -> bytes:
-    """Return the first bytes of a file, without blanks before them."""
+    """Return the first bytes of a file without leading whitespace."""
     try:
         with path.open("rb") as file:
             start = file.read(64).lstrip()

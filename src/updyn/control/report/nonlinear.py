@@ -1,4 +1,4 @@
-"""The loop with backlash or friction in the report: predicted limit cycles and simulation."""
+"""Report of the loop with backlash or friction: predicted limit cycles and simulation."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from updyn.report.plots import Figure, Panel, label, numbers, stacked, with_peak
 
 __all__ = ["nonlinear_context", "nonlinear_figures"]
 
-#: Periods at the end that are drawn.
+#: Number of periods at the end that are plotted.
 _SHOWN = 12
 #: Largest number of points of a curve.
 _POINTS = 4000
-#: The motion that a nonlinearity depends on, by its kind.
+#: Motion that a nonlinearity depends on, by its kind.
 _READ = {"backlash": "twist", "friction": "velocity"}
 
 
 def nonlinear_figures(nonlinear: Sequence[Nonlinear]) -> dict[str, Figure]:
-    """Return the series of each simulation, by the name of its place in the page."""
+    """Return the series of each simulation, by their place name in the page."""
     return {
         _name(number): _series(found, found.simulation)
         for number, found in enumerate(nonlinear)
@@ -38,18 +38,10 @@ def _name(number: int) -> str:
 
 
 def nonlinear_context(number: int, found: Nonlinear) -> dict[str, Any]:
-    """Return what the template shows of one nonlinearity.
-
-    Parameters
-    ----------
-    number : int
-        Its position in the job.
-    found : Nonlinear
-        The loop with it.
-    """
+    """Return the template values of one nonlinearity; `number` is its index in the job."""
     cycles = []
     for c in found.cycles:
-        kind = "stable" if c.stable else "unstable: a border"
+        kind = "stable" if c.stable else "unstable: a boundary"
         amplitude = f"{formatted(c.amplitude, 4)} {c.unit}"
         frequency = f"{formatted(c.frequency, 4)} Hz"
         cycles.append([amplitude, frequency, kind, f"{formatted(100 * c.third, 2)} %", c.doubt])

@@ -1,4 +1,4 @@
-"""`write_plant_page`: the plant of a job as one self-contained HTML page."""
+"""`write_plant_page`: the plant of a job as a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -15,20 +15,7 @@ __all__ = ["write_plant_page"]
 
 
 def write_plant_page(result: PlantResult, path: str | PathLike[str]) -> Path:
-    """Write a plant as one HTML page that needs nothing else: no network, no other file.
-
-    Parameters
-    ----------
-    result : PlantResult
-        What `updyn.control.job.plant_job.plant_job` made.
-    path : str or path-like
-        Where to write; an existing file is replaced only once the new page is complete.
-
-    Returns
-    -------
-    Path
-        Where the page is.
-    """
+    """Write a plant as a self-contained HTML page, atomically; return its path."""
     return write_page(render(result), path)
 
 

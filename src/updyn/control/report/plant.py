@@ -1,4 +1,4 @@
-"""The report section on the plant: Bode diagrams, errors, poles, conversions, weights."""
+"""Report section on the plant: Bode diagrams, errors, poles, conversions, weights."""
 
 from __future__ import annotations
 
@@ -40,28 +40,28 @@ __all__ = [
     "weight_name",
 ]
 
-#: Largest number of channels that are drawn, those with the largest errors.
+#: Largest number of plotted channels, those with the largest errors.
 _DRAWN = 6
 _ERROR_FLOOR = 1e-7
-#: Largest number of poles that are listed.
+#: Largest number of poles in the table.
 _LISTED = 60
 #: Largest number of channels in the table of errors.
 _CHANNELS = 40
-#: Errors for which a tolerance holds.
+#: Error measures of a tolerance.
 _ERRORS = {"relative": "error / |H|", "peak": "error / peak"}
-#: Conversions in words, and whether `updyn.plant` offers them.
+#: Description of the conversions, and whether `updyn.plant` offers them.
 _CONVERSIONS = {
     "modal": ("real modes, full modal damping matrix", "offered"),
     "complex": ("complex modes of the damped structure", "offered"),
     "rational": ("rational approximation of the response", "offered"),
     "biot": ("internal variables (Biot)", "offered"),
-    "diagonal": ("modal damping ratios alone", "refused"),
+    "diagonal": ("modal damping ratios only", "refused"),
     "single-frequency": ("damping matrix at one frequency", "refused"),
 }
 
 
 def plant_figures(result: PlantResult) -> dict[str, Figure]:
-    """Return every figure that has something to show, by the name of its place in the page."""
+    """Return every figure with content, by its place name in the page."""
     plant = result.plant
     if plant is None or result.freq is None:
         return {}
@@ -74,7 +74,7 @@ def plant_figures(result: PlantResult) -> dict[str, Figure]:
 
 
 def channels(result: PlantResult) -> list[tuple[int, int]]:
-    """Return the channels that are drawn: all, or those with the largest errors."""
+    """Return the plotted channels: all, or those with the largest errors."""
     assert result.plant is not None
     everything = list(np.ndindex(len(result.plant.outputs), len(result.plant.inputs)))
     if len(everything) <= _DRAWN:
@@ -84,27 +84,27 @@ def channels(result: PlantResult) -> list[tuple[int, int]]:
 
 
 def bode_name(output: int, input: int) -> str:
-    """Return the name of the place of a channel's Bode diagram."""
+    """Return the place name of a channel's Bode diagram."""
     return f"plant-{output}-{input}"
 
 
 def weight_name(output: int, input: int) -> str:
-    """Return the name of the place of a channel's weight."""
+    """Return the place name of a channel's weight."""
     return f"weight-{output}-{input}"
 
 
 def channel_name(plant: Plant, output: int, input: int) -> str:
-    """Return the name of a channel, as ``speed over torque``."""
+    """Return the name of a channel, such as ``speed over torque``."""
     return f"{plant.outputs[output]} over {plant.inputs[input]}"
 
 
 def unit_of(plant: Plant, output: int, input: int) -> str:
-    """Return the unit of a channel, as ``(rad/s)/(N m)``."""
+    """Return the unit of a channel, such as ``(rad/s)/(N m)``."""
     return unit_ratio(plant.output_units[output], plant.input_units[input])
 
 
 def unit_ratio(above: str, below: str) -> str:
-    """Return the unit of a ratio; a unit that is a product or a ratio stands in brackets."""
+    """Return the unit of a ratio, with products and ratios in parentheses."""
     parts = []
     for unit in (above.replace("s2", "s²"), below):
         parts.append(f"({unit})" if "/" in unit or " " in unit else unit)
@@ -146,7 +146,7 @@ def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
 
 
 def degree_axis(values: object) -> dict[str, object]:
-    """Return an axis of degrees in steps that divide a half turn, around all values."""
+    """Return an axis in degrees around all values, with steps that divide a half turn."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array)]
     low, high = -180.0, 0.0
@@ -179,7 +179,7 @@ class PlantSection(Section):
     template = "updyn.control.report/plant.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether a page with a plant result has the section: every one."""
+        """Return whether a page has the section: every page with a plant result."""
         return True
 
     def figures(self, content: Content) -> dict[str, Figure]:
@@ -187,7 +187,7 @@ class PlantSection(Section):
         return plant_figures(content.further["plant"])
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return key figures, and the cells of the tables."""
+        """Return key figures and table cells."""
         result: PlantResult = content.further["plant"]
         context: dict[str, Any] = {
             "about": _about(result),
@@ -232,7 +232,7 @@ def _plant_context(result: PlantResult, plant: Plant) -> dict[str, Any]:
 
 
 def share(value: float) -> str:
-    """Return a share as percent."""
+    """Return a share in percent."""
     if not math.isfinite(value):
         return "–"
     if value >= 10.0:
@@ -246,14 +246,14 @@ def _about(result: PlantResult) -> str:
     band = f"{number(low, 4)} to {number(high, 4)} Hz"
     if plant is None:
         return f"No plant holds the tolerance of {share(result.tolerance)} from {band}."
-    of = "the model as it stands, which is NOT updated"
+    of = "the original model, which is NOT updated"
     if result.updated:
         of = "the updated model"
     return (
         f"A real state-space model of {of}: {counted(len(plant.inputs), 'input')},"
         f" {counted(len(plant.outputs), 'output')}, {counted(plant.n_states, 'state')}. From"
-        f" {band} it is off by at most {share(plant.relative_error)} of a channel's size at each"
-        f" line, and {share(plant.error)} of its peak."
+        f" {band} its error is at most {share(plant.relative_error)} of a channel's magnitude at"
+        f" each line, and {share(plant.error)} of its peak."
     )
 
 
@@ -280,7 +280,7 @@ def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
 
 
 def _error_tiles(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
-    asked = f"; asked {share(plant.tolerance)}"
+    asked = f"; tolerance {share(plant.tolerance)}"
     relative, peak = (asked, "") if result.measure == "relative" else ("", asked)
     hint = f"of |H| at each line, at most{relative}"
     tiles = [
@@ -292,7 +292,7 @@ def _error_tiles(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
 
 
 def _zero_tiles(plant: Plant) -> list[tuple[str, str, str]]:
-    """Return the tile of the antiresonances that the plant has; it names those that it lacks."""
+    """Return the tile of the antiresonances, with the number of those missing in the plant."""
     known = [abs(zero.shift) for zero in plant.zero_shift if math.isfinite(zero.shift)]
     lacking = len(plant.zero_shift) - len(known)
     missing = f"{counted(lacking, 'antiresonance')} not in the plant"
@@ -305,7 +305,7 @@ def _zero_tiles(plant: Plant) -> list[tuple[str, str, str]]:
 
 
 def _zeros(plant: Plant) -> list[list[str]]:
-    """Return the antiresonances, those that moved most first."""
+    """Return the antiresonances by decreasing shift."""
     rows = []
     order = sorted(plant.zero_shift, key=lambda z: -abs(z.shift) if math.isfinite(z.shift) else -99)
     for zero in order[:_LISTED]:
@@ -337,7 +337,7 @@ def _port_weights(port: Port) -> str:
 
 
 def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
-    """Return the channels and their errors, the largest first."""
+    """Return the channels and their errors, in decreasing order."""
     errors = result.channel_errors(result.measure)
     both = result.channel_errors("relative"), result.channel_errors("peak")
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
@@ -364,7 +364,7 @@ def _pole_cells(plant: Plant, pole: complex) -> list[str]:
 
 
 def _conversion_head(result: PlantResult) -> list[str]:
-    """Return the head of the table of conversions; the notes have a column where there are any."""
+    """Return the head of the table of conversions, with a column for notes if there are any."""
     head = ["conversion", "", "relative error", "error / peak", "height of resonances", ""]
     if any(found.note for found in result.conversions):
         head.append("note")
@@ -373,19 +373,19 @@ def _conversion_head(result: PlantResult) -> list[str]:
 
 def _conversion_caption(result: PlantResult) -> str:
     text = (
-        "Structural damping turned into poles in several ways, all modes kept, each against the"
-        " model itself; marked: not within the tolerance."
+        "Conversions of the structural damping to poles, with all modes, each compared with the"
+        " model; marked: not within the tolerance."
     )
     if result.plant is not None:
-        text += " Last the plant as it is made"
+        text += " Last row: the plant"
         if "fitted" in result.plant.facts:
             text += ", its outputs fitted after the conversion"
-        text += ": for its errors the tolerance holds."
+        text += "; the tolerance applies to its errors."
     return text
 
 
 def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
-    """Return the cells of each conversion, and whether it holds the tolerance; last the plant."""
+    """Return the cells of each conversion and whether it holds the tolerance; the plant is last."""
     plant = result.plant
     rows = []
     for found in result.conversions:
@@ -401,7 +401,7 @@ def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
 def _conversion_row(
     result: PlantResult, found: ConversionError | Plant, texts: tuple[str, str, str, str]
 ) -> tuple[list[str], bool]:
-    """Return the cells of a row, of its name, words, state and note, and whether it holds."""
+    """Return the cells of a row and whether it holds the tolerance."""
     name, words, state, note = texts
     errors = [share(e) for e in (found.relative_error, found.error, found.peak_error)]
     holds = found.relative_error <= result.tolerance
@@ -412,7 +412,7 @@ def _conversion_row(
 
 
 def _weights(result: PlantResult, plant: Plant) -> list[tuple[str, list[str]]]:
-    """Return the name of the figure of each weight, and the cells of its row."""
+    """Return the figure name of each weight and the cells of its row."""
     rows = []
     for (i, j), found in result.weights.items():
         ((weight,),) = found.weights

@@ -1,4 +1,4 @@
-"""The report section on the servo: loops, margins, closed loop, time responses, drive."""
+"""Report section on the servo: loops, margins, closed loop, time responses, drive."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = [
     "servo_figures",
 ]
 
-#: Largest number of members of a family that are drawn one by one.
+#: Largest number of members of a family with separate curves.
 _MEMBERS = 40
 #: Largest number of lines of a curve.
 _LINES = 3000
@@ -45,9 +45,9 @@ _POINTS = 4000
 #: Largest and smallest magnitude of a loop function that is drawn, in dB.
 _LOUD = 60.0
 _QUIET = -80.0
-#: Largest frequency of a drawn loop over the end of the plant's band.
+#: Ratio of the highest frequency of a plotted loop to the end of the plant's band.
 _REACH = 2.0
-#: The circle about -1 that the Nichols plot shows: |1 + L| = 0.5, a sensitivity of 6 dB.
+#: Radius of the circle around -1 in the Nichols plot: |1 + L| = 0.5, a sensitivity of 6 dB.
 _MODULUS = 0.5
 
 _Real = NDArray[np.float64]
@@ -58,7 +58,7 @@ _MEMBERS_LISTED = 12
 
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
-    """Return the figures of a servo by the name of their place in the page."""
+    """Return the figures of a servo by their place name in the page."""
     torque_unit = plant.input_units[plant.inputs.index(servo.torque)]
     out: dict[str, Figure] = {}
     high = _REACH * float(servo.plant["band"][1])
@@ -66,7 +66,7 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
         at = _drawn(loop, high)
         out[f"bode-{loop.name}"] = _bode(loop, at)
         out[f"nichols-{loop.name}"] = _nichols(loop, at)
-    out["closed-loop"] = _closed(servo, plant, _drawn(servo.loops[-1], high))
+    out["closed-loop"] = _closed_loop_figure(servo, plant, _drawn(servo.loops[-1], high))
     for name, step in (("step", servo.step), ("disturbance-step", servo.disturbance_step)):
         if step is not None:
             out[name] = _step_figure(step, torque_unit)
@@ -77,7 +77,7 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
 
 # -- loops ----------------------------------------------------------------------------------------
 def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
-    """Return the lines to draw: gains of interest, and the line of every margin."""
+    """Return the indices of the lines to plot: relevant gains, and the frequencies of margins."""
     size = _decibels(loop.L)
     near = (size < _LOUD) & (size > _QUIET) & (loop.freq <= high)
     m = loop.margins
@@ -121,7 +121,7 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
 
 
 def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
-    """Return the points of the gain margin (upper panel) and of the phase margin (lower)."""
+    """Return the points of the gain margin (upper panel) or of the phase margin (lower)."""
     m = loop.margins
     if (
         panel == "gain"
@@ -243,9 +243,9 @@ def _critical(turn: _Real) -> list[float]:
 
 
 # -- closed loop ----------------------------------------------------------------------------------
-def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
+def _closed_loop_figure(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
     outer = servo.loops[-1]
-    freq = outer.freq[at]  # those of the loop and of the reference are the same
+    freq = outer.freq[at]  # also the lines of the reference
     named = outer.name
     S = outer.S[at]
     traces = [
@@ -282,15 +282,15 @@ def _compliance_unit(servo: Servo, plant: Plant) -> str:
     return unit_ratio(motion, plant.input_units[plant.inputs.index(servo.disturbance)])
 
 
-# -- over time ------------------------------------------------------------------------------------
+# -- time responses -------------------------------------------------------------------------------
 def _step_figure(step: StepResponse, unit: str) -> Figure:
-    value = _timed(step.time, step.value, step.output, step.output_unit, "@after")
+    value = _time_trace(step.time, step.value, step.output, step.output_unit, "@after")
     final = filter(math.isfinite, [step.final])
     panels = [
         Panel(f"{label(step.output)} ({_unit(step.output_unit)})", [value], {}, 1.2, tuple(final)),
         Panel(
             f"command ({unit})",
-            [_timed(step.time, step.torque, "command", unit, "@third")],
+            [_time_trace(step.time, step.torque, "command", unit, "@third")],
             {},
             0.8,
         ),
@@ -302,8 +302,8 @@ def _step_figure(step: StepResponse, unit: str) -> Figure:
 
 def _wind_figure(wind: WindResponse) -> Figure:
     time = wind.time
-    push = _timed(time, wind.disturbance, wind.input, wind.input_unit, "@fourth")
-    error = _timed(time, wind.error, wind.output, wind.output_unit, "@after")
+    push = _time_trace(time, wind.disturbance, wind.input, wind.input_unit, "@fourth")
+    error = _time_trace(time, wind.error, wind.output, wind.output_unit, "@after")
     panels = [
         Panel(f"{label(wind.input)} ({_unit(wind.input_unit)})", [push], {}, 0.8),
         Panel(f"{label(wind.output)}, error ({_unit(wind.output_unit)})", [error], {}, 1.2),
@@ -313,7 +313,7 @@ def _wind_figure(wind: WindResponse) -> Figure:
     )
 
 
-def _timed(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:
+def _time_trace(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:
     shown = f"%{{x:.5g}} s: {label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
     at = with_peaks(value, _POINTS)
     return {
@@ -327,7 +327,7 @@ def _timed(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict
     }
 
 
-# -- what they share ------------------------------------------------------------------------------
+# -- helpers --------------------------------------------------------------------------------------
 def _unit(unit: str) -> str:
     return unit.replace("s2", "s²")
 
@@ -353,7 +353,7 @@ def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
 
 
 class ServoSection(Section):
-    """The servo on the plant of a job, and the figures of its drive."""
+    """Servo on the plant of a job, and the figures of its drive."""
 
     anchor = "servo"
     name = "Servo"
@@ -362,12 +362,12 @@ class ServoSection(Section):
     template = "updyn.control.report/servo.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether the plant result has a servo or a drive."""
+        """Return whether the plant result has a servo or a drive."""
         result: PlantResult = content.further["plant"]
         return result.servo is not None or result.drive is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return loops, responses over time, and simulations with backlash or friction."""
+        """Return loops, time responses, and simulations with backlash or friction."""
         result: PlantResult = content.further["plant"]
         if result.servo is None:
             return {}
@@ -375,7 +375,7 @@ class ServoSection(Section):
         return nonlinear_figures(result.nonlinear) | servo_figures(result.servo, result.plant)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return words, key figures, and the cells of the tables."""
+        """Return texts, key figures and table cells."""
         result: PlantResult = content.further["plant"]
         context: dict[str, Any] = {"servo": result.servo, "drive": result.drive}
         if result.servo is not None:
@@ -402,7 +402,7 @@ def _servo_context(servo: Servo) -> dict[str, Any]:
         "margins_head": head,
         "margins": margins,
         "robust": [_robust(margin) for margin in servo.robust],
-        "sampled": None if servo.sampled is None else _sampled(servo.sampled),
+        "sampled": None if servo.sampled is None else _sampled_context(servo.sampled),
         "has_family": bool(servo.velocity_loop.members),
         "unstable": _unstable(servo),
         "loops": [_loop(loop) for loop in servo.loops],
@@ -426,7 +426,7 @@ def _loop(loop: Loop) -> dict[str, Any]:
 
 def _verdict(servo: Servo) -> str:
     if not all(loop.margins.stable for loop in servo.loops):
-        return "The loop is UNSTABLE on the nominal plant; its crossings are no margins."
+        return "The loop is UNSTABLE on the nominal plant; its crossings are not margins."
     bad = {i for loop in servo.loops for i in loop.unstable_members}
     count = len(servo.loops[0].members)
     if bad:
@@ -435,7 +435,7 @@ def _verdict(servo: Servo) -> str:
             " of the family."
         )
     if count:
-        return f"The loop is stable, on all {count} plants of the family too."
+        return f"The loop is stable, also on all {count} plants of the family."
     return "The loop is stable."
 
 
@@ -546,12 +546,12 @@ def _robust(margin: RobustMargin) -> list[str]:
     return [margin.of, value, _hz(margin.at), _sentence(margin.meaning)]
 
 
-def _sampled(sampled: SampledLoops) -> dict[str, Any]:
+def _sampled_context(sampled: SampledLoops) -> dict[str, Any]:
     """Return the table of the margins of the sampled loops."""
     head, rows = _margins(sampled.loops)
     late = "without delay"
     if sampled.delay:
-        late = f"torque late by {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
+        late = f"torque delayed by {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
     notes = [_sentence(note) for note in sampled.notes]
     if not sampled.stable:
         notes.insert(0, "The sampled loop is UNSTABLE.")
@@ -584,11 +584,11 @@ def _unstable(servo: Servo) -> str:
     for loop in servo.loops:
         unstable = loop.unstable_members
         if unstable:
-            bad.append(f"{loop.name} loop: plants {_listed(unstable)}")
+            bad.append(f"{loop.name} loop: plants {_list_members(unstable)}")
             some |= len(unstable) < len(loop.members)
     if not bad:
         return ""
-    rest = " The worst are of the stable ones." if some else ""
+    rest = " The worst values are those of the stable ones." if some else ""
     return f"Unstable: {'; '.join(bad)}.{rest}"
 
 
@@ -597,7 +597,7 @@ def _sentence(text: str) -> str:
     return sentence.removesuffix(".") + "."
 
 
-def _listed(members: tuple[int, ...]) -> str:
+def _list_members(members: tuple[int, ...]) -> str:
     listed = ", ".join(map(str, members[:_MEMBERS_LISTED]))
     return f"{listed}, ..." if len(members) > _MEMBERS_LISTED else listed
 
@@ -656,9 +656,9 @@ def _crossings(loop: Loop) -> list[list[str]]:
     return [cells for _, cells in rows]
 
 
-# -- over time ------------------------------------------------------------------------------------
+# -- time responses -------------------------------------------------------------------------------
 def _over_time(servo: Servo) -> list[tuple[str, str, str]]:
-    """Return figure, heading and caption of each response over time."""
+    """Return figure, heading and caption of each time response."""
     out = []
     if servo.step is not None:
         out.append(("step", "Step of the reference", _step(servo.step)))
@@ -676,7 +676,7 @@ def _step(step: StepResponse) -> str:
         peak = f"{number(step.peak, 4)} {step.output_unit}"
         return (
             f"{size} at {step.input}: {step.output} deviates by at most {peak} after"
-            f" {number(step.peak_time, 3)} s, and comes to {number(step.final, 4)}"
+            f" {number(step.peak_time, 3)} s, and settles at {number(step.final, 4)}"
             f" {step.output_unit}."
         )
     parts = []
@@ -700,12 +700,12 @@ def _step(step: StepResponse) -> str:
 def _wind(wind: WindResponse) -> str:
     unit = wind.output_unit
     text = (
-        f"{wind.output} is off by {number(wind.rms, 3)} {unit} rms, at most by"
-        f" {number(wind.peak, 3)} {unit}; in the mean by {number(wind.mean, 3)} {unit}."
+        f"{wind.output}: error {number(wind.rms, 3)} {unit} rms, at most"
+        f" {number(wind.peak, 3)} {unit}, mean {number(wind.mean, 3)} {unit}."
     )
     if wind.rms_expected is not None:
         expected = f"{number(wind.rms_expected, 3)} {unit} rms"
-        text += f" From the spectrum, mean left out: {expected}."
+        text += f" From the spectrum, without the mean: {expected}."
     return text
 
 
