@@ -24,7 +24,7 @@ import scipy.sparse.linalg as spla
 from cases import chain12, gear_train
 
 import updyn
-from updyn.control.complex_modes import Fitted
+from updyn.control.complex_modes import FittedModes
 from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
 from updyn.control.space import Conversion, Matrices
@@ -180,7 +180,7 @@ def relative_needed(bench: Bench, quantity: str) -> tuple[list[int | None], floa
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
     task, _ = task_of(bench.model, *ports, bench.band, quantity, None, None)
     target, best, least = task.target, None, np.inf
-    for conversion in task.mended("complex"):
+    for conversion in task.fitted_conversions("complex"):
         mask = np.ones(len(conversion.frequency), dtype=np.bool_)
         error = target.relative_error(conversion.response(mask, target.freq))
         if error < least:
@@ -375,17 +375,17 @@ def order_needed(
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
     task, _ = task_of(bench.model, *ports, bench.band, quantity, None, None)
     target = task.target
-    conversion = next(c for c in task.mended(made[0].route) if fit_of(c) == fit)
+    conversion = next(c for c in task.fitted_conversions(made[0].route) if fit_of(c) == fit)
     freq = target.freq
     all_modes = np.ones(len(conversion.frequency), dtype=np.bool_)
     still, rest = split(conversion.matrices(all_modes))
     rigid, cut = respond(still, freq), balanced(rest)
     # Within the tolerance; where that cannot be held, beside very sharp peaks, as good as the plant
     # or all modes.
-    whole = target.judged(conversion.response(all_modes, freq))[1:]
+    whole = target.all_errors(conversion.response(all_modes, freq))[1:]
     limits = []
     for p in made:
-        own = target.judged(p.response(freq).values)[1:]
+        own = target.all_errors(p.response(freq).values)[1:]
         limits.append(np.maximum(np.maximum(p.tolerance, whole), own))
     needed: list[int | None] = [None] * len(made)
     for r in range(min(len(rest[0]), 60) + 1):
@@ -394,7 +394,7 @@ def order_needed(
             if len(reduced[0]) < r:
                 continue
             G = rigid + respond(reduced, freq)
-            errors = target.judged(G)[1:]
+            errors = target.all_errors(G)[1:]
             for k, limit in enumerate(limits):
                 if needed[k] is None and (errors <= 1.01 * limit).all():
                     needed[k] = r + len(still[0])
@@ -405,7 +405,7 @@ def order_needed(
 
 def fit_of(conversion: Conversion) -> str | None:
     """The fact of a plant about a conversion whose outputs were fitted."""
-    if not isinstance(conversion, Fitted):
+    if not isinstance(conversion, FittedModes):
         return None
     return f"outputs, with {len(conversion.extra)} real poles"
 

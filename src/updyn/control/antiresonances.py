@@ -1,9 +1,9 @@
-"""Antiresonances of a channel: where they are, how wide, and how far a plant has moved them.
+"""Antiresonances of a channel: frequency, width, and shift in a plant.
 
-Near a zero close to the imaginary axis a response is H(omega) = c (omega - omega_z - i sigma), of
-which omega_z is the frequency and 2 |sigma| the half-power width. At omega_z a plant whose zero is
-off by a tenth of the width is off by a fifth of |H|: errors there are shares of the level one width
-beside it, and the zero's shift is stated on its own.
+Near a zero close to the imaginary axis a response is H(omega) = c (omega - omega_z - i sigma), with
+the frequency omega_z and the half-power width 2 |sigma|. If the zero of a plant is off by a tenth
+of the width, its error at omega_z is a fifth of |H|. Errors at antiresonances are therefore shares
+of the magnitude one width away, and the shift of the zero is stated separately.
 """
 
 from __future__ import annotations
@@ -14,26 +14,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Dip", "ZeroShift", "crossed", "dips", "raised", "resolved", "shifts"]
+__all__ = [
+    "Dip",
+    "ZeroShift",
+    "dips",
+    "find_antiresonances",
+    "raised_magnitude",
+    "resolve_antiresonances",
+    "shifts",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: A minimum wider than this share of its frequency is no antiresonance.
+#: Largest relative width of an antiresonance.
 _WIDE = 0.3
-#: One narrower than this share of its frequency counts as so wide.
+#: Smallest relative width of an antiresonance; narrower ones count as so wide.
 _NARROW = 1e-2
-#: Share of a frequency to which lines are next to each other.
+#: Relative distance within which lines are neighbours.
 _NEXT = 2.5e-4
-#: Least turn of the phase between one width below and one above, in rad; of a single zero 2.2.
+#: Least change of phase between one width below and one above, in rad; 2.2 for a single zero.
 _TURN = 1.2
-#: Lines about an antiresonance, in half-power widths.
+#: Offsets of lines around an antiresonance, in half-power widths.
 _AROUND = np.array([-2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0])
-#: Rounds in which antiresonances are located.
+#: Iterations that locate antiresonances.
 _ROUNDS = 4
-#: Lines nearer to each other than this share of the highest are one.
+#: Distance relative to the highest line within which lines are merged.
 _MERGED = 1e-12
-#: A zero of a plant this far from one of the structure, as a share, is another one.
+#: Largest relative distance between matching zeros of plant and structure.
 _LOST = 0.1
 
 
@@ -46,7 +54,7 @@ class Dip:
     frequency : float
         In Hz.
     width : float
-        Between its half-power points, in Hz.
+        Half-power width in Hz.
     """
 
     frequency: float
@@ -55,22 +63,22 @@ class Dip:
 
 @dataclass(frozen=True, slots=True)
 class ZeroShift:
-    """An antiresonance of the structure, and that of the plant.
+    """An antiresonance of the structure and its counterpart in the plant.
 
     Attributes
     ----------
     output, input : str
         Names of the channel's ports.
     frequency : float
-        Of the structure's, in Hz.
+        Frequency in the structure, in Hz.
     shift : float
-        Of the plant's against it, in per cent of the frequency; nan where the plant has none
+        Relative shift in the plant, in percent of the frequency; nan if the plant has no zero
         within a tenth.
     depth : float
-        Of the structure's: height of the lower of the two maxima beside it over the response in
-        it, in dB.
+        Depth in the structure: ratio of the lower of the two adjacent maxima to the response at the
+        antiresonance, in dB.
     plant_depth : float
-        The same of the plant.
+        Depth in the plant.
     """
 
     output: str
@@ -82,20 +90,10 @@ class ZeroShift:
 
 
 def dips(freq: _Real, values: _Complex) -> list[Dip]:
-    """Return the antiresonances of one channel, from its values at some lines.
+    """Return the antiresonances of one channel from its values at lines in Hz, ascending.
 
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, ascending.
-    values : ndarray of complex, shape (n_f,)
-        The channel.
-
-    Returns
-    -------
-    list of Dip
-        Ascending. At each minimum the response is taken for (a + b f) / (1 + c f) through three
-        lines, whose zero is complex.
+    At each minimum the response is interpolated by (a + b f) / (1 + c f) through three lines, whose
+    zero is complex.
     """
     size = np.abs(values)
     low = 1 + np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]))
@@ -115,14 +113,8 @@ def dips(freq: _Real, values: _Complex) -> list[Dip]:
     return out
 
 
-def crossed(freq: _Real, values: _Complex) -> list[Dip]:
-    """Return the antiresonances of one channel at which its phase turns, as it does at a zero.
-
-    Parameters
-    ----------
-    freq, values
-        As for `dips`, with lines that resolve them.
-    """
+def find_antiresonances(freq: _Real, values: _Complex) -> list[Dip]:
+    """Return the antiresonances of one channel with the phase change of a zero."""
     out = []
     for dip in dips(freq, values):
         ends = dip.frequency - dip.width, dip.frequency + dip.width
@@ -133,19 +125,12 @@ def crossed(freq: _Real, values: _Complex) -> list[Dip]:
     return out
 
 
-def resolved(
+def resolve_antiresonances(
     response: Callable[[_Real], _Complex], freq: _Real, values: _Complex
 ) -> tuple[_Real, _Complex]:
-    """Return lines and values with further lines about every antiresonance.
+    """Return lines and values with additional lines around every antiresonance.
 
-    Parameters
-    ----------
-    response : callable
-        Returns the values at lines in Hz, shape (n_f, n_y, n_u).
-    freq : ndarray of float, shape (n_f,)
-        Lines to begin with, ascending.
-    values : ndarray of complex, shape (n_f, n_y, n_u)
-        At these.
+    `response` is a function of lines in Hz with values of shape (n_f, n_y, n_u).
     """
     low, high = freq[0], freq[-1]
     for number in range(_ROUNDS):
@@ -169,26 +154,16 @@ def resolved(
     return freq, values
 
 
-def raised(freq: _Real, values: _Complex) -> _Real:
-    """Return the level of each channel: its size, at antiresonances that one width beside them.
+def raised_magnitude(freq: _Real, values: _Complex) -> _Real:
+    """Return the magnitude of each channel, at antiresonances that one width away.
 
-    About a resonance sharper than a loss factor of 0.0005 it is that of the peak.
-
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, ascending, that resolve the antiresonances.
-    values : ndarray of complex, shape (n_f, n_y, n_u)
-        The response.
-
-    Returns
-    -------
-    ndarray of float, shape (n_f, n_y, n_u)
+    Around a resonance sharper than a loss factor of 0.0005 it is that of the peak. The lines must
+    resolve the antiresonances.
     """
     out = _highest(freq, np.abs(values))
     for i, j in np.ndindex(values.shape[1:]):
         size = np.abs(values[:, i, j])
-        for dip in crossed(freq, values[:, i, j]):
+        for dip in find_antiresonances(freq, values[:, i, j]):
             ends = dip.frequency - dip.width, dip.frequency + dip.width
             level = float(np.interp(ends, freq, size).min())
             inside = (freq >= ends[0]) & (freq <= ends[1])
@@ -197,7 +172,7 @@ def raised(freq: _Real, values: _Complex) -> _Real:
 
 
 def _highest(freq: _Real, size: _Real) -> _Real:
-    """Return the largest size next to each line."""
+    """Return the largest magnitude of the neighbours of each line."""
     first = np.searchsorted(freq, freq * (1.0 - _NEXT))
     last = np.searchsorted(freq, freq * (1.0 + _NEXT), side="right")
     return np.stack([size[a:b].max(axis=0) for a, b in zip(first, last, strict=True)])
@@ -206,23 +181,15 @@ def _highest(freq: _Real, size: _Real) -> _Real:
 def shifts(
     freq: _Real, values: _Complex, answer: _Complex, zeros: _Complex
 ) -> list[tuple[float, float, float, float]]:
-    """Return frequency, shift (per cent), depth and the plant's depth (dB) of each antiresonance.
+    """Return frequency, shift (percent), depth and the plant's depth (dB) of each antiresonance.
 
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, ascending.
-    values : ndarray of complex, shape (n_f,)
-        Response of the structure.
-    answer : ndarray of complex, shape (n_f,)
-        That of the plant.
-    zeros : ndarray of complex, shape (n,)
-        Of the plant, in rad/s.
+    `values` and `answer` are the responses of structure and plant at the lines; `zeros` are those
+    of the plant, in rad/s.
     """
     size, own = np.abs(values), np.abs(answer)
     there = np.abs(zeros.imag[zeros.imag > 0]) / (2.0 * np.pi)
     out = []
-    for dip in crossed(freq, values):
+    for dip in find_antiresonances(freq, values):
         shift = np.nan
         if len(there):
             nearest = float(there[np.argmin(np.abs(there - dip.frequency))])
@@ -236,7 +203,7 @@ def shifts(
 
 
 def _depth(size: _Real, inside: NDArray[np.bool_]) -> float:
-    """Return how far the minimum of some lines lies below the lower maximum beside it, in dB."""
+    """Return the ratio of the lower adjacent maximum to the minimum within some lines, in dB."""
     at = int(np.argmin(np.where(inside, size, np.inf)))
     tops = []
     for side in (size[: at + 1][::-1], size[at:]):

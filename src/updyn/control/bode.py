@@ -1,4 +1,4 @@
-"""Bode diagrams of plants, and of loops with their margins, as figures of matplotlib."""
+"""Bode diagrams of plants, and of loops with their margins, as matplotlib figures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["bode"]
 
-#: Channels drawn at most.
+#: Largest number of plotted channels.
 _MOST_CHANNELS = 16
 _FREQUENCY = "frequency (Hz)"
 
@@ -46,34 +46,15 @@ def bode(
     level: str | None = None,
     ax: WhichAxes | None = None,
 ) -> Figure:
-    """Return the figure of `updyn.plots.plant`, whose arguments these are.
+    """Return the figure of `updyn.plots.plant`, with the same arguments.
 
-    Parameters
-    ----------
-    found : Plant, PlantFamily, Servo or Loop
-        What is drawn.
-    freq : array_like of float, shape (n_f,), optional
-        Lines in Hz.
-    level : {"log", "dB", "linear"}, optional
-        Scale of the magnitude.
-    ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    OptionError
-        If matplotlib is not there, or an argument cannot be used.
-    DataError
-        If lines cannot be used, or there are more than 16 channels.
+    Raises OptionError without matplotlib or for an invalid argument, DataError for invalid lines or
+    more than 16 channels.
     """
     if isinstance(found, Servo | Loop):
         loop = found if isinstance(found, Loop) else found.loops[-1]
         if freq is not None:
-            raise OptionError("plots.plant: a loop has its own lines; give freq to updyn.servo")
+            raise OptionError("plots.plant: a loop has its lines already; give freq to updyn.servo")
         return _loop(loop, level or "dB", ax)
     if not isinstance(found, Plant | PlantFamily):
         raise OptionError(
@@ -113,7 +94,7 @@ def bode(
 
 
 def _lines(plant: Plant) -> NDArray[np.float64]:
-    """Return lines over the band that follow every resonance and antiresonance."""
+    """Return lines over the band that resolve every resonance and antiresonance."""
     low, high = max(plant.band[0], 1e-3 * plant.band[1]), plant.band[1]
     poles, zeros = plant.poles, []
     if plant.dt is None:
@@ -133,7 +114,7 @@ def _magnitude(
     level: str,
     spread: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
 ) -> None:
-    """Draw the magnitude of a channel, with the error that was allowed for, and the family."""
+    """Draw the magnitude of a channel, with its largest error, and the family."""
     i, j = at
     if spread is not None:
         low, high = (level_values(part[:, i, j], level) for part in spread)
@@ -159,14 +140,14 @@ def _magnitude(
 def _largest_error(
     plant: Plant, size: NDArray[np.float64]
 ) -> tuple[float, NDArray[np.float64], str]:
-    """Return the error for which the plant was made, what it is a share of, and that in words."""
+    """Return the error with a tolerance, its denominator, and the denominator in words."""
     if plant.facts.get("error") == "relative":
         return plant.relative_error, size, "|H|"
     return plant.error, np.full_like(size, size.max()), "the peak"
 
 
 def _phase(axes: Axes, lines: NDArray[np.float64], values: NDArray[np.complex128]) -> None:
-    """Draw a phase without jumps."""
+    """Draw the continuous phase."""
     degrees = phases(values)[0]
     axes.plot(lines, degrees, color=PAPER["after"])
     _degree_axis(axes, degrees)
@@ -220,7 +201,7 @@ def _loop(loop: Loop, level: str, ax: WhichAxes | None) -> Figure:
 
 
 def _margins(made: Canvas, loop: Loop, level: str) -> None:
-    """Draw gain and phase margin where they are read off."""
+    """Draw gain and phase margin at their frequencies."""
     found = loop.margins
     if not found.stable:
         return
@@ -233,7 +214,7 @@ def _margins(made: Canvas, loop: Loop, level: str) -> None:
     if "phase" in made.axes and found.phase_margin_at is not None:
         at = found.phase_margin_at
         assert found.phase_margin is not None
-        # The phase that is drawn goes on beyond -180 degrees; the margin is to the nearest turn.
+        # The plotted phase continues beyond -180 degrees; the margin refers to the nearest turn.
         drawn = float(np.interp(np.log(at), np.log(loop.freq), loop.phase))
         colour, _ = category(2)
         text = f"phase margin {found.phase_margin:.3g}° at {at:.3g} Hz"

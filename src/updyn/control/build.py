@@ -1,4 +1,4 @@
-"""`plant`: a state-space model of a structure, of the smallest order that holds a tolerance."""
+"""`plant`: a state-space model of a structure with the smallest order that holds a tolerance."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from updyn.control.choice import check_route, chosen
-from updyn.control.measured import measured
+from updyn.control.choice import check_route, choose_route
+from updyn.control.measured import select_measurement
 from updyn.control.options import Ports, check_band, check_error, check_tolerance, quantities_of
-from updyn.control.passivity import collocated
+from updyn.control.passivity import collocated_channels
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import fewest_states
-from updyn.control.realised import checked, realised
+from updyn.control.realised import realise, with_errors
 from updyn.control.structure import Structure
 from updyn.control.task import task_of
 from updyn.errors import OptionError, ToleranceError
@@ -26,7 +26,7 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["plant"]
 
-#: Standard deviations of a measured value within which a plant may lie.
+#: Number of standard deviations of a measured value within which a plant may lie.
 _DEVIATIONS = 3.0
 
 
@@ -45,69 +45,73 @@ def plant(
 ) -> Plant:
     """Make a real, causal, stable state-space model of a structure.
 
-    Rigid-body motion is kept as it is. What lies above the band is there as residual flexibility:
-    as feed-through of displacements, as modes above the band of velocities and accelerations.
+    Rigid-body motion is kept exactly. Modes above the band are represented by residual flexibility:
+    as feed-through of displacements, as modes above the band for velocities and accelerations.
 
     Parameters
     ----------
     model : Model or UpdateResult or FRF
-        The structure, or the update that found it: its updated model; or measured FRFs of all DOFs
-        of the ports, with variance or coherence where the measurement has them.
+        The structure, or an update result (its updated model); or measured FRFs of all DOFs of the
+        ports, with variance or coherence if available.
     inputs, outputs : iterable of str, Dof or Port
         Forces and motions: signed DOFs, or ports (several DOFs, gear ratio, names).
     band : (float, float)
-        Lowest and highest line in Hz between which it has to answer as the structure does.
+        Lowest and highest frequency in Hz at which it must agree with the structure.
     tolerance : float
-        On the errors that `error` names.
+        Tolerance of the errors selected by `error`.
     quantity : str or sequence of str
-        What the outputs are, one for all or one each: ``"receptance"`` (displacements),
-        ``"mobility"`` (velocities), ``"accelerance"`` (accelerations).
+        Quantity of all outputs, or of each: ``"receptance"`` (displacements), ``"mobility"``
+        (velocities), ``"accelerance"`` (accelerations).
     route : {"auto", "modal", "complex", "rational", "biot"}
-        How structural damping becomes poles. ``"modal"``: real modes with the full modal damping
-        matrix, passive. ``"complex"``: the poles and residues of the damped structure, closest
-        where damping is strong and local; the outputs fitted to the structure's answer where that
-        alone does not hold the tolerance. ``"rational"``: a rational approximation of the response,
-        fewest states; rigid-body motion exact, collocated channels passive. ``"biot"``: internal
-        variables, passive, static stiffness differs slightly. ``"auto"``: modal, or complex where
-        that does not hold the tolerance; of a relative error rational where it needs fewer
-        states.
+        Conversion of structural damping to poles. ``"modal"``: real modes with the full modal
+        damping matrix, passive. ``"complex"``: poles and residues of the damped structure, most
+        accurate for strong local damping; the outputs are fitted to the structure's response if
+        these alone do not hold the tolerance. ``"rational"``: a rational approximation of the
+        response with the fewest states; rigid-body motion exact, collocated channels passive.
+        ``"biot"``: internal variables, passive, slightly different static stiffness. ``"auto"``:
+        modal, or complex if modal does not hold the tolerance; for a relative error rational if it
+        needs fewer states.
     error : {"relative", "peak"}
-        For what the tolerance holds. ``"relative"``: the error of a channel as a share of its own
-        size at each line, which is what a loop sees; at an antiresonance as a share of the level
-        one half-power width beside it. ``"peak"``: its largest error as a share of its peak in the
-        band, and the height of its resonances.
+        Error measure of the tolerance. ``"relative"``: the error of a channel as a share of its
+        magnitude at each line, which is relevant for a loop; at an antiresonance as a share of the
+        magnitude one half-power width away. ``"peak"``: its largest error as a share of its peak in
+        the band, and the height of its resonances.
     tier, backend : str, optional
-        How the structure's own answer is computed, as for `updyn.response`; by default exactly up
-        to 300 DOFs, by a reduced model proved to 1e-8 above.
+        Solver of the structure's response, as for `updyn.response`; by default exact up to 300
+        DOFs, and a reduced model certified to 1e-8 above.
+
+    Returns
+    -------
+    Plant
 
     Returns
     -------
     Plant
         With `relative_error` (or `error` and `peak_error`) within the tolerance, computed from its
-        own matrices. Of a model, ``facts["causal error"]`` is a lower bound on that error for any
+        matrices. For a model, ``facts["causal error"]`` is a lower bound on that error for any
         stable plant whose gain outside the band is at most ten times the largest of the structure
         there; 0 without structural damping.
 
     Raises
     ------
     OptionError
-        If an option is not valid; a route that converts the damping at one frequency or by modal
+        If an option is invalid; a route that converts the damping at one frequency or by modal
         damping ratios is refused, with the error that it would have.
     ModelError
         If the structure is not statically stable.
     ToleranceError
-        If no order holds the tolerance; the message says what was reached, and whether causality
-        keeps any stable plant from it.
+        If no order holds the tolerance; the message states the error reached, and whether causality
+        prevents a smaller one.
     DofError
-        If the model has not the DOFs of a port.
+        If the model lacks a DOF of a port.
     SolverError
-        If the structure has no answer at a line: undamped, at a resonance.
+        If the structure has no finite response at a line: undamped, at a resonance.
 
     Notes
     -----
-    Of measured FRFs the plant is a rational approximation of the data, poles from those of the
-    modes identified in the band. What lies within three standard deviations of a value counts as
-    within the tolerance, and errors are of that measure. Rigid-body motion is as the data have it.
+    For measured FRFs the plant is a rational approximation of the data, with the poles of modes
+    identified in the band as a start. Differences within three standard deviations of a value count
+    as within the tolerance, and errors are relative to this. Rigid-body motion is that of the data.
 
     Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see
     `updyn.control.real_modes`, `complex_modes` and `biot` for the routes.
@@ -125,20 +129,20 @@ def plant(
     if isinstance(model, FRF):
         if route not in ("auto", "rational") or error != "relative":
             raise OptionError(
-                f"plant: route {route!r}, error {error!r}; of a measurement there is route"
-                " 'rational' with error 'relative' only"
+                f"plant: route {route!r}, error {error!r}; a measurement requires route"
+                " 'rational' with error 'relative'"
             )
-        return _measured(model, ports, band, tolerance, quantity)
+        return _plant_of_measurement(model, ports, band, tolerance, quantity)
     own = Structure.of(model)
     check_error(error)
     task, quantities = task_of(own, *ports, band, quantity, tier, backend, error)
     check_tolerance(tolerance)
-    found = chosen(task, check_route(route, task, error), tolerance)
-    made = realised(task, found, own.model.title, quantities, tolerance)
+    found = choose_route(task, check_route(route, task, error), tolerance)
+    made = realise(task, found, own.model.title, quantities, tolerance)
     return replace(made, facts={**made.facts, "causal error": task.least(found)})
 
 
-def _measured(
+def _plant_of_measurement(
     frf: FRF,
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
     band: Sequence[float],
@@ -150,12 +154,12 @@ def _measured(
     inputs, outputs = ports
     quantities = quantities_of(quantity, len(outputs))
     check_tolerance(tolerance)
-    data = measured(frf, inputs, outputs, quantities, limits)
+    data = select_measurement(frf, inputs, outputs, quantities, limits)
     reference = np.maximum(data.reference, _DEVIATIONS * data.deviation / tolerance)
     target = replace(data.target, reference=reference)
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     slow = SlowMotion.none(len(outputs), len(inputs))
-    pairs = collocated(outputs, inputs)
+    pairs = collocated_channels(outputs, inputs)
     approximation = Approximation(target, slow, powers, data.poles, pairs)
     found = fewest_states(approximation, tolerance)
     if not found.holds:
@@ -190,4 +194,4 @@ def _measured(
         modes,
         facts=facts,
     )
-    return checked(made, target)
+    return with_errors(made, target)

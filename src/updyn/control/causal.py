@@ -1,19 +1,19 @@
 """Lower bound on the error of any stable plant over a band, with its gain outside limited.
 
-Structural damping is not causal: the response H(i omega) of the structure is not that of any stable
-system. On a band alone there is no smallest error, as a plant that is free outside comes as near to
-H in it as one likes, with a gain outside that grows without bound. With a limit g on the gain
-outside there is one, by Nehari's theorem. Let the allowance |W| be eps times the reference of the
-errors in the band, and g outside, W outer (no zeros, no poles in the right half-plane), F = H in
-the band, 0 outside. A stable G with |G - F| <= |W| exists if and only if the Hankel operator of
-F / W has a norm of at most 1 (Z. Nehari, Annals of Mathematics 65 (1957) 153-162; for a band, L.
-Baratchart, J. Leblond & J. R. Partington, Constructive Approximation 12 (1996) 423-435). The least
-eps is found by bisection.
+Structural damping is not causal: the response H(i omega) of the structure is not that of a stable
+system. On a band alone the error has no minimum: an unconstrained plant approximates H in the band
+arbitrarily well, with a gain outside that grows without bound. With a limit g on the gain outside a
+minimum exists, by Nehari's theorem. Let |W| be eps times the reference of the errors in the band,
+and g outside, with W outer (no zeros or poles in the right half-plane), and F = H in the band, 0
+outside. A stable G with |G - F| <= |W| exists if and only if the Hankel operator of F / W has a
+norm of at most 1 (Z. Nehari, Annals of Mathematics 65 (1957) 153-162; for a band, L. Baratchart, J.
+Leblond & J. R. Partington, Constructive Approximation 12 (1996) 423-435). The least eps is found by
+bisection.
 
 The right half-plane is mapped to the outside of the unit circle, s = i omega_0 tan(theta / 2). A
-section of the Hankel matrix has no larger norm than the operator: what is found is a lower bound,
-but for the resolution of the circle. What is bounded is the difference from a plant that is known,
-which is small and smooth where resonances are not.
+section of the Hankel matrix has at most the norm of the operator, so the result is a lower bound up
+to the resolution of the circle. The bound is computed for the difference from a known plant, which
+is small and smooth at resonances.
 """
 
 from __future__ import annotations
@@ -36,39 +36,39 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
-#: Gain allowed outside the band, over the largest that the structure has there.
+#: Gain permitted outside the band, relative to the largest of the structure there.
 GAIN = 10.0
-#: Errors below this cannot be told from rounding of the response.
+#: Errors below this are rounding of the response.
 NOTHING = 1e-6
-#: Width of the band's margin over which the allowance grows to that outside, as a logarithm: within
-#: the band, so that what is bounded from below remains so; wider where the band is very wide.
+#: Width of the band's margin in log frequency, in which the allowance grows to that outside. It
+#: lies within the band, so the bound remains a lower bound; wider for a very wide band.
 _MARGIN = 0.03
-#: Points of the circle in that margin, and least and largest number of all, as powers of 2.
+#: Points of the circle in that margin, and exponents of 2 of the least and largest total number.
 _IN_MARGIN, _LEAST_POINTS, _MOST_POINTS = 24, 13, 16
 #: Size of the section of the Hankel matrix, as a share of the points.
 _SECTION = 32
-#: Lower end of a band that begins at 0, as a share of its upper end, for the scale of the circle.
+#: Lower end of a band that starts at 0, as a share of its upper end, for the scale of the circle.
 _LOW = 1e-3
 #: Relative accuracy of the bound.
 _ACCURATE = 1e-3
-#: Lines on each side of the band at which the gain there is looked at, and how far they reach.
+#: Lines on each side of the band for the gain outside, and factor by which they extend.
 _OUTSIDE, _REACH = 400, 1e3
-#: Lines whose responses are computed at once.
+#: Number of lines whose responses are computed at once.
 _BLOCK = 4096
-#: Largest limit of a gain: of an undamped resonance outside the band, where there is none.
+#: Largest limit of a gain, for an undamped resonance outside the band.
 _UNLIMITED = 1e30
 
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Evenly spaced points of the unit circle as frequencies, and what is analytic outside it.
+    """Evenly spaced points of the unit circle as frequencies.
 
     Attributes
     ----------
     n : int
         Number of points, a power of 2.
     scale : float
-        Frequency in Hz that lies at a right angle.
+        Frequency in Hz at a right angle.
     margin : float
         Width of the margins of the band, as a logarithm of frequency.
     """
@@ -79,7 +79,7 @@ class Circle:
 
     @classmethod
     def of(cls, band: tuple[float, float]) -> Circle:
-        """Return one that resolves the ends of a band in Hz."""
+        """Return a circle that resolves the ends of a band in Hz."""
         low, high = max(band[0], _LOW * band[1]), band[1]
         ratio = np.sqrt(high / low)
         needed = _TWO_PI * _IN_MARGIN * (1.0 + ratio**2) / (2.0 * ratio * _MARGIN)
@@ -111,10 +111,7 @@ class Circle:
 
 @lru_cache(maxsize=2)
 def _half_steps(n: int) -> _Complex:
-    """Return what shifts the points by half of their distance, by order of the coefficient.
-
-    Kept, as every channel and every step of the bisection needs it.
-    """
+    """Return the factors that shift the points by half of their distance, by coefficient."""
     turn = np.asarray(np.exp(1j * np.pi * np.fft.fftfreq(n, 1.0 / n) / n))
     turn.flags.writeable = False
     return turn
@@ -130,16 +127,10 @@ def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Co
 
 
 def hankel_norm(circle: Circle, values: _Complex) -> float:
-    """Return the distance of a function on the axis from the stable ones, in the largest error.
+    """Return the largest distance of a function on the axis from the nearest stable one.
 
-    It is the norm of the Hankel operator of the function (Nehari), of a section of it.
-
-    Parameters
-    ----------
-    circle : Circle
-        Where it is known.
-    values : ndarray of complex, shape (n,)
-        Of a real system: conjugate at negative frequencies.
+    The norm of a section of its Hankel operator (Nehari). `values` are those of a real system at
+    the points of the circle: conjugate at negative frequencies.
     """
     n = circle.n // _SECTION
     c = circle.coefficients(values).real[1 : 2 * n]
@@ -161,19 +152,19 @@ def hankel_norm(circle: Circle, values: _Complex) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Differs:
-    """How a structure differs from a plant in one channel.
+    """Difference of a structure from a plant in one channel.
 
     Attributes
     ----------
     difference : callable
-        Returns the structure's response less the plant's, at lines in Hz of the band.
+        Function of lines in Hz of the band: the structure's response less the plant's.
     reference : callable
-        Returns of what an error is a share, at lines in Hz of the band.
+        Function of lines in Hz of the band: denominator of the error.
     below, above : float
-        Largest allowed difference of a stable system from the plant, below and above the band;
-        below where `growth` has been divided out.
+        Largest permitted difference of a stable system from the plant, below and above the band;
+        below after division by `growth`.
     growth : int
-        Power with which the response grows towards 0 Hz: the limit there is `below`
+        Power of the growth of the response towards 0 Hz: the limit below the band is `below`
         |1 + low / (i f)|^growth.
     """
 
@@ -185,21 +176,10 @@ class Differs:
 
 
 def least_error(channel: Differs, band: tuple[float, float], known: float = 0.0) -> float:
-    """Return a lower bound on the largest error of any stable system in a band.
+    """Return a lower bound on the largest error of any stable system in a band, as a share.
 
-    Parameters
-    ----------
-    channel : Differs
-        The channel.
-    band : (float, float)
-        Lowest and highest line in Hz.
-    known : float
-        A bound, such as that of another channel: where this one is below, it is not computed.
-
-    Returns
-    -------
-    float
-        As a share of the reference; `known` where it is below that, 0 where it is below rounding.
+    `known` is a bound such as that of another channel, which is returned if this one is lower; 0 if
+    the bound is rounding.
     """
     low, high = band
     circle = Circle.of(band)
@@ -218,7 +198,7 @@ def least_error(channel: Differs, band: tuple[float, float], known: float = 0.0)
     own[places] = own[mirrored] = np.log(reference / np.abs(grown[places]))
     share, follows = _outer_inside(circle, (low, high))
     limit = np.log(np.where(size < low, channel.below, channel.above))
-    if low > 0:  # in the margin at the lower end the limit is that below
+    if low > 0:  # in the margin at the lower end, use the limit below the band
         limit = np.where(size < circle.scale, np.log(channel.below), limit)
     fixed = wanted / grown * np.exp(-circle.outer(share * own + (1.0 - share) * limit))
     reached = float(np.max(np.abs(wanted[places]) / reference))
@@ -242,7 +222,7 @@ def _inside(size: _Real, band: tuple[float, float], margin: float) -> _Real:
         step = np.clip(np.log(high / size) / margin, 0.0, 1.0)
         if low > 0:
             step = np.minimum(step, np.clip(np.log(size / low) / margin, 0.0, 1.0))
-        # Smooth in all derivatives: points resolve what its outer function does.
+        # Smooth in all derivatives, so its outer function is resolved by the points.
         return np.asarray(1.0 / (1.0 + np.exp(1.0 / step - 1.0 / (1.0 - step))))
 
 
@@ -254,27 +234,12 @@ def differences(
     outside: Conversion,
     growth: NDArray[np.intp],
 ) -> list[Differs]:
-    """Return how a structure differs from a choice of candidates, channel by channel.
+    """Return the differences of a structure from a selection of candidates, channel by channel.
 
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines of the band in Hz, ascending, that resolve the structure.
-    structure : callable
-        Returns its response at lines in Hz of the band, shape (n_f, n_y, n_u).
-    level : ndarray of float, shape (n_f, n_y, n_u)
-        Of what errors are shares.
-    found : Kept
-        The choice.
-    outside : Conversion
-        The structure's modes, for its gain outside the band.
-    growth : ndarray of int, shape (n_y,)
-        Power with which each output grows towards 0 Hz.
-
-    Returns
-    -------
-    list of Differs
-        Outputs one after the other, of each all inputs.
+    `freq` are ascending lines of the band in Hz that resolve the structure; `structure` is its
+    response as a function of lines, shape (n_f, n_y, n_u); `level` is the denominator of the
+    errors. `outside` are the structure's modes, for its gain outside the band; `growth` is the
+    power of the growth of each output towards 0 Hz. The list has all inputs of each output.
     """
     band = float(freq[0]), float(freq[-1])
     cache: dict[bytes, _Complex] = {}
@@ -303,13 +268,13 @@ def differences(
             own = np.abs(outside.response(whole, lines)) / grown
             other = np.abs(found.conversion.response(found.mask, lines)) / grown
             limit = GAIN * own.max(axis=0) + other.max(axis=0)
-        least = NOTHING**2 * level.max(axis=0)  # of a channel without coupling
+        least = NOTHING**2 * level.max(axis=0)  # for a channel without coupling
         limits.append(np.maximum(np.where(limit < _UNLIMITED, limit, _UNLIMITED), least))
 
     def channel(i: int, j: int) -> Differs:
         return Differs(
             lambda lines: np.asarray(difference(lines)[:, i, j]),
-            # Between lines it is rather too large, as |H| is convex but at antiresonances.
+            # Interpolation overestimates, as |H| is convex except at antiresonances.
             lambda lines: np.asarray(np.interp(lines, freq, level[:, i, j])),
             float(limits[0][i, j]),
             float(limits[1][i, j]),
@@ -320,7 +285,7 @@ def differences(
 
 
 def _beside(band: tuple[float, float], natural: _Real) -> tuple[_Real, _Real]:
-    """Return lines below and above a band, natural frequencies included."""
+    """Return lines below and above a band, including natural frequencies."""
     low, high = band
     below, above = np.zeros(0), np.geomspace(high, _REACH * high, _OUTSIDE)[1:]
     if low > 0:

@@ -1,46 +1,31 @@
-"""The choice of a plant: the route, and the fewest states by it that hold the tolerance."""
+"""The choice of a plant: the route, and its fewest states that hold the tolerance."""
 
 from __future__ import annotations
 
 from updyn.control.causal import GAIN
-from updyn.control.complex_modes import ComplexModes, Fitted, fitted
+from updyn.control.complex_modes import ComplexModes, FittedModes, fit_outputs
 from updyn.control.conversions import REFUSED, error_of
 from updyn.control.rational import Rational
 from updyn.control.rational_states import fewest_states, with_poles_of
 from updyn.control.real_modes import Biot
-from updyn.control.target import Kept, fewest, judged
+from updyn.control.target import Kept, fewest, judge_selection
 from updyn.control.task import Task
 from updyn.errors import ModelError, OptionError, ToleranceError, suggest
 
-__all__ = ["ROUTES", "check_route", "chosen", "like_another"]
+__all__ = ["ROUTES", "check_route", "choose_route", "like_another"]
 
-#: How structural damping becomes poles.
+#: Conversions of structural damping to poles.
 ROUTES = ("auto", "modal", "complex", "rational", "biot")
 
 
 def check_route(route: str, task: Task, error: str) -> tuple[str, ...]:
-    """Return the routes that are tried.
-
-    Parameters
-    ----------
-    route : str
-        One of `ROUTES`.
-    task : Task
-        What is realised: a route that is refused is so with its error.
-    error : {"relative", "peak"}
-        For what the tolerance holds.
-
-    Raises
-    ------
-    OptionError
-        If it is none, or refused.
-    """
+    """Return the routes to try; raises OptionError for an unknown or refused route."""
     if route in REFUSED:
         found = error_of(task, route)
         raise OptionError(
             f"plant: route {route!r} is refused: {REFUSED[route]}. From {task.band[0]:g} to"
-            f" {task.band[1]:g} Hz it is wrong by {100 * found.error:.3g} % of a peak, and by"
-            f" {100 * found.peak_error:.3g} % in the height of a resonance; use route='modal' or"
+            f" {task.band[1]:g} Hz its error is {100 * found.error:.3g} % of a peak, and"
+            f" {100 * found.peak_error:.3g} % of the height of a resonance; use route='modal' or"
             " 'complex'"
         )
     if route not in ROUTES:
@@ -50,31 +35,16 @@ def check_route(route: str, task: Task, error: str) -> tuple[str, ...]:
     return ("modal", "complex", "rational") if error == "relative" else ("modal", "complex")
 
 
-def chosen(task: Task, routes: tuple[str, ...], tolerance: float) -> Kept:
-    """Return the first route that holds the tolerance, in the plant's stated errors at least.
+def choose_route(task: Task, routes: tuple[str, ...], tolerance: float) -> Kept:
+    """Return the selection of the first route that holds the tolerance, at least as stated.
 
-    Where a rational approximation is among several, it is taken if it needs fewer states.
-
-    Parameters
-    ----------
-    task : Task
-        What is realised.
-    routes : tuple of str
-        Those that are tried, in this order.
-    tolerance : float
-        On the errors that `Target.measure` names.
-
-    Raises
-    ------
-    ModelError
-        If no route is possible.
-    ToleranceError
-        If none holds the tolerance.
+    A rational approximation among several routes is preferred if it needs fewer states. Raises
+    ModelError if no route is possible, ToleranceError if none holds the tolerance.
     """
     reached: dict[str, Kept] = {}
     refused: dict[str, ModelError] = {}
     own = tuple(route for route in routes if route != "rational")
-    best = _converted(task, own, tolerance, reached, refused)
+    best = _first_conversion(task, own, tolerance, reached, refused)
     if "rational" in routes:
         largest = None if best is None else _states(best) - 1
         try:
@@ -102,7 +72,7 @@ def chosen(task: Task, routes: tuple[str, ...], tolerance: float) -> Kept:
 
 
 def _why(task: Task, reached: dict[str, Kept], tolerance: float) -> str:
-    """Return whether it is causality that keeps a tolerance from being reached."""
+    """Return whether causality prevents the tolerance from being reached."""
     if not task.space.lossy:
         return ""
     least = task.least(min(reached.values(), key=lambda kept: kept.error))
@@ -112,27 +82,27 @@ def _why(task: Task, reached: dict[str, Kept], tolerance: float) -> str:
     )
     if least > tolerance:
         return (
-            " Structural damping is not causal (Kramers-Kronig): the phase that it has over the"
-            f" band is not that of a system in time, and no {limit} comes nearer than {least:.2g}."
+            " Structural damping is not causal (Kramers-Kronig): no system in time has its phase"
+            f" over the band, and the error of a {limit} is at least {least:.2g}."
         )
     return (
-        f" Causality would allow it: a {limit} is off by {least:.2g} or more, which is below the"
-        " tolerance."
+        f" Causality does not prevent it: the error of a {limit} is at least {least:.2g}, which is"
+        " below the tolerance."
     )
 
 
-def _converted(
+def _first_conversion(
     task: Task,
     routes: tuple[str, ...],
     tolerance: float,
     reached: dict[str, Kept],
     refused: dict[str, ModelError],
 ) -> Kept | None:
-    """Return the first of the structure's own conversions that holds the tolerance."""
+    """Return the first conversion of the structure's modes that holds the tolerance; else None."""
     for lenient in (False, True):
         for route in (r for r in routes if r not in refused):
             try:
-                for conversion in task.mended(route):
+                for conversion in task.fitted_conversions(route):
                     found = fewest(conversion, task.target, tolerance, lenient=lenient)
                     if found.holds:
                         return found
@@ -146,29 +116,14 @@ def _converted(
 
 
 def _states(found: Kept) -> int:
-    """Return the number of states of a choice."""
+    """Return the number of states of a selection."""
     if isinstance(found.conversion, Rational):
         return found.conversion.n_states
     return len(found.conversion.matrices(found.mask)[0])
 
 
 def like_another(task: Task, like: Kept, tolerance: float) -> Kept | None:
-    """Return the choice of another state of the model for a task.
-
-    Parameters
-    ----------
-    task : Task
-        What is realised.
-    like : Kept
-        The choice of the other state.
-    tolerance : float
-        On the errors that `Target.measure` names.
-
-    Returns
-    -------
-    Kept or None
-        None where this state has no such one.
-    """
+    """Return the selection of another state of the model for a task; None if it does not apply."""
     own, target = like.conversion, task.target
     if isinstance(own, Rational):
         return with_poles_of(task.approximation(), own, tolerance)
@@ -177,8 +132,8 @@ def like_another(task: Task, like: Kept, tolerance: float) -> Kept | None:
         conversion = task.conversion(own.name, terms)
     except ModelError:
         return None
-    if isinstance(own, Fitted) and isinstance(conversion, ComplexModes):
-        conversion = fitted(conversion, target, len(own.extra), at_rest=own.at_rest)
+    if isinstance(own, FittedModes) and isinstance(conversion, ComplexModes):
+        conversion = fit_outputs(conversion, target, len(own.extra), at_rest=own.at_rest)
     if len(conversion.frequency) != len(like.mask):
         return None
-    return judged(conversion, target, like.mask, target.limits(tolerance))
+    return judge_selection(conversion, target, like.mask, target.limits(tolerance))

@@ -1,4 +1,4 @@
-"""The command that makes the plant of a job for the servo designer."""
+"""The command that makes the plant of a job."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ def plant(
 ) -> int:
     """Make the plant of a job: plant.mat, plant.json, plant.h, plant.html and control.json.
 
-    It is that of the updated model where the job has been run, and else of the model as it stands,
-    which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and
-    page say what was reached.
+    The plant is that of the updated model if the job has been run, otherwise of the original model,
+    which is reported. Exit code 3 if no plant holds the tolerance: no plant file is written; record
+    and page state the error reached.
 
     Parameters
     ----------
     job
         The job file (TOML).
     out
-        Folder DIR; by default that of the job's run. A finished run is sought there, and in the
-        job's own folder.
+        Folder DIR; by default that of the job's run. A finished run is searched there, and in the
+        job's results folder.
     run
-        Folder of the finished run, where it is another.
+        Folder of the finished run, if it is another.
     workers
         Processes on this machine to spread a family of plants over.
     cluster

@@ -7,7 +7,7 @@ With structural damping the model has the receptance (M = I in modal coordinates
     with  u_j^T (2 s_j I + C) u_j = 1
 
 (Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil). Its 2r poles are not
-conjugate pairs: r of them lie above the real axis, are stable and make the resonances; of the r
+conjugate pairs: r of them lie above the real axis, are stable and cause the resonances; of the r
 below it some are unstable because of the structural damping. At positive frequencies the poles
 below are far away. They are replaced by the conjugates of those above:
 
@@ -15,14 +15,13 @@ below are far away. They are replaced by the conjugates of those above:
 
 For one mode with loss factor eta the change is about 3 eta^2 / 8 of its peak at resonance, and at
 most eta^2 at 0 Hz, where no causal system has losses; poles and residues of the resonances do not
-change. Where damping is strong and local this is closer than any real damping matrix. G is stable;
-it is passive only as far as the damping of the structure is nearly causal. Real poles, of
-rigid-body motion and of overdamped motion with a viscous damper, are those of the structure
-without D.
+change. For strong local damping this is more accurate than any real damping matrix. G is stable; it
+is passive only if the damping of the structure is nearly causal. Real poles, of rigid-body motion
+and of overdamped motion with a viscous damper, are those of the structure without D.
 
-The residues of all poles of a causal structure sum to 0, so that a force step makes no jump of a
+The residues of all poles of a causal structure sum to 0, so a force step causes no jump of a
 velocity. Those of G nearly do: a velocity gets a small feed-through in the band. A real pole above
-the band removes it, so that the plant rolls off as the structure does.
+the band removes it, so the plant rolls off as the structure does.
 """
 
 from __future__ import annotations
@@ -40,34 +39,34 @@ from updyn.errors import ModelError
 
 __all__ = [
     "ComplexModes",
-    "Fitted",
+    "FittedModes",
     "complex_modes",
-    "fitted",
+    "fit_outputs",
     "slow_motion",
 ]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Share of its size below which a pole of the structure without D is real.
+#: Ratio of imaginary part to modulus below which a pole of the structure without D is real.
 _ON_AXIS = 1e-7
-#: Multiple of the band's upper end above which no velocity is fed through.
+#: Multiple of the band's upper end above which a velocity has no feed-through.
 _FAST = 10.0
-#: Share of the residues below which their sum is rounding.
+#: Sum of the residues, as a share of them, below which it is rounding.
 _NOTHING = 1e-10
 _TWO_PI = 2.0 * np.pi
-#: The real poles lie up to this factor beyond the band.
+#: Factor by which the real poles extend beyond the band.
 _BEYOND = 3.0
-#: Singular values below this share are left out: no large parts that cancel in the band and add up
-#: outside.
+#: Relative cut-off of singular values, which prevents large terms that cancel in the band and add
+#: up outside.
 _RANK = 1e-7
-#: A pole below this share of the largest is one at 0, of rigid-body motion.
+#: Share of the largest pole below which a pole is at 0, of rigid-body motion.
 _AT_ZERO = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComplexModes:
-    """Poles above the real axis with their vectors, and the real part of the system.
+    """Poles above the real axis with their vectors, and the part with real poles.
 
     Attributes
     ----------
@@ -98,18 +97,18 @@ class ComplexModes:
 
     @property
     def always(self) -> NDArray[np.bool_]:
-        """None: what is rigid is not among the candidates."""
+        """Mask without any candidate, as rigid-body motion is not a candidate."""
         return np.zeros(len(self.poles), dtype=np.bool_)
 
     @property
     def is_held(self) -> bool:
-        """Whether there is no pole at 0: the structure stands still under a constant force."""
+        """Whether no pole is at 0: the structure does not move away under a constant force."""
         size = np.abs(np.linalg.eigvals(self.slow[0]))
         largest = max(size.max(initial=0.0), np.abs(self.poles).max(initial=0.0))
         return bool((size > _AT_ZERO * largest).all())
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
-        """Return what leaving each mode out changes."""
+        """Return the relative change without each mode."""
         s = imaginary(freq)
         out = np.empty(len(self.poles))
         for j, pole in enumerate(self.poles):
@@ -122,11 +121,11 @@ class ComplexModes:
         return out
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
-        """Return the response with some modes kept."""
+        """Return the response with a selection of modes."""
         s = imaginary(freq)
         out = self.slow_response(s)
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
-        growth = poles[None, :] ** self.powers[:, None]  # of an output at each pole
+        growth = poles[None, :] ** self.powers[:, None]  # factor of an output at each pole
         for p, U, W in (
             (poles, left * growth, right),
             (poles.conj(), (left * growth).conj(), right.conj()),
@@ -146,15 +145,15 @@ class ComplexModes:
         )
 
     def slow_rows(self) -> _Real:
-        """Return what the outputs read of the motion with real poles."""
+        """Return the output rows of the motion with real poles."""
         A, _, C = self.slow
         return np.stack([C, C @ A, C @ A @ A])[self.powers, np.arange(len(C))]
 
     def _through(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
-        """Return the feed-through, and what is one in the band only.
+        """Return the feed-through, and the part that acts in the band only.
 
-        The first is the static flexibility of what is left out, or the jump of an acceleration; the
-        second what is left of a jump of a velocity.
+        The first is the static flexibility of omitted modes, or the jump of an acceleration; the
+        second is the remaining jump of a velocity.
         """
         R = np.einsum("im,jm->mij", self.at_outputs, self.at_inputs)
         static = -2.0 * (R / self.poles[:, None, None])[~kept].real.sum(axis=0)
@@ -170,14 +169,9 @@ class ComplexModes:
         return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 
     def blocks(self, kept: NDArray[np.bool_], right: _Complex) -> tuple[_Real, _Real]:
-        """Return A and B: what is slow, and real blocks [[a, b], [-b, a]] of the poles a + ib.
+        """Return A and B: the slow part, and real blocks [[a, b], [-b, a]] of the poles a + ib.
 
-        Parameters
-        ----------
-        kept : ndarray of bool, shape (m,)
-            Which modes.
-        right : ndarray of complex, shape (n_u, n_kept)
-            Their vectors at the inputs.
+        `right` are the vectors of the selected modes at the inputs, shape (n_u, n_kept).
         """
         A0, B0, _ = self.slow
         poles = self.poles[kept]
@@ -192,9 +186,9 @@ class ComplexModes:
         return A, B
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D: what is slow, a block of each pair of poles, and what is fast."""
+        """Return A, B, C, D: the slow part, a block per pair of poles, and the fast part."""
         left, right = self.at_outputs[:, kept], self.at_inputs[:, kept]
-        # Each side of a residue takes the same share of it.
+        # Scale both sides of a residue to equal norms.
         balance = np.sqrt(
             np.linalg.norm(left, axis=0) / np.maximum(np.linalg.norm(right, axis=0), 1e-300)
         )
@@ -202,7 +196,7 @@ class ComplexModes:
         A0, B0 = self.blocks(kept, right * balance)
         grown = 2.0 * (left / balance) * self.poles[kept] ** self.powers[:, None]
         through, jump = self._through(kept)
-        rolled = np.flatnonzero(jump.any(axis=0))  # an input each
+        rolled = np.flatnonzero(jump.any(axis=0))  # one state per input
         fast = np.full(len(rolled), self.fast)
         A = scipy.linalg.block_diag(A0, -np.diag(fast))
         B = np.vstack([B0, fast[:, None] * np.eye(B0.shape[1])[rolled]])
@@ -211,32 +205,16 @@ class ComplexModes:
 
 
 def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> ComplexModes:
-    """Return the complex modes of a structure.
+    """Return the complex modes of a structure; `top` is the upper end of the band in Hz.
 
-    Parameters
-    ----------
-    space : ModalSpace
-        The modes.
-    powers : ndarray of int, shape (n_y,)
-        Of each output.
-    top : float
-        Upper end of the band in Hz.
-
-    Returns
-    -------
-    ComplexModes
-
-    Raises
-    ------
-    ModelError
-        If a mode has no two sides: its pole is a double one.
+    Raises ModelError if a pole is defective.
     """
     slow_A, slow_B, slow_C, n_slow = _slow(space)
     r = len(space)
     wanted = (2 * r - n_slow) // 2
     poles, vectors = _above(space, space.structural(0.0), wanted)
-    if space.tabled:  # each pole at its own frequency
-        poles, vectors = _followed(space, poles, vectors, wanted)
+    if space.has_table:  # loss factors at the frequency of each pole
+        poles, vectors = _follow_poles(space, poles, vectors, wanted)
     poles = np.where(poles.real > 0.0, 1j * poles.imag, poles)
     poles = np.minimum(poles.real, -1e-12 * np.abs(poles)) + 1j * poles.imag
     order = np.argsort(np.abs(poles), kind="stable")
@@ -248,13 +226,7 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
 
 
 def slow_motion(space: ModalSpace) -> tuple[_Real, _Real, _Real, NDArray[np.intp]]:
-    """Return the motion with real poles: A, B, C of displacements, and which states are velocities.
-
-    Parameters
-    ----------
-    space : ModalSpace
-        The modes.
-    """
+    """Return A, B, C (of displacements) of the motion with real poles, and its velocity states."""
     A, B, C, n = _slow(space)
     still = len(_undamped_rigid(space))
     return A, B @ space.inputs.T, space.outputs @ C, np.arange(n - still, n)
@@ -268,22 +240,20 @@ def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:
 
 
 def _above(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, _Complex]:
-    """Return the poles that lie highest above the real axis, and their vectors."""
+    """Return the poles with the largest imaginary parts, and their vectors."""
     values, vectors = np.linalg.eig(_first_order(space, np.diag(space.omega**2) + 1j * D))
     top = np.argsort(-values.imag, kind="stable")[:wanted]
     values, U = values[top], vectors[: len(space), top]
     norm = np.einsum("im,im->m", U, 2.0 * values * U + space.viscous @ U)
     if (np.abs(norm) <= 1e-12 * np.abs(values) * np.einsum("im,im->m", np.abs(U), np.abs(U))).any():
-        raise ModelError(
-            "plant: two modes of the damped structure have become one; use route='modal'"
-        )
+        raise ModelError("plant: two modes of the damped structure coincide; use route='modal'")
     return values, U / np.sqrt(norm)
 
 
-def _followed(
+def _follow_poles(
     space: ModalSpace, poles: _Complex, vectors: _Complex, wanted: int
 ) -> tuple[_Complex, _Complex]:
-    """Return each pole as the loss factors at its own frequency make it."""
+    """Return each pole for the loss factors at its own frequency."""
     poles, vectors = poles.copy(), vectors.copy()
     for j in range(len(poles)):
         for _ in range(3):
@@ -319,13 +289,13 @@ def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
 
 
 def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
-    """Return rigid-body modes that no damper acts on: double poles at 0."""
+    """Return rigid-body modes without a damper: double poles at 0."""
     own = np.abs(space.viscous[: space.rigid]).max(axis=1, initial=0.0)
     return np.flatnonzero(own <= 1e-12 * max(float(np.abs(space.viscous).max(initial=0.0)), 1e-300))
 
 
 def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
-    """Split off the part with real poles: ordered Schur form, then a Sylvester equation."""
+    """Return A, B, C of the part with real poles, by Schur form and a Sylvester equation."""
     A = _first_order(space, np.diag(space.omega**2))
     r = len(space)
     floor = (
@@ -343,7 +313,7 @@ def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
+class FittedModes:
     """Complex modes and real poles with fitted outputs.
 
     Attributes
@@ -351,12 +321,12 @@ class Fitted:
     base : ComplexModes
         The modes.
     target : Target
-        What is fitted, at its lines.
+        The fitted response.
     extra : ndarray of float, shape (n,)
-        Real poles, in rad/s; each has a state an input.
+        Real poles, in rad/s; each has one state per input.
     at_rest : bool
-        Whether velocities and accelerations of a structure that is held are exactly 0 at s = 0, as
-        the structure's are.
+        Whether velocities and accelerations of a supported structure are exactly 0 at s = 0, as
+        those of the structure.
     """
 
     base: ComplexModes
@@ -372,21 +342,21 @@ class Fitted:
 
     @property
     def always(self) -> NDArray[np.bool_]:
-        """None: what is rigid is not among the candidates."""
+        """Mask without any candidate, as rigid-body motion is not a candidate."""
         return self.base.always
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
-        """Return what leaving each mode out changes, before the fit."""
+        """Return the relative change without each mode, before the fit."""
         return self.base.costs(freq, level)
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
-        """Return the response with some modes kept."""
+        """Return the response with a selection of modes."""
         rows, through = self._fit(kept)
         moved = np.einsum("yk,fku->fyu", rows, self._states(kept, freq))
         return np.asarray(self.base.slow_response(imaginary(freq)) + moved + through)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D: what is slow, a block of each pair of poles, real poles."""
+        """Return A, B, C, D: the slow part, a block per pair of poles, real poles."""
         rows, through = self._fit(kept)
         A0, B0 = self.base.blocks(kept, self.base.at_inputs[:, kept])
         n_u = B0.shape[1]
@@ -413,7 +383,7 @@ class Fitted:
         )
 
     def _fit(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
-        """Return the rows of the outputs on these states, and the feed-through."""
+        """Return the rows of the outputs for these states, and the feed-through."""
         target, n_u = self.target, len(self.base.at_inputs)
         states = self._states(kept, target.freq)
         wanted = target.values - self.base.slow_response(imaginary(target.freq))
@@ -428,14 +398,14 @@ class Fitted:
         rest, slow_rest = self._rest(kept)
         for i, power in enumerate(self.base.powers):
             known, still = states, rest
-            if power != 1:  # no velocity jumps
+            if power != 1:  # velocities have no feed-through
                 known, still = np.concatenate([states, eye], axis=1), np.vstack([rest, np.eye(n_u)])
             zero = self.at_rest and power > 0 and self.base.is_held
             A = (known * weight[:, i, None, :]).transpose(0, 2, 1)
             A = A.reshape(len(known) * n_u, known.shape[1])
             b = (wanted[:, i] * weight[:, i]).ravel()
             real = np.vstack([A.real, A.imag])
-            found = _solved(
+            found = _constrained_least_squares(
                 real,
                 np.concatenate([b.real, b.imag]),
                 still.T[: n_u * zero],
@@ -447,7 +417,7 @@ class Fitted:
         return rows, through
 
     def _rest(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
-        """Return the states at s = 0, shape (k, n_u), and what is slow, where the model is held."""
+        """Return the states at s = 0, shape (k, n_u), and the slow part of a supported model."""
         zero = np.zeros(1)
         slow = np.zeros((len(self.base.powers), len(self.base.at_inputs)))
         if self.base.is_held:
@@ -455,8 +425,8 @@ class Fitted:
         return self._states(kept, zero)[0].real, slow
 
 
-def _solved(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
-    """Return x of the least |A x - b| with E x = d, by a basis of what E leaves free."""
+def _constrained_least_squares(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
+    """Return x of the least |A x - b| with E x = d, by a basis of the null space of E."""
     scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     A, E = A / scale, E / scale
     start: _Real = np.zeros(A.shape[1])
@@ -470,19 +440,7 @@ def _solved(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
     return np.asarray((start + free @ found) / scale)
 
 
-def fitted(base: ComplexModes, target: Target, n: int, *, at_rest: bool = True) -> Fitted:
-    """Return complex modes with fitted outputs.
-
-    Parameters
-    ----------
-    base : ComplexModes
-        The modes.
-    target : Target
-        What to fit.
-    n : int
-        Number of real poles, even on a logarithmic scale.
-    at_rest : bool
-        As of a `Fitted`.
-    """
+def fit_outputs(base: ComplexModes, target: Target, n: int, *, at_rest: bool = True) -> FittedModes:
+    """Return complex modes with fitted outputs and n real poles, evenly spaced in log frequency."""
     low, high = max(target.freq[0], 1e-3 * target.freq[-1]) / _BEYOND, target.freq[-1] * _BEYOND
-    return Fitted(base, target, _TWO_PI * np.geomspace(low, high, n), at_rest)
+    return FittedModes(base, target, _TWO_PI * np.geomspace(low, high, n), at_rest)

@@ -1,4 +1,4 @@
-"""`conversions`: how well each conversion of structural damping answers."""
+"""`conversions`: accuracy of each conversion of structural damping."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["REFUSED", "ConversionError", "conversions", "error_of", "route_of", "state_of"]
 
-#: Of the structure's own modes.
+#: Conversions of the structure's modes.
 _OWN = ("modal", "complex", "biot")
-#: Conversions that no plant is made by, and why.
+#: Conversions that are refused, with the reason.
 REFUSED = {
     "diagonal": "modal damping ratios lose the coupling of the modes by the damping",
     "single-frequency": (
-        "structural damping converted at one frequency is right at that frequency only"
+        "structural damping converted at one frequency is correct at that frequency only"
     ),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class ConversionError:
-    """How well a conversion of the damping answers, all modes kept.
+    """Errors of a conversion of the damping with all modes.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class ConversionError:
         ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"``,
         ``"single-frequency"``.
     error, peak_error : float
-        As those of a `Plant`; nan where it is not possible.
+        As those of a `Plant`; nan if the conversion is not possible.
     note : str
-        Why not, or where it was made.
+        The reason for an impossible conversion, or a remark.
     relative_error : float
         As that of a `Plant`.
     """
@@ -63,7 +63,7 @@ def conversions(
     tier: str | None = None,
     backend: str | None = None,
 ) -> tuple[ConversionError, ...]:
-    """Tell how well each conversion of structural damping answers, side by side, all modes kept.
+    """Return the errors of each conversion of structural damping with all modes.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ def conversions(
     Returns
     -------
     tuple of ConversionError
-        Routes of `plant` first, then those that it refuses. The single frequency is the middle of
-        the band on a logarithmic scale.
+        Routes of `plant` first, then those that it refuses. The single frequency is the centre of
+        the band in log frequency.
 
     Raises
     ------
@@ -94,46 +94,24 @@ def conversions(
 
 
 def route_of(plant: Plant) -> str:
-    """Return the route of a plant, and what of it is fitted.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    """
+    """Return the route of a plant, and its fitted parts."""
     if "fitted" in plant.facts:
         return f"{plant.route}, fitted {plant.facts['fitted']}"
     return plant.route
 
 
 def state_of(name: str, plant: Plant | None) -> str:
-    """Return what a plant has of a conversion: ``"used"``, also that it is fitted; or nothing.
-
-    Parameters
-    ----------
-    name : str
-        Of the conversion.
-    plant : Plant or None
-        The plant. Where its outputs are fitted, its errors are not those of the conversion.
-    """
+    """Return ``"used"`` if a plant uses a conversion, with a note on fitted outputs; else empty."""
     if plant is None or plant.route != name:
         return ""
     return "used, then outputs fitted" if "fitted" in plant.facts else "used"
 
 
 def error_of(task: Task, name: str) -> ConversionError:
-    """Return how well a conversion answers; the best where it has variants.
-
-    Parameters
-    ----------
-    task : Task
-        What it is made of, and compared with.
-    name : str
-        Of the conversion.
-    """
+    """Return the errors of a conversion; those of its best variant."""
     best = ConversionError(name, float("nan"), float("nan"))
     try:
-        for conversion in task.tried(name):
+        for conversion in task.conversions(name):
             G = conversion.response(
                 np.ones(len(conversion.frequency), dtype=np.bool_), task.target.freq
             )

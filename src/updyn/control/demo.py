@@ -2,13 +2,13 @@
 
 Model, measurements and update are those of `updyn.demos.antenna`.
 
-The motor's torque and speed are counted at the load. An encoder on the motor closes the velocity
-loop, one on the turntable the position loop; the wind turns the dish. The elevation motor is free,
-as in the test with free rotors.
+Torque and speed of the motor refer to the load. An encoder on the motor closes the velocity loop,
+one on the turntable the position loop; the wind turns the dish. The elevation motor is free, as in
+the test with free rotors.
 
-The controller is sized for a crossover of 7 Hz from the inertia of the drawings. Its notch stands
-at the resonance of torque to motor speed that the drawings have there, 9.55 Hz, and is as narrow as
-one would dare that trusts them.
+The controller is designed for a crossover of 7 Hz from the inertia of the drawings. Its notch is at
+the resonance of torque to motor speed according to the drawings, 9.55 Hz, and as narrow as these
+permit.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ CONTROLLER = Controller(
     dead_time=0.0025,
 )
 
-#: What a table of margins has of each loop: name, unit, attribute of `Margins`.
+#: Figures of each loop in a table of margins: name, unit, attribute of `Margins`.
 FIGURES = (
     ("crossover", "Hz", "crossover"),
     ("phase margin", "deg", "phase_margin"),
@@ -69,13 +69,7 @@ FIGURES = (
 
 
 def write_inputs(folder: Path) -> Path:
-    """Write model, measurements and a job with ``[plant]`` and ``[servo]``; return the job's path.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to write.
-    """
+    """Write model, measurements and a job with ``[plant]`` and ``[servo]``; return its path."""
     job = antenna.write_inputs(folder)
     text = job.read_text(encoding="utf-8")
     job.write_text(f"{text}\n{job_tables()}", encoding="utf-8")
@@ -83,15 +77,7 @@ def write_inputs(folder: Path) -> Path:
 
 
 def epilogue(results: Sequence[JointResult], folder: Path) -> str:
-    """Compare with the values that made the data: unknowns, frequencies, margins of the servo.
-
-    Parameters
-    ----------
-    results : sequence of JointResult
-        Of all runs of the demo.
-    folder : Path
-        Where its inputs are.
-    """
+    """Return a comparison with the true values: parameters, frequencies, margins of the servo."""
     one = results[-1].results["rotors free"]
     models = {"drawings": one.start, "updated": one.model, "true": one.start.scaled(antenna.TRUTH)}
     heading = "Azimuth servo, its controller set from the drawings:"
@@ -99,24 +85,17 @@ def epilogue(results: Sequence[JointResult], folder: Path) -> str:
 
 
 def azimuth_plant(model: Model) -> Plant:
-    """Return the plant of the azimuth axis.
+    """Return the plant of the azimuth axis of the antenna with free rotors.
 
-    Parameters
-    ----------
-    model : Model
-        The antenna with its rotors free.
-
-    Returns
-    -------
-    Plant
-        Torque at the motor, counted at the load, and torque of the wind at the hub, in N m; speed
-        of the motor, counted at the load, in rad/s, angles of turntable and hub in rad.
+    Inputs are the torque of the motor, referred to the load, and that of the wind at the hub, in N
+    m; outputs the speed of the motor, referred to the load, in rad/s, and the angles of turntable
+    and hub in rad.
     """
     return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, error="peak")
 
 
 def azimuth_servo(made: Plant, controller: Controller = CONTROLLER) -> Servo:
-    """Return what a controller makes of a plant of `azimuth_plant`; without responses over time."""
+    """Return the servo of a plant of `azimuth_plant`, without time responses."""
     return servo(
         made,
         controller,
@@ -131,13 +110,7 @@ def azimuth_servo(made: Plant, controller: Controller = CONTROLLER) -> Servo:
 
 
 def margins_table(models: Mapping[str, Model]) -> str:
-    """Return the margins of the controller on several models, side by side.
-
-    Parameters
-    ----------
-    models : mapping of str to Model
-        Antennas by the heading of their column.
-    """
+    """Return the margins of the controller on several models, by the heading of their column."""
     found = {name: azimuth_servo(azimuth_plant(model)) for name, model in models.items()}
     lines = [f"{'':<34}" + "".join(f"{name:>10}" for name in found)]
     for at, loop in enumerate(("velocity", "position")):
@@ -156,7 +129,7 @@ def _cell(margins: Margins, attribute: str) -> str:
 
 
 def job_tables() -> str:
-    """Return the tables of a job that ask for this plant and this controller."""
+    """Return the tables of a job for this plant and controller."""
     (notch,) = CONTROLLER.notches
     inputs = (
         f'{{ name = "torque", dof = "{MOTOR}", ratio = {RATIO:g} }}',

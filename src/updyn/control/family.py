@@ -1,4 +1,4 @@
-"""`PlantFamily`: a plant and what else it may be, by what the update leaves unsure."""
+"""`PlantFamily`: a nominal plant and plants at draws from the uncertainty of an update."""
 
 from __future__ import annotations
 
@@ -37,41 +37,41 @@ __all__ = ["PlantFamily", "plant_family"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest number of members, each of which is a plant in memory and in the file.
+#: Largest number of members; each is a plant in memory and in the file.
 _MOST = 10_000
-#: How an update has to have ended.
+#: Accepted status of an update.
 _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
-#: By the error that is limited, the route that serves where the one of the nominal plant does not
-#: for all members.
+#: By error measure, the route used if that of the nominal plant fails for a member.
 _CLOSEST = {"relative": "rational", "peak": "complex"}
-#: Draws by which the basis of all members is enriched: so many, or by the number of unknowns; and
-#: how much wider they are than others.
+#: Draws that enrich the basis of all members: least number, number per parameter, and the factor on
+#: their spread.
 _TRAINING, _FOR_EACH, _WIDE = 6, 2.0 / 3.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantFamily:
-    """A nominal plant and plants at draws of the unknowns.
+    """A nominal plant and plants at draws of the parameters.
 
-    The inputs, outputs and quantities of all are the same; the number of modes need not be.
+    All have the same inputs, outputs and quantities; the number of modes may differ.
 
     Attributes
     ----------
     nominal : Plant
-        At the estimate.
+        Plant at the estimate.
     members : tuple of Plant
-        One a draw.
+        One plant per draw.
     names : tuple of str
-        The unknowns.
+        Names of the parameters.
     values : ndarray of float, shape (n, n_unknowns)
-        The draws, in the unit of each unknown, by member.
+        The draws by member, in the unit of each parameter.
     facts : dict
-        How it was made, for the record.
+        Provenance.
 
     Raises
     ------
     ModelError
-        If there is no member, one is not like the nominal plant, or `values` does not fit.
+        If there are no members, one differs from the nominal plant in its ports, or `values` has
+        another shape.
     """
 
     nominal: Plant
@@ -84,7 +84,7 @@ class PlantFamily:
         object.__setattr__(self, "members", tuple(self.members))
         object.__setattr__(self, "names", tuple(self.names))
         if not self.members:
-            raise ModelError("a family needs at least one member beside the nominal plant")
+            raise ModelError("a family needs at least one member besides the nominal plant")
         for number, member in enumerate(self.members):
             for what in ("inputs", "outputs", "quantities", "dt", "delay"):
                 own, nominal = getattr(member, what), getattr(self.nominal, what)
@@ -98,7 +98,7 @@ class PlantFamily:
         if values.shape != (len(self.members), len(self.names)):
             raise ModelError(
                 f"values has shape {values.shape}; expected {(len(self.members), len(self.names))},"
-                " a row a member and a column an unknown"
+                " a row per member and a column per unknown"
             )
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -107,9 +107,7 @@ class PlantFamily:
         return len(self.members)
 
     def __repr__(self) -> str:
-        return (
-            f"PlantFamily({len(self)} members of {len(self.names)} unknowns about {self.nominal!r})"
-        )
+        return f"PlantFamily({len(self)} members of {len(self.names)} unknowns at {self.nominal!r})"
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -123,7 +121,7 @@ class PlantFamily:
 
     @property
     def error(self) -> float:
-        """Largest error of a plant of the family, against its own model, as `Plant.error`."""
+        """Largest error of a plant of the family against its model, as `Plant.error`."""
         return max(p.error for p in (self.nominal, *self.members))
 
     def response(self, freq: ArrayLike) -> _Complex:
@@ -147,12 +145,12 @@ class PlantFamily:
         lines = check_lines(np.atleast_1d(np.asarray(freq)))
         if (
             lines[0] == 0.0 or self.nominal.dt is not None
-        ):  # on a pole, or above half the sampling rate: let it say so
+        ):  # may lie on a pole, or above half the sampling rate: `Plant.response` reports it
             return np.array([member.response(lines).values for member in self.members])
         return np.array([sweep(member, lines) for member in self.members])
 
     def spread(self, freq: ArrayLike) -> tuple[_Real, _Real]:
-        """Return between which magnitudes the family lies, the nominal plant included.
+        """Return the range of magnitudes of the family, including the nominal plant.
 
         Parameters
         ----------
@@ -181,7 +179,7 @@ class PlantFamily:
             f" {self.facts.get('source', 'given')}"
         ]
         said += [
-            f"Largest error of a plant against its own model: {self.error:.2g} (allowed:"
+            f"Largest error of a plant against its model: {self.error:.2g} (tolerance:"
             f" {self.nominal.tolerance:g})"
         ]
         modes = [p.modes for p in self.members]
@@ -212,7 +210,7 @@ class PlantFamily:
         Raises
         ------
         OptionError
-            If there is none of that name; the nearest is named.
+            If a name is unknown; the nearest is named.
         """
         return self.each(lambda plant: plant.channel(output, input))
 
@@ -224,12 +222,12 @@ class PlantFamily:
         Parameters
         ----------
         change : callable
-            Takes a plant and returns one.
+            Function of a plant that returns a plant.
 
         Raises
         ------
         ModelError
-            If inputs, outputs or sampling of the plants no longer agree.
+            If inputs, outputs or sampling of the plants differ afterwards.
         """
         members = tuple(map(change, self.members))
         return replace(self, nominal=change(self.nominal), members=members)
@@ -253,54 +251,54 @@ def plant_family(
     test: str | None = None,
     engine: int | Client | Engine | None = None,
 ) -> PlantFamily:
-    """Make the plant of an update, and plants at draws of its unknowns.
+    """Make the plant of an update and plants at draws of its parameters.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
-        An update that has ended at a minimum.
+        An update that ended at a minimum.
     inputs, outputs, band, tolerance, quantity, route, error, tier, backend
         As for `updyn.plant`. Every plant holds the tolerance against its own model with structural
-        damping; all are made by one route. Members keep the modes that the nominal plant keeps, or
-        as many states of a rational approximation, and others only where these do not hold the
-        tolerance. Without `tier` one basis serves all: it is made at the estimate, enriched at
-        draws of its own, and a member at which its error is too large is made alone.
+        damping; all are made by one route. Members keep the modes of the nominal plant, or as many
+        states of a rational approximation, and others only if these do not hold the tolerance.
+        Without `tier` one basis serves all: it is made at the estimate and enriched at separate
+        draws; a member for which its error is too large is made separately.
     n : int
         Number of members.
     seed : int
-        Of the draws; member number i is the same whatever `n`, and wherever it is made.
+        Seed of the draws; member i does not depend on `n` or on the engine.
     draws : Draws, optional
-        Of a bootstrap or a sampling (`updyn.bootstrap`, `updyn.sample`), of which `n` are taken at
-        even distances. By default the unknowns are drawn from the covariance of the update.
+        Draws of a bootstrap or a sampling (`updyn.bootstrap`, `updyn.sample`), of which `n` equally
+        spaced ones are used. By default draws from the covariance of the update.
     test : str, optional
-        Of several tests, the one whose model it is.
+        Name of the test whose model is used, if there are several.
     engine : None, int, dask.distributed Client or Engine
-        Where members are made, as for `updyn.update`; they do not depend on it.
+        Engine that makes the members, as for `updyn.update`; it does not affect them.
 
     Returns
     -------
     PlantFamily
         `facts` hold ``source`` (``"covariance"``, ``"bootstrap"``, ``"sampling"``), ``n``,
-        ``seed``, ``route``, ``status`` of the update, ``cut`` (by unknown, the share of draws that
-        were cut at a bound) and ``note``.
+        ``seed``, ``route``, ``status`` of the update, ``cut`` (by parameter, the share of draws
+        that were clipped at a bound) and ``note``.
 
     Raises
     ------
     OptionError
-        If an option is not understood, the update did not end at a minimum, the data leave an
-        unknown of the model open (what may cure that is said), or the draws are fewer than `n` or
-        about another update.
+        If an option is invalid, the update did not end at a minimum, the data do not determine a
+        parameter of the model (the message gives advice), or there are fewer draws than `n` or
+        draws of another update.
     ModelError, SolverError, DofError
-        As `updyn.plant`; the message names the member and the values of its unknowns.
+        As `updyn.plant`; the message names the member and its parameter values.
 
     Notes
     -----
-    The covariance is that of a Gaussian in the logarithms of factors and in loss factors as they
-    are, the coordinates of the fit. What falls beyond a bound is put on it: a loss factor that
-    cannot be told from 0 is 0 in half of the members, as in a bootstrap. Draws are in no need of
-    that, nor of a likelihood that looks Gaussian.
+    The covariance is that of a Gaussian in the coordinates of the fit: logarithms of factors, and
+    loss factors without a transformation. Draws beyond a bound are clipped to it: a loss factor
+    that cannot be distinguished from 0 is 0 in half of the members, as in a bootstrap. Given draws
+    need neither the clipping nor a Gaussian likelihood.
 
-    The spread is the uncertainty by the data. It does not contain the error of a wrong model
+    The spread is the uncertainty due to the data. It does not include the error of a wrong model
     (`UpdateResult.adequacy`).
 
     Examples
@@ -319,7 +317,7 @@ def plant_family(
         raise OptionError(f"plant_family: n = {n}; expected at most {_MOST:,} members")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
-    own = _ended(result_of_test(result, test))
+    own = _check_ended(result_of_test(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if draws is None:
         drawn = _from_covariance(own, int(n), seed)
@@ -327,7 +325,7 @@ def plant_family(
         drawn = _from_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
     making = _Making(own.start, own.parameters, *ports, band, tolerance, options)
-    shared = None if tier is not None else _shared(own, making, drawn)
+    shared = None if tier is not None else _share_basis(own, making, drawn)
     with opened_engine(engine) as made:
         nominal, members = making.plants(own.model, shared, drawn.values, route, made)
     facts = {
@@ -344,18 +342,18 @@ def plant_family(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """Draws of the unknowns.
+    """Draws of the parameters.
 
     Attributes
     ----------
     values : ndarray of float, shape (n, n_unknowns)
-        Those of the members.
+        Draws of the members.
     training : ndarray of float, shape (k, n_unknowns)
-        Others, by which the basis of all members is enriched; they do not depend on n or the seed.
+        Draws that enrich the basis of all members, independent of n and the seed.
     source, note : str
-        What made them, and what is said of them.
+        Method of the draws, and a note on them.
     cut : dict of str to float
-        Shares that were cut at a bound, by unknown.
+        Shares that were clipped at a bound, by parameter.
     """
 
     values: _Real
@@ -367,7 +365,7 @@ class _Drawn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Basis:
-    """What all members share: one basis, and the states of the model."""
+    """The basis shared by all members, and the states of the model."""
 
     plants: Shared
     estimate: State
@@ -375,8 +373,8 @@ class _Basis:
     holds: NDArray[np.bool_]
 
 
-def _shared(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
-    """Return the basis that holds at the members, and at which of them it does."""
+def _share_basis(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
+    """Return the basis of all members, and for which of them it is accurate."""
     structure = Structure.of(own)
     unknowns = Unknowns.find(structure.system, own.parameters)
     states = [unknowns.state(structure.system, row) for row in drawn.values]
@@ -397,7 +395,7 @@ def _shared(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Making:
-    """What every member needs: the model as it starts, its unknowns, and what is made of it."""
+    """The inputs of every member: the start model, its parameters, ports and options."""
 
     start: Model
     parameters: ParameterSet
@@ -408,7 +406,7 @@ class _Making:
     options: Mapping[str, Any]
 
     def plant(self, model: Model, route: str) -> Plant:
-        """Return the plant of a model, made alone."""
+        """Return the plant of a model without the shared basis."""
         return plant(
             model, self.inputs, self.outputs, self.band, self.tolerance, route=route, **self.options
         )
@@ -418,7 +416,7 @@ class _Making:
     ) -> tuple[Plant, tuple[Plant, ...]]:
         """Return the plant of the estimate and those of the members, by one route.
 
-        What converts the damping of the nominal plant well enough may not do so for all.
+        A conversion that suffices for the nominal plant may not suffice for all members.
         """
         nominal, kept = self._nominal(model, shared, route)
         try:
@@ -458,7 +456,7 @@ class _Making:
 def _member(
     about: tuple[_Making, Shared | None, str, Kept | None], item: tuple[int, _Real, State | None]
 ) -> Plant:
-    """Return a member, in the shared basis where that holds, else alone."""
+    """Return a member, with the shared basis if it is accurate, else without."""
     (making, shared, route, kept), (number, values, state) = about, item
     try:
         if shared is not None and state is not None:
@@ -470,11 +468,11 @@ def _member(
         raise type(error)(f"member {number} of the family ({at}): {error}") from error
 
 
-def _ended(own: UpdateResult) -> UpdateResult:
-    """Return a result, which has to be that of a fit that ended at a minimum."""
+def _check_ended(own: UpdateResult) -> UpdateResult:
+    """Return a result after a check that the fit ended at a minimum."""
     if own.status not in _ENDED:
         raise OptionError(
-            f"plant_family: the update has ended as {own.status!r}, not at a minimum: {own.message}"
+            f"plant_family: the update ended as {own.status!r}, not at a minimum: {own.message}"
         )
     return own
 
@@ -488,7 +486,7 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
         if len(unsure) > 6:
             few += f" and {len(unsure) - 6} more"
         raise OptionError(
-            f"plant_family: the data do not determine {few}, so that the error of the plant is"
+            f"plant_family: the data do not determine {few}, so the error of the plant is"
             f" unknown. {result.identifiability.advice} Or give draws= of a sampling, in which"
             " priors and bounds limit them."
         )
@@ -496,7 +494,7 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
     x = coordinates.to_x(np.array([result.values[name] for name in parameters.names]))
     slope = coordinates.slope(x)
     size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
-    # The symmetric root is the one that does not depend on the sign or order of eigenvectors.
+    # The symmetric root does not depend on the sign or order of eigenvectors.
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
 
     def values(z: _Real) -> tuple[_Real, NDArray[np.bool_]]:
@@ -518,13 +516,13 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
 
 
 def _number(n_unknowns: int) -> int:
-    """Return how many draws the basis of all members is enriched by."""
+    """Return the number of draws that enrich the basis of all members."""
     return max(_TRAINING, int(np.ceil(_FOR_EACH * n_unknowns)))
 
 
 def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Drawn:
-    """Return draws thinned."""
-    from updyn.uncertainty.draws import Draws  # loads scipy.stats: slow, and seldom wanted
+    """Return thinned draws."""
+    from updyn.uncertainty.draws import Draws  # imports scipy.stats: slow and rarely needed
 
     if not isinstance(draws, Draws):
         raise OptionError(

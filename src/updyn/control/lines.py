@@ -16,52 +16,27 @@ __all__ = ["channel_zeros", "dense_lines", "sweep"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Lines about a resonance, in units of its half width; a coarse set for what bends less.
+#: Offsets of lines around a resonance, in half widths; a coarse set for smoother curves.
 _FINE = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0])
 _COARSE = np.array([0.5, 1.0, 2.0, 5.0])
-#: Lines nearer to each other than this share of their frequency are one.
+#: Relative distance within which lines are merged.
 _MERGED = 1e-10
-#: Resonances sharper than this are resolved as if they were so sharp.
+#: Smallest damping ratio that is resolved.
 _SHARPEST = 1e-9
-#: Poles and zeros damped more are not resonances: the lines of every decade see them.
+#: Largest damping ratio of a resonance; the lines of each decade resolve the others.
 _DAMPED = 0.3
 _PER_DECADE = 60
 
 
 def sweep(plant: Plant, freq: _Real) -> _Complex:
-    """Return the response of a plant on many lines, by one Schur form for all.
-
-    Parameters
-    ----------
-    plant : Plant
-        Continuous or sampled.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, none of them on a pole.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_f, n_outputs, n_inputs)
-    """
+    """Return the response of a plant at many lines in Hz (none on a pole), by one Schur form."""
     s = 2j * np.pi * freq
     points = s if plant.dt is None else np.exp(s * plant.dt)
     return Transfer.of(StateSpace(plant.A, plant.B, plant.C, plant.D)).at(points)
 
 
 def channel_zeros(plant: Plant, output: int, input: int) -> _Complex:
-    """Return the finite zeros of one channel, in rad/s.
-
-    Parameters
-    ----------
-    plant : Plant
-        A continuous plant.
-    output, input : int
-        Positions.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_zeros,)
-        Infinite ones that rounding has made finite lie far above the poles and are left out.
-    """
+    """Return the finite zeros of one channel of a continuous plant, in rad/s."""
     B, C = plant.B[:, [input]], plant.C[[output]]
     if not B.any() or not C.any():
         return np.zeros(0, dtype=np.complex128)
@@ -75,22 +50,9 @@ def dense_lines(
     high: float,
     per_decade: int = _PER_DECADE,
 ) -> _Real:
-    """Return lines that follow every resonance and antiresonance.
+    """Return ascending lines in Hz that resolve every resonance and antiresonance.
 
-    Parameters
-    ----------
-    sharp, others : iterable of ndarray of complex
-        Poles and zeros in rad/s: those about which a response peaks, and those that it merely
-        passes.
-    low, high : float
-        First and last line in Hz.
-    per_decade : int
-        Lines of a decade where there is nothing.
-
-    Returns
-    -------
-    ndarray of float, shape (n_f,)
-        In Hz, ascending.
+    `sharp` and `others` are poles and zeros in rad/s, with fine and coarse resolution.
     """
     count = int(np.ceil(np.log10(high / low) * per_decade)) + 1
     lines = [np.geomspace(low, high, max(count, 2))]

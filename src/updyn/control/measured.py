@@ -1,4 +1,4 @@
-"""Measured FRFs that a plant approximates: channels of ports, their noise, poles to begin with."""
+"""Measured FRFs that a plant approximates: channels of ports, noise, initial poles."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.modal.identify import identify_modes
 from updyn.updating.problem.noise.known import Coherence
 
-__all__ = ["Measured", "measured"]
+__all__ = ["Measured", "select_measurement"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Fewest lines of a fit.
+#: Least number of lines of a fit.
 _LINES = 8
 _TWO_PI = 2.0 * np.pi
 
@@ -32,13 +32,13 @@ class Measured:
     Attributes
     ----------
     target : Target
-        Its values.
+        The measured values.
     deviation : ndarray of float, shape (n_f, n_y, n_u)
-        Their standard deviations; 0 where nothing is known.
+        Standard deviations of the values; 0 if unknown.
     poles : ndarray of complex, shape (n,)
-        Of the modes identified in the band, in rad/s.
+        Poles of the modes identified in the band, in rad/s.
     noise : str
-        Where the deviations are from.
+        Source of the deviations.
     """
 
     target: Target
@@ -48,43 +48,28 @@ class Measured:
 
     @property
     def reference(self) -> _Real:
-        """Of what a relative error is a share."""
+        """Denominator of a relative error."""
         return self.target.reference
 
 
-def measured(
+def select_measurement(
     frf: FRF,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     quantities: tuple[str, ...],
     band: tuple[float, float],
 ) -> Measured:
-    """Return the measurement between ports.
+    """Return the measurement between ports, over a band in Hz.
 
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-    inputs, outputs : tuple of Port
-        All of their DOFs have to be measured.
-    quantities : tuple of str
-        Of each output.
-    band : (float, float)
-        In Hz.
-
-    Raises
-    ------
-    DofError
-        If a DOF of a port was not measured; the port is named.
-    DataError
-        If the band has fewer than eight lines above 0 Hz.
+    Raises DofError with the name of the port if a DOF was not measured, DataError if the band has
+    fewer than eight lines above 0 Hz.
     """
     inside = (frf.freq >= band[0]) & (frf.freq <= band[1]) & (frf.freq > 0.0)
     if int(inside.sum()) < _LINES:
         raise DataError(
             f"plant: {int(inside.sum())} lines of the measurement lie from {band[0]:g} to"
             f" {band[1]:g} Hz; it has {len(frf.freq)} from {frf.freq[0]:g} to {frf.freq[-1]:g} Hz,"
-            f" and a plant needs at least {_LINES}"
+            f" and a plant requires at least {_LINES}"
         )
     data = frf.select(lines=frf.freq[inside])
     out, into = (
@@ -117,7 +102,7 @@ def _weights(ports: tuple[Port, ...], dofs: DofSet, what: str) -> _Real:
 
 
 def _variance(frf: FRF) -> tuple[_Real, str]:
-    """Return the variance of the values, and where it is from."""
+    """Return the variance of the values, and its source."""
     if frf.variance is not None:
         return frf.variance, "variance"
     if frf.coherence is not None and frf.averages not in (None, 1):

@@ -1,4 +1,4 @@
-"""What a plant is asked for: its ports, band, tolerance, error and quantities, checked."""
+"""Options of a plant: ports, band, tolerance, error and quantities, with their checks."""
 
 from __future__ import annotations
 
@@ -14,85 +14,37 @@ from updyn.group import is_number
 
 __all__ = ["ERRORS", "Ports", "check_band", "check_error", "check_tolerance", "quantities_of"]
 
-#: For which errors a tolerance holds.
+#: Error measures of a tolerance.
 ERRORS = ("relative", "peak")
 
 Ports = Iterable[str | Dof | Port] | str | Dof | Port
 
 
 def check_band(band: Sequence[float]) -> tuple[float, float]:
-    """Return lowest and highest line of a band in Hz.
-
-    Parameters
-    ----------
-    band : (float, float)
-        In Hz.
-
-    Raises
-    ------
-    OptionError
-        If it is none.
-    """
+    """Return lowest and highest frequency of a band in Hz; raises OptionError if invalid."""
     try:
         low, high = (float(f) for f in band)
     except (TypeError, ValueError) as error:
-        raise OptionError(f"plant: band {band!r}; expected two lines in Hz") from error
+        raise OptionError(f"plant: band {band!r}; expected two frequencies in Hz") from error
     if not (np.isfinite(high) and 0.0 <= low < high):
-        raise OptionError(
-            f"plant: band from {low:g} to {high:g} Hz; expected the lower line first, not negative"
-        )
+        raise OptionError(f"plant: band from {low:g} to {high:g} Hz; expected 0 <= low < high")
     return low, high
 
 
 def check_error(error: str) -> None:
-    """Check the name of an error.
-
-    Parameters
-    ----------
-    error : str
-        One of `ERRORS`.
-
-    Raises
-    ------
-    OptionError
-        If it is none.
-    """
+    """Raise OptionError for an unknown error measure."""
     if error not in ERRORS:
         raise OptionError(f"plant: no error {error!r}; {suggest(str(error), ERRORS)}")
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Check a tolerance.
-
-    Parameters
-    ----------
-    tolerance : float
-        A share, from 1e-9 to 0.5.
-
-    Raises
-    ------
-    OptionError
-        If it is not.
-    """
+    """Raise OptionError for a tolerance outside 1e-9 to 0.5."""
     if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
         raise OptionError(f"plant: tolerance {tolerance!r}; expected a share between 1e-9 and 0.5")
 
 
 def quantities_of(quantity: str | Sequence[str], count: int) -> tuple[str, ...]:
-    """Return the quantity of each output.
-
-    Parameters
-    ----------
-    quantity : str or sequence of str
-        One of all, or one of each.
-    count : int
-        Of the outputs.
-
-    Raises
-    ------
-    OptionError
-        If a name is none, or there are more or fewer than outputs.
-    """
+    """Return the quantity of each of `count` outputs; raises OptionError if invalid."""
     named = [quantity] * count if isinstance(quantity, str) else list(quantity)
     quantities = tuple(check_quantity(q) for q in named)
     if len(quantities) != count:

@@ -1,9 +1,9 @@
-"""Passivity of collocated channels: Hamiltonian test, and least squares that keep it.
+"""Passivity of collocated channels: Hamiltonian test, and least squares that preserve it.
 
-A force and the motion of its own port take up power at every frequency: Re Y >= 0 of the mobility
-Y = s^(1-p) G, where p = 0, 1, 2 for displacement, velocity, acceleration. That is -Im G, Re G or
-Im G >= 0. These change sign at the imaginary zeros of G(s) -+ G(-s), eigenvalues of a Hamiltonian
-pencil (S. Boyd, V. Balakrishnan & P. Kabamba, Math. Control Signals Systems 2 (1989) 207-219; S.
+A force and the motion of its port absorb power at every frequency: Re Y >= 0 of the mobility Y =
+s^(1-p) G, where p = 0, 1, 2 for displacement, velocity, acceleration. That is -Im G, Re G or Im G
+>= 0. These change sign at the imaginary zeros of G(s) -+ G(-s), eigenvalues of a Hamiltonian pencil
+(S. Boyd, V. Balakrishnan & P. Kabamba, Math. Control Signals Systems 2 (1989) 207-219; S.
 Grivet-Talocia, IEEE Trans. Circuits Syst. I 51 (2004) 1755-1769).
 """
 
@@ -20,27 +20,29 @@ from scipy.optimize import nnls
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 
-__all__ = ["active_part", "collocated", "constrained", "passive_channels", "violations"]
+__all__ = [
+    "active_part",
+    "collocated_channels",
+    "constrained_least_squares",
+    "passive_channels",
+    "violations",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: An eigenvalue nearer to the imaginary axis than this share of its size may be a change of sign.
+#: Relative distance of an eigenvalue from the imaginary axis within which it may be a sign change.
 _ON_AXIS = 1e-6
-#: Share of |G| down to which a negative active part is rounding.
+#: Share of |G| above which a negative active part is not rounding.
 _ROUNDING = 1e-9
-#: Singular values below this share are left out.
+#: Relative cut-off of singular values.
 _RANK = 1e-10
 
 
-def collocated(outputs: tuple[Port, ...], inputs: tuple[Port, ...]) -> list[tuple[int, int]]:
-    """Return positions (output, input) of the pairs that are of one port, in one sense.
-
-    Parameters
-    ----------
-    outputs, inputs : tuple of Port
-        Of a plant.
-    """
+def collocated_channels(
+    outputs: tuple[Port, ...], inputs: tuple[Port, ...]
+) -> list[tuple[int, int]]:
+    """Return indices (output, input) of the pairs with the same port and sense."""
     out = []
     for i, output in enumerate(outputs):
         for j, given in enumerate(inputs):
@@ -50,15 +52,15 @@ def collocated(outputs: tuple[Port, ...], inputs: tuple[Port, ...]) -> list[tupl
 
 
 def _along(a: Port, b: Port) -> bool:
-    one = {label: weight for label, weight in _unsigned(a).items() if weight}
-    other = {label: weight for label, weight in _unsigned(b).items() if weight}
+    one = {label: weight for label, weight in _unsigned_weights(a).items() if weight}
+    other = {label: weight for label, weight in _unsigned_weights(b).items() if weight}
     if one.keys() != other.keys():
         return False
     ratios = [one[label] / other[label] for label in one]
     return min(ratios) > 0 and max(ratios) - min(ratios) <= 1e-12 * max(ratios)
 
 
-def _unsigned(port: Port) -> dict[str, float]:
+def _unsigned_weights(port: Port) -> dict[str, float]:
     """Return the weights by label without sign."""
     out = {}
     for label, weight in port.weights.items():
@@ -69,38 +71,25 @@ def _unsigned(port: Port) -> dict[str, float]:
 
 
 def active_part(values: NDArray[Any], power: int) -> _Real:
-    """Return Re Y over a positive factor: -Im G, Re G or Im G of displacements to accelerations."""
+    """Return Re Y over a positive factor: -Im G, Re G or Im G for displacement to acceleration."""
     if power == 1:
         return np.asarray(values.real)
     return np.asarray(values.imag if power == 2 else -values.imag)
 
 
 def passive_channels(plant: Plant, powers: NDArray[np.intp]) -> dict[tuple[int, int], bool]:
-    """Tell of each collocated channel of a continuous plant whether it is passive.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    powers : ndarray of int, shape (n_y,)
-        0, 1 or 2 of each output.
-    """
+    """Return whether each collocated channel of a continuous plant is passive."""
     out = {}
-    for i, j in collocated(plant.output_ports, plant.input_ports):
+    for i, j in collocated_channels(plant.output_ports, plant.input_ports):
         matrices = plant.A, plant.B[:, [j]], plant.C[[i]], plant.D[[i]][:, [j]]
         out[i, j] = not len(violations(matrices, int(powers[i])))
     return out
 
 
 def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real:
-    """Return frequencies at which a channel gives off power, one in each interval, in rad/s.
+    """Return one frequency in rad/s of each interval in which a channel generates power.
 
-    Parameters
-    ----------
-    matrices : tuple of ndarray
-        A, B, C, D of one input and one output.
-    power : {0, 1, 2}
-        Displacement, velocity or acceleration.
+    `power` is 0, 1 or 2 for displacement, velocity or acceleration.
     """
     A, B, C, D = matrices
     crossings = _crossings(A, B, C, D, -1.0 if power != 1 else 1.0)
@@ -155,18 +144,9 @@ def _crossings(A: _Real, B: _Real, C: _Real, D: _Real, sign: float) -> _Real:
     return np.asarray(np.sort(zeros.imag[near]) * unit)
 
 
-def constrained(A: _Real, b: _Real, G: _Real, h: _Real) -> _Real | None:
-    """Return x that minimises |A x - b| with G x >= h; None where nothing fulfils that.
+def constrained_least_squares(A: _Real, b: _Real, G: _Real, h: _Real) -> _Real | None:
+    """Return x that minimises |A x - b| with G x >= h; None if infeasible.
 
-    Parameters
-    ----------
-    A, b : ndarray of float, shapes (m, n), (m,)
-        Equations.
-    G, h : ndarray of float, shapes (k, n), (k,)
-        Inequalities.
-
-    Notes
-    -----
     Least distance programming by non-negative least squares (C. L. Lawson & R. J. Hanson, Solving
     Least Squares Problems (1974), chapter 23).
     """

@@ -1,4 +1,4 @@
-"""`Plant`: a real state-space model of a structure, for the design of its control. Pure data."""
+"""`Plant`: a real state-space model of a structure for control design. Pure data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Plant", "PlantResponse"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Channels that a notebook shows, and lines of their curves.
+#: Number of channels in a notebook, and of lines of their curves.
 _DRAWN, _DRAWN_LINES = 8, 300
 
 
@@ -51,12 +51,12 @@ class PlantResponse:
         return self.values[item]
 
     def frf(self, quantity: str = "receptance") -> FRF:
-        """Return it as an `FRF`, where every input and output is one signed DOF.
+        """Return the response as an `FRF`, if every input and output is one signed DOF.
 
         Parameters
         ----------
         quantity : {"receptance", "mobility", "accelerance"}
-            What the outputs are.
+            Quantity of the outputs.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class PlantResponse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plant:
-    """A real, causal, stable state-space model; rigid-body motion (poles at 0) is part of it.
+    """A real, causal, stable state-space model, with rigid-body motion as poles at 0.
 
         x' = A x + B u,   y = C x + D u            (with `dt`: x[k+1] = A x[k] + B u[k])
 
@@ -77,40 +77,40 @@ class Plant:
     A, B, C, D : ndarray of float, shapes (n, n), (n, n_u), (n_y, n), (n_y, n_u)
         In SI units, time in s.
     input_ports, output_ports : tuple of Port
-        What u and y are.
+        The ports of u and y.
     quantities : tuple of str
-        Of each output: ``"receptance"`` (a displacement), ``"mobility"`` (a velocity) or
+        Quantity of each output: ``"receptance"`` (a displacement), ``"mobility"`` (a velocity) or
         ``"accelerance"``.
     band : (float, float)
-        Lowest and highest line in Hz for which it was made.
+        Frequency range of the plant in Hz.
     tolerance : float
-        What was asked of `relative_error`; where ``facts["error"]`` is ``"peak"``, and in plants
-        of earlier versions, of `error` and `peak_error`.
+        Tolerance of `relative_error`; if ``facts["error"]`` is ``"peak"``, and in plants of earlier
+        versions, of `error` and `peak_error`.
     error : float
-        Largest error of a channel in the band, as a share of its peak there, against the model with
-        its structural damping, line by line.
+        Largest error of a channel in the band, as a share of its peak, relative to the model with
+        its structural damping.
     peak_error : float
-        Largest error of the height of a resonance in the band, as a share of it. Those from a tenth
-        of the channel's peak count; where rigid-body motion hides them, `facts` have that of the
+        Largest relative error of the height of a resonance in the band, from a tenth of the
+        channel's peak up; if rigid-body motion hides resonances, `facts` contain this error for the
         accelerations.
     route : str
-        How the damping was converted.
+        Conversion of the damping.
     rigid : int
         Number of rigid-body modes.
     modes : ndarray of float, shape (n_modes,)
-        Natural frequencies of the modes that it holds, in Hz, ascending.
+        Natural frequencies of its modes in Hz, ascending.
     dt : float or None
-        Sampling interval in s; None for a continuous one.
+        Sampling interval in s; None for a continuous plant.
     delay : int
-        Intervals by which the input of a sampled one is late, its states included in A.
+        Delay of the input of a sampled plant in intervals, with its states in A.
     facts : dict
-        How it was made, for the record.
+        Provenance.
     relative_error : float
-        Largest error of a channel in the band as a share of its own size at each line, |dH| / |H|;
-        at an antiresonance as a share of the level one half-power width beside it. nan of a plant
+        Largest error of a channel in the band as a share of its magnitude at each line, |dH| / |H|;
+        at an antiresonance as a share of the magnitude one half-power width away. nan for a plant
         in a file of an earlier version.
     zero_shift : tuple of ZeroShift
-        The antiresonances of each channel in the band: shift in per cent, and depth in dB.
+        The antiresonances of each channel in the band: shift in percent, and depths in dB.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class Plant:
             if shape is not None and array.shape != shape:
                 raise ModelError(f"plant: {name} has shape {array.shape}; expected {shape}")
             if not np.isfinite(array).all():
-                raise ModelError(f"plant: {name} holds a number that is not finite")
+                raise ModelError(f"plant: {name} contains a number that is not finite")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         if len(self.quantities) != n_y:
@@ -204,14 +204,14 @@ class Plant:
         return f"{100.0 * self.relative_error:.2g} % of |H| at each line, {of_peak}"
 
     def _picture(self) -> str:
-        """Return the magnitudes over the band as a picture; of many channels the largest gain."""
+        """Return the magnitudes over the band as a picture, limited to a number of channels."""
         top = self.band[1] if self.dt is None else min(self.band[1], 0.5 / self.dt)
         low = max(self.band[0], 1e-3 * top)
         own = self.modes[(self.modes > low) & (self.modes < top)]
         freq = np.unique(np.concatenate([np.geomspace(low, top, _DRAWN_LINES), own]))
         try:
             values = self.response(freq).values
-        except DataError:  # a pole on a line: nothing to draw
+        except DataError:  # a pole on a line
             return ""
         pairs = list(np.ndindex(values.shape[1:]))
         shown = [
@@ -253,7 +253,7 @@ class Plant:
 
     @property
     def poles(self) -> _Complex:
-        """Eigenvalues of A, shape (n,), in rad/s (z if sampled); 0 (1) of rigid-body motion."""
+        """Eigenvalues of A, shape (n,), in rad/s (z if sampled); 0 (1) for rigid-body motion."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
 
     def response(self, freq: ArrayLike) -> PlantResponse:
@@ -262,7 +262,7 @@ class Plant:
         Parameters
         ----------
         freq : array_like of float, shape (n_f,)
-            Lines in Hz, increasing; of a sampled plant at most half the sampling rate.
+            Lines in Hz, increasing; for a sampled plant at most half the sampling rate.
 
         Returns
         -------
@@ -272,7 +272,7 @@ class Plant:
         ------
         DataError
             If a line is negative, not finite, out of order, above half the sampling rate, or on a
-            pole: 0 Hz of a plant with rigid-body motion.
+            pole, such as 0 Hz with rigid-body motion.
         """
         lines = check_lines(np.atleast_1d(np.asarray(freq)))
         if self.dt is not None and lines[-1] > 0.5 / self.dt * (1 + 1e-12):
@@ -291,7 +291,7 @@ class Plant:
         Parameters
         ----------
         s : array_like of complex, shape (n_f,)
-            Where, in rad/s (z, without unit, where sampled).
+            Points in rad/s (z for a sampled plant).
 
         Returns
         -------
@@ -300,7 +300,7 @@ class Plant:
         Raises
         ------
         DataError
-            If there is a pole at one of them.
+            If one of them is a pole.
         """
         points = np.atleast_1d(np.asarray(s, dtype=np.complex128))
         out = np.empty((len(points), len(self.C), self.B.shape[1]), dtype=np.complex128)
@@ -310,12 +310,12 @@ class Plant:
                 out[i] = self.C @ np.linalg.solve(point * eye - self.A, self.B) + self.D
             except np.linalg.LinAlgError as error:
                 raise DataError(
-                    f"the plant has a pole at s = {point:.6g}: its response there is not finite"
+                    f"the plant has a pole at s = {point:.6g}: its response is not finite"
                 ) from error
         return out
 
     def channel(self, output: str, input: str) -> Plant:
-        """Return the plant between one input and one output, all states kept.
+        """Return the plant between one input and one output, with all states.
 
         Parameters
         ----------
@@ -329,7 +329,7 @@ class Plant:
         Raises
         ------
         OptionError
-            If there is none of that name; the nearest is named.
+            If a name is unknown; the nearest is named.
         """
         i = _position(output, self.outputs, "output")
         j = _position(input, self.inputs, "input")

@@ -20,28 +20,28 @@ __all__ = ["Port", "as_ports", "port_matrix"]
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A force that acts on DOFs, or a motion that is read from them.
+    """A force acting on DOFs, or a motion read from them.
 
-    As an input, one unit of it puts `weights` on the DOFs, as forces (N) or moments (N m). As an
-    output it is the sum of weight times motion. An input and an output of one port are power
+    As an input, one unit of it applies `weights` to the DOFs, as forces (N) or moments (N m). As an
+    output it is the sum of weight times motion. An input and an output with the same port are power
     conjugate.
 
     Parameters
     ----------
     name : str
-        What it is called in the plant.
+        Name in the plant.
     weights : mapping of str to float
-        Weight by DOF label, ``node:direction``; a sign of the label counts.
+        Weight by DOF label, ``node:direction``, including the sign of the label.
     rotation : bool, optional
-        Whether it is a moment and an angle. None: as its DOFs are.
+        Whether it is a moment and an angle. None: determined by its DOFs.
 
     Raises
     ------
     OptionError
         If the name is empty, a weight is not a finite number, all are 0, or translations and
-        rotations are mixed and `rotation` does not say what comes of them.
+        rotations are mixed without `rotation`.
     DofError
-        If a label cannot be read, or two are of one DOF.
+        If a label is invalid, or two name the same DOF.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class Port:
         if self.rotation is None and len(kinds) > 1:
             raise OptionError(
                 f"port {self.name!r} mixes translations and rotations ({', '.join(self.weights)});"
-                " say rotation=True or rotation=False for what comes of them"
+                " give rotation=True or rotation=False for the result"
             )
         object.__setattr__(
             self, "weights", MappingProxyType({k: float(w) for k, w in self.weights.items()})
@@ -91,7 +91,7 @@ class Port:
         Parameters
         ----------
         dof : str or Dof
-            ``node:direction``, with a sign where it counts the other way.
+            ``node:direction``, with a minus sign for the opposite sense.
         name : str, optional
             By default the label.
 
@@ -107,16 +107,15 @@ class Port:
         """Return the port of a shaft as seen from the other side of a gear train.
 
         The motor (angle theta, torque T) of a drive that turns `ratio` times as fast as the load
-        reads theta / ratio on the load's side and gives T ratio there: both are the motor's DOF
-        with the weight 1 / ratio. So is the load seen from the motor with 1 / ratio given as the
-        ratio.
+        reads theta / ratio on the load's side and supplies T ratio there: both are the motor's DOF
+        with the weight 1 / ratio. The load seen from the motor has the inverse ratio.
 
         Parameters
         ----------
         dof : str or Dof
-            Of the shaft.
+            DOF of the shaft.
         ratio : float
-            Turns of the shaft for one turn of the side it is seen from; negative where the sense of
+            Turns of the shaft per turn of the side it is seen from; negative if the sense of
             rotation is reversed.
         name : str, optional
             By default the label with the ratio.
@@ -146,7 +145,7 @@ class Port:
         Parameters
         ----------
         quantity : {"receptance", "mobility", "accelerance"}
-            Whether it is a displacement, a velocity or an acceleration.
+            Displacement, velocity or acceleration.
 
         Returns
         -------
@@ -157,24 +156,7 @@ class Port:
 
 
 def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) -> tuple[Port, ...]:
-    """Return ports from labels and ports.
-
-    Parameters
-    ----------
-    given : iterable of str, Dof or Port, or one of them
-        Signed DOFs, or ports.
-    what : str
-        ``"input"`` or ``"output"``, for messages.
-
-    Returns
-    -------
-    tuple of Port
-
-    Raises
-    ------
-    OptionError
-        If there is none, or two have one name.
-    """
+    """Return ports from labels and ports; raises OptionError without any, or for equal names."""
     items = [given] if isinstance(given, str | Dof | Port) else list(given)
     if not items:
         raise OptionError(f"a plant needs at least one {what}")
@@ -182,34 +164,16 @@ def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) ->
     names = [p.name for p in ports]
     twice = next((n for n in names if names.count(n) > 1), None)
     if twice is not None:
-        raise OptionError(f"two {what}s are called {twice!r}; give one of them another name")
+        raise OptionError(f"two {what}s are named {twice!r}; give one of them another name")
     return ports
 
 
 def port_matrix(
     ports: tuple[Port, ...], model: Model, what: str
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the DOFs of a model that ports touch, and their weights.
+    """Return the indices of the DOFs of ports, shape (k,), and their weights, (len(ports), k).
 
-    Parameters
-    ----------
-    ports : tuple of Port
-        Inputs or outputs.
-    model : Model
-        The structure.
-    what : str
-        ``"input"`` or ``"output"``, for messages.
-
-    Returns
-    -------
-    index : ndarray of int, shape (k,)
-        Positions of the DOFs, ascending.
-    weights : ndarray of float, shape (len(ports), k)
-
-    Raises
-    ------
-    DofError
-        If the model has no such DOF; the message names the port.
+    Raises DofError with the name of the port if the model lacks a DOF.
     """
     matches = []
     for port in ports:

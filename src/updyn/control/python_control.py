@@ -25,19 +25,19 @@ def to_control(plant: Plant) -> control.StateSpace:
     Parameters
     ----------
     plant : Plant
-        A continuous or sampled one.
+        A continuous or sampled plant.
 
     Returns
     -------
     control.StateSpace
         ``dt`` is 0 for a continuous plant and the sampling interval in s for a sampled one,
-        whatever the default of python-control is set to; no state is removed. python-control has no
+        independent of the default of python-control; no state is removed. python-control permits no
         dots in names: each becomes ``_``.
 
     Raises
     ------
     OptionError
-        If python-control is not installed, or two names differ by such a dot only.
+        If python-control is not installed, or two names differ only by such a dot.
 
     Examples
     --------
@@ -61,21 +61,21 @@ def to_frd(plant: Plant, freq: ArrayLike) -> control.FrequencyResponseData:
     Parameters
     ----------
     plant : Plant
-        A continuous or sampled one.
+        A continuous or sampled plant.
     freq : array_like of float, shape (n_f,)
-        Lines in Hz, increasing; python-control has them in rad/s.
+        Lines in Hz, increasing; rad/s in the result.
 
     Returns
     -------
     control.FrequencyResponseData
-        Of shape (n_outputs, n_inputs, n_f), names and ``dt`` as `to_control` gives them.
+        Of shape (n_outputs, n_inputs, n_f), with names and ``dt`` as in `to_control`.
 
     Raises
     ------
     OptionError
-        If python-control is not installed, or two names differ by a dot only.
+        If python-control is not installed, or two names differ only by a dot.
     DataError
-        If a line cannot be had, see `Plant.response`.
+        If a line is invalid, see `Plant.response`.
 
     Examples
     --------
@@ -97,12 +97,12 @@ def to_scipy(plant: Plant) -> scipy.signal.StateSpace:
     Parameters
     ----------
     plant : Plant
-        A continuous or sampled one.
+        A continuous or sampled plant.
 
     Returns
     -------
     scipy.signal.StateSpace
-        An ``lti`` of a continuous plant, a ``dlti`` with ``dt`` in s of a sampled one.
+        An ``lti`` for a continuous plant, a ``dlti`` with ``dt`` in s for a sampled one.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def _names(names: Sequence[str], what: str) -> list[str]:
     for i, name in enumerate(out):
         if name in out[:i]:
             raise OptionError(
-                f"{what} {names[out.index(name)]!r} and {names[i]!r} are one name to"
-                " python-control, which has no dots in names; give one of the ports another name"
+                f"{what} {names[out.index(name)]!r} and {names[i]!r} become the same name in"
+                " python-control, which permits no dots in names; rename one of the ports"
             )
     return out

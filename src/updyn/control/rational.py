@@ -3,10 +3,10 @@
     G(s) = rigid-body motion + sum_j  c_j b_j^T / (s - p_j) + conj(c_j b_j^T) / (s - conj(p_j))
            + sum_k  c_k b_k^T / (s + a_k)  (+ E / s + D, of displacements)
 
-The rigid-body motion, and what else has real poles by viscous dampers, are those of the model
-without change. A pole has one pair of vectors b and c: of several inputs the residues are of rank
-one, as those of a structure. Velocities have no feed-through, accelerations are 0 at rest: what is
-rigid has the response of the model at low frequencies, and nothing jumps that cannot.
+Rigid-body motion and real poles of viscous dampers are those of the model. A pole has one pair of
+vectors b and c: residues have rank one, as those of a structure. Velocities have no feed-through,
+accelerations are 0 at rest, so the response at low frequencies and after a step is that of the
+model.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ _TWO_PI = 2.0 * np.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlowMotion:
-    """What an approximation takes over exactly: rigid-body motion, other real poles.
+    """The part that an approximation keeps exactly: rigid-body motion and other real poles.
 
     Attributes
     ----------
     A, B : ndarray of float, shapes (n, n), (n, n_u)
-        Its states.
+        State matrices.
     displacements : ndarray of float, shape (n_y, n)
-        What the outputs read as displacements.
+        Rows of the outputs as displacements.
     velocities : ndarray of int, shape (k,)
         States that are velocities of rigid-body modes without a damper.
     frequency : ndarray of float, shape (m,)
-        Natural frequencies of its modes that oscillate, those below the band, in Hz.
+        Natural frequencies of its oscillating modes, those below the band, in Hz.
     """
 
     A: _Real
@@ -51,11 +51,11 @@ class SlowMotion:
 
     @classmethod
     def none(cls, n_y: int, n_u: int) -> SlowMotion:
-        """Return one without states."""
+        """Return a part without states."""
         return cls(np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_y, 0)), np.zeros(0, np.intp))
 
     def rows(self, powers: NDArray[np.intp]) -> _Real:
-        """Return what the outputs read of the states."""
+        """Return the output rows of the states."""
         C = self.displacements
         return np.stack([C, C @ self.A, C @ self.A @ self.A])[powers, np.arange(len(C))]
 
@@ -76,28 +76,28 @@ class SlowMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rational:
-    """A rational approximation: all of its poles are always kept.
+    """A rational approximation, which always keeps all of its poles.
 
     Attributes
     ----------
     slow : SlowMotion
-        What is exact.
+        The exact part.
     powers : ndarray of int, shape (n_y,)
         0, 1 or 2: displacement, velocity or acceleration.
     pairs : ndarray of complex, shape (m,)
         Poles above the real axis, in rad/s.
     rates : ndarray of float, shape (k,)
-        Of real poles -a, in rad/s.
+        a of the real poles -a, in rad/s.
     right : ndarray of complex, shape (n_u, m + k)
         Vectors b of pairs and real poles.
     rows : ndarray of float, shape (n_y, 2 m + k)
-        What the outputs read of the states of these poles.
+        Output rows of the states of these poles.
     drift : ndarray of float, shape (n_y, n_still)
-        What displacements read of the velocities of rigid-body motion: E.
+        E: output rows of displacements for the velocities of rigid-body motion.
     through : ndarray of float, shape (n_y, n_u)
         D.
     structure : ndarray of complex, shape (m,)
-        The pole of the structure next to each pair, in rad/s; nan where a pair stands for none.
+        Nearest pole of the structure for each pair, in rad/s; nan if none corresponds.
     """
 
     slow: SlowMotion
@@ -113,21 +113,21 @@ class Rational:
 
     @property
     def frequency(self) -> _Real:
-        """Natural frequency of each pair in Hz, of those below the band as well."""
+        """Natural frequency of each pair in Hz, including those below the band."""
         return np.concatenate([self.slow.frequency, np.abs(self.pairs) / _TWO_PI])
 
     @property
     def always(self) -> NDArray[np.bool_]:
-        """None of the pairs is rigid."""
+        """Mask without any pair, as none is rigid."""
         return np.zeros(len(self.frequency), dtype=np.bool_)
 
     @property
     def n_states(self) -> int:
-        """Number of states, those of the rigid-body motion included."""
+        """Number of states, including those of the rigid-body motion."""
         return len(self.slow.A) + 2 * len(self.pairs) + len(self.rates)
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
-        """Return infinity: no pair is left out."""
+        """Return infinity, as no pair may be omitted."""
         return np.full(len(self.frequency), np.inf)
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
@@ -136,12 +136,12 @@ class Rational:
         own = np.einsum(
             "yk,fku->fyu", self.rows, states_of_poles(s, self.pairs, self.rates, self.right)
         )
-        if len(self.slow.velocities):  # without them the band may begin at s = 0
+        if len(self.slow.velocities):  # without them the band may start at s = 0
             own = own + (self.drift @ self.slow.B[self.slow.velocities]) / s[:, None, None]
         return np.asarray(self.slow.response(s, self.powers) + own + self.through)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D: what is slow, blocks [[a, b], [-b, a]] of pairs, real poles."""
+        """Return A, B, C, D: the slow part, blocks [[a, b], [-b, a]] of pairs, real poles."""
         m, n_u = len(self.pairs), len(self.right)
         oscillating = np.zeros((2 * m, 2 * m))
         first = 2 * np.arange(m)
@@ -158,19 +158,7 @@ class Rational:
 
 
 def states_of_poles(s: _Complex, pairs: _Complex, rates: _Real, right: _Complex) -> _Complex:
-    """Return the states of poles for unit inputs.
-
-    Parameters
-    ----------
-    s : ndarray of complex, shape (n_f,)
-        In rad/s.
-    pairs, rates, right
-        As of a `Rational`.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_f, 2 m + k, n_u)
-    """
+    """Return the states of poles for unit inputs at s in rad/s, shape (n_f, 2 m + k, n_u)."""
     m = len(pairs)
     b = right.T[None]
     up = b[:, :m] / (s[:, None] - pairs)[:, :, None]

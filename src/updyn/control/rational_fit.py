@@ -1,12 +1,12 @@
-"""`Approximation`: a rational approximation of the damped response itself, with relative weights.
+"""`Approximation`: a rational approximation of the damped response, with relative weights.
 
 The poles of a `Rational` are placed by vector fitting (Gustavsen & Semlyen 1999, see
-`updyn.modal.vector_fitting`) of all channels at once, each line divided by its level: what is small
-is approximated as closely as what is large. Lines with the largest errors are weighted up (C. L.
-Lawson 1961; G. R. Ellis & J. R. Rice, SIAM J. Numer. Anal. 5 (1968) 1-10), so that the largest
-error, not the mean square, decreases. Of several inputs all parameters are refined together by
-Gauss-Newton steps. The outputs are fitted last, by linear least squares in which the collocated
-channels stay passive (`updyn.control.passivity`).
+`updyn.modal.vector_fitting`) of all channels at once, each line divided by its level, which gives
+small and large responses the same relative accuracy. Weights increase at the lines with the largest
+errors (C. L. Lawson 1961; G. R. Ellis & J. R. Rice, SIAM J. Numer. Anal. 5 (1968) 1-10), so the
+largest error decreases instead of the mean square. For several inputs all parameters are refined
+together by Gauss-Newton steps. The outputs are fitted last, by linear least squares that keep the
+collocated channels passive (`updyn.control.passivity`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.control.passivity import active_part, constrained, violations
+from updyn.control.passivity import active_part, constrained_least_squares, violations
 from updyn.control.rational import Rational, SlowMotion, states_of_poles
 from updyn.control.space import imaginary
 from updyn.control.target import Target
@@ -31,23 +31,23 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 _BASIS = Basis(0, mirrored=True)
-#: Steps of vector fitting, those in which weights follow the errors, and of the outputs alone.
+#: Iterations of vector fitting, those with updated weights, and those of the outputs.
 _SWEEPS, _FOLLOWING, _OUTPUTS = 8, 16, 12
 #: A fit whose largest error is this many times the tolerance is not refined.
 _HOPELESS = 4.0
-#: Least share of a weight that a line keeps in a step.
+#: Smallest factor on the weight of a line in one iteration.
 _LEAST = 0.02
-#: Rounds in which violations of passivity are found and put right.
+#: Iterations in which violations of passivity are located and corrected.
 _PASSIVE_ROUNDS = 12
-#: Least active part of what is put right, as a share of the channel's size.
+#: Smallest active part after a correction, as a share of the channel's magnitude.
 _MARGIN = 1e-6
-#: Gauss-Newton steps of several inputs.
+#: Gauss-Newton steps for several inputs.
 _STEPS = 6
-#: A pair nearer to a pole of the structure than this share of its size stands for it.
+#: Largest relative distance between a pair and the pole of the structure that it represents.
 _NEAR = 0.02
-#: Damping ratio of a pole that stands for no mode.
+#: Damping ratio of a pole that represents no mode.
 _FREE = 0.3
-#: A feed-through above minus this is none.
+#: A feed-through above this negative value counts as 0.
 _ROUNDING = 1e-20
 _RANK = 1e-10
 _TWO_PI = 2.0 * np.pi
@@ -55,22 +55,22 @@ _TWO_PI = 2.0 * np.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approximation:
-    """What is approximated, and where the search for poles begins.
+    """The response to approximate, and the initial poles.
 
     Attributes
     ----------
     target : Target
         The response.
     slow : SlowMotion
-        What is exact.
+        The part that is kept exactly.
     powers : ndarray of int, shape (n_y,)
-        0, 1 or 2 of each output.
+        0, 1 or 2 for each output.
     poles : ndarray of complex, shape (n,)
-        To begin with, above the real axis, in rad/s, those that count most first.
+        Initial poles above the real axis, in rad/s, by decreasing importance.
     collocated : sequence of (int, int)
-        Channels that stay passive, by position of output and input.
+        Channels that stay passive, by index of output and input.
     weight : ndarray of float, shape (n_f, n_y, n_u)
-        Of errors, by default over the level.
+        Weight of the errors; by default the reciprocal of the level.
     """
 
     target: Target
@@ -89,7 +89,7 @@ class Approximation:
 
     @property
     def level(self) -> _Real:
-        """Of what errors are shares, shape (n_f, n_y, n_u)."""
+        """Reference magnitude of relative errors, shape (n_f, n_y, n_u)."""
         target = self.target
         if target.measure == "relative":
             return target.reference
@@ -97,21 +97,21 @@ class Approximation:
 
     @property
     def unit(self) -> float:
-        """Circular frequency to which poles are scaled while they are sought."""
+        """Circular frequency that scales the poles in the fit."""
         return _TWO_PI * float(self.target.freq[-1])
 
     @property
     def slowest(self) -> float:
-        """Least size of a pole in rad/s: that of the first line above 0 Hz, in a band from 0 Hz.
+        """Smallest modulus of a pole in rad/s: the first line above 0 Hz, in a band from 0 Hz.
 
-        A slower pole would be an integrator at all lines but that at 0 Hz, where it has a finite
-        gain: no line would show what it does between them.
+        A slower pole would act as an integrator at all lines except 0 Hz, where it has a finite
+        gain; no line would show its response between them.
         """
         freq = self.target.freq
         return 0.0 if freq[0] > 0.0 else _TWO_PI * float(freq[1])
 
-    def beginning(self, n: int) -> tuple[_Complex, _Real]:
-        """Return pairs and rates of real poles to begin with, of n states."""
+    def initial_poles(self, n: int) -> tuple[_Complex, _Real]:
+        """Return initial pairs and initial rates of real poles for n states."""
         count = n // 2
         pairs = self.poles[:count]
         if len(pairs) < count:
@@ -122,50 +122,37 @@ class Approximation:
         rates = np.full(n % 2, 0.3 * self.unit)
         return pairs, rates
 
-    def fitted(self, n: int, tolerance: float) -> Rational:
-        """Return the approximation with n states beside the slow ones.
+    def fit(self, n: int, tolerance: float) -> Rational:
+        """Return the approximation with n states in addition to the slow ones.
 
-        Parameters
-        ----------
-        n : int
-            Number of states.
-        tolerance : float
-            A fit far from it is returned as it is.
+        A fit whose error is far above the tolerance is not refined.
         """
-        pairs, rates = self.beginning(n)
+        pairs, rates = self.initial_poles(n)
         assert self.weight is not None
         weight = self.weight
         if n:
-            pairs, rates, weight, residues = self._relocated(pairs, rates, tolerance)
+            pairs, rates, weight, residues = self._relocate_poles(pairs, rates, tolerance)
             right = self._right(pairs, rates, residues)
         else:
             right = np.zeros((self.target.values.shape[2], 0), dtype=np.complex128)
         if min(self.target.values.shape[1:]) > 1 and right.size:
-            pairs, rates, right = self._refined(pairs, rates, right, weight)
+            pairs, rates, right = self._refine(pairs, rates, right, weight)
         return self._outputs(pairs, rates, right, weight, tolerance)
 
-    def refitted(self, like: Rational, tolerance: float, steps: int) -> Rational:
-        """Return the approximation with the poles and vectors b of another one, refined.
+    def refit(self, like: Rational, tolerance: float, steps: int) -> Rational:
+        """Return the approximation with the poles and vectors b of a similar one, refined.
 
-        Its poles are first moved by as much as those of the structure differ.
-
-        Parameters
-        ----------
-        like : Rational
-            Of a response that is little different.
-        tolerance : float
-            As for `fitted`.
-        steps : int
-            Gauss-Newton steps; above 0 of several inputs and outputs only.
+        Its poles are first moved by the difference of the poles of the structure. `steps` is the
+        number of Gauss-Newton steps; 0 for a single input or output.
         """
         assert self.weight is not None
         weight = self.weight
-        pairs, rates, right = self._moved(like), like.rates, like.right
+        pairs, rates, right = self._move_pairs(like), like.rates, like.right
         if steps:
-            pairs, rates, right = self._refined(pairs, rates, right, weight, steps)
+            pairs, rates, right = self._refine(pairs, rates, right, weight, steps)
         return self._outputs(pairs, rates, right, weight, tolerance)
 
-    def _moved(self, like: Rational) -> _Complex:
+    def _move_pairs(self, like: Rational) -> _Complex:
         """Return the pairs of another approximation, moved with the poles of the structure."""
         pairs = like.pairs.copy()
         if not len(self.poles):
@@ -176,7 +163,7 @@ class Approximation:
         return np.where(pairs.real < 0.0, pairs, like.pairs)
 
     def _next_to(self, pairs: _Complex) -> _Complex:
-        """Return the pole of the structure next to each pair; nan where none is near."""
+        """Return the nearest pole of the structure for each pair; nan if none is near."""
         if not len(self.poles):
             return np.full(len(pairs), np.nan, dtype=np.complex128)
         nearest = self.poles[np.argmin(np.abs(pairs[:, None] - self.poles), axis=1)]
@@ -184,7 +171,7 @@ class Approximation:
         return np.where(near, nearest, np.nan)
 
     # -- poles ----------------------------------------------------------------------------------
-    def _relocated(
+    def _relocate_poles(
         self, pairs: _Complex, rates: _Real, tolerance: float
     ) -> tuple[_Complex, _Real, _Real, _Complex]:
         """Return poles, weights and residues (m + k, n_y, n_u) of the best vector fit."""
@@ -197,10 +184,10 @@ class Approximation:
         W = first = self.weight.reshape(len(x), -1)
         powers = np.repeat(self.powers, shape[2])
         best: tuple[float, Any] = (np.inf, None)
-        # Of several inputs poles and vectors are refined together afterwards.
+        # For several inputs, poles and vectors are refined together afterwards.
         following = _FOLLOWING if min(shape[1:]) == 1 else 0
         for number in range(_SWEEPS + following):
-            poles = _swept(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
+            poles = _fit_poles(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
             poles = poles * _outwards(np.abs(poles), self.slowest / self.unit)
             found, residues = _residues(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
             error = np.abs(found - Y) / level
@@ -223,7 +210,7 @@ class Approximation:
         )
 
     def _right(self, pairs: _Complex, rates: _Real, residues: _Complex) -> _Complex:
-        """Return the vectors b of the residues of rank one that are nearest, shape (n_u, n)."""
+        """Return the vectors b of the nearest residues of rank one, shape (n_u, n)."""
         n_u = residues.shape[2]
         poles = np.concatenate([np.abs(pairs), rates])
         if n_u == 1:
@@ -241,7 +228,7 @@ class Approximation:
             out[:, k] *= poles[k] / max(float(np.abs(out[:, k]).max()), 1e-300)
         return out
 
-    def _refined(
+    def _refine(
         self,
         pairs: _Complex,
         rates: _Real,
@@ -249,7 +236,7 @@ class Approximation:
         weight: _Real,
         steps: int = _STEPS,
     ) -> tuple[_Complex, _Real, _Complex]:
-        """Return poles and vectors b, refined with the outputs by damped Gauss-Newton steps."""
+        """Return poles and vectors b after damped Gauss-Newton steps, outputs eliminated."""
         here = self._linear(pairs, rates, right, weight)
         cost, damping = self._cost(here, weight), 1e-3
         for _ in range(steps):
@@ -259,7 +246,7 @@ class Approximation:
             normal, gradient = J.T @ J, J.T @ r
             for _ in range(4):
                 step = np.linalg.solve(normal + damping * np.eye(len(normal)), gradient) / scale
-                there = self._stepped(here, step, weight)
+                there = self._take_step(here, step, weight)
                 new = self._cost(there, weight)
                 if new < cost:
                     break
@@ -306,7 +293,9 @@ class Approximation:
         error = self.target.values - found.response(found.always, self.target.freq)
         parts = []
         for i in range(n_y):
-            known = _weighted(self._columns(s, found.pairs, found.rates, found.right, i), weight, i)
+            known = _weighted_columns(
+                self._columns(s, found.pairs, found.rates, found.right, i), weight, i
+            )
             Q = np.linalg.qr(known)[0]
             w = weight[:, i]
             own_J = np.stack([(column[:, i] * w).ravel() for column in columns], axis=1)
@@ -316,8 +305,8 @@ class Approximation:
         stack = np.vstack(parts)
         return stack[:, :-1], stack[:, -1]
 
-    def _stepped(self, found: Rational, step: _Real, weight: _Real) -> Rational:
-        """Return the approximation with poles and vectors b changed, its outputs fitted."""
+    def _take_step(self, found: Rational, step: _Real, weight: _Real) -> Rational:
+        """Return the approximation after a step of poles and vectors b, with fitted outputs."""
         m, n_u = len(found.pairs), len(found.right)
         width = 2 + 2 * n_u
         own = step[: width * m].reshape(m, width)
@@ -339,7 +328,7 @@ class Approximation:
     def _columns(
         self, s: _Complex, pairs: _Complex, rates: _Real, right: _Complex, output: int
     ) -> _Complex:
-        """Return what an output is a sum of, shape (n_f, k, n_u)."""
+        """Return the basis functions of an output, shape (n_f, k, n_u)."""
         states = states_of_poles(s, pairs, rates, right)
         power, n_u = self.powers[output], right.shape[0]
         rest = states_of_poles(np.zeros(1, dtype=np.complex128), pairs, rates, right)
@@ -354,9 +343,9 @@ class Approximation:
     def _free(
         self, pairs: _Complex, rates: _Real, right: _Complex, output: int
     ) -> tuple[_Real, _Real]:
-        """Return a particular solution and a basis of what an output may be.
+        """Return a particular solution and a basis of the admissible coefficients of an output.
 
-        Velocities without rigid-body motion are 0 at rest, and have no feed-through.
+        Velocities without rigid-body motion are 0 at s = 0 and have no feed-through.
         """
         n = 2 * len(pairs) + len(rates)
         if self.powers[output] == 0:
@@ -369,12 +358,12 @@ class Approximation:
         return start, scipy.linalg.null_space(rest)
 
     def _linear(self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real) -> Rational:
-        """Return the approximation with the outputs of least squares."""
+        """Return the approximation with least-squares outputs."""
         s = imaginary(self.target.freq)
         found = []
         for i in range(len(self.powers)):
             found.append(self._output(s, pairs, rates, right, weight, i, None))
-        return self._made(pairs, rates, right, [x for x in found if x is not None])
+        return self._assemble(pairs, rates, right, [x for x in found if x is not None])
 
     def _output(
         self,
@@ -387,19 +376,19 @@ class Approximation:
         passive_at: _Real | None,
         columns: _Complex | None = None,
     ) -> _Real | None:
-        """Return the coefficients of an output, passive at some frequencies in rad/s."""
+        """Return the coefficients of an output, passive at some frequencies in rad/s; else None."""
         power = self.powers[output]
         if columns is None:
             columns = self._columns(s, pairs, rates, right, output)
         known = self.known[:, output]
         offset, free = self._free(pairs, rates, right, output)
-        A = _weighted(columns, weight, output) @ free
+        A = _weighted_columns(columns, weight, output) @ free
         wanted = self.target.values[:, output] - known
         b = _BASIS.parts((wanted * weight[:, output]).ravel()[:, None])[:, 0]
-        b = b - _weighted(columns, weight, output) @ offset
+        b = b - _weighted_columns(columns, weight, output) @ offset
         if passive_at is None:
             scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-            return np.asarray(offset + free @ (_solved(A / scale, b) / scale))
+            return np.asarray(offset + free @ (_least_squares(A / scale, b) / scale))
         rows, bounds = [], []
         for o, u in self.collocated:
             if o != output:
@@ -415,18 +404,18 @@ class Approximation:
             )
             bound = _MARGIN * level - active_part(base, int(power)) - part @ offset
             bounds.append(bound / size)
-            if power == 0:  # residual flexibility gives way, and not against the force
+            if power == 0:  # residual flexibility yields in the direction of the force
                 through = np.zeros((1, columns.shape[1]))
                 through[0, columns.shape[1] - right.shape[0] + u] = 1.0
                 rows.append(through @ free)
                 bounds.append(-(through @ offset))
-        x = constrained(A, b, np.vstack(rows), np.concatenate(bounds))
+        x = constrained_least_squares(A, b, np.vstack(rows), np.concatenate(bounds))
         return None if x is None else offset + free @ x
 
     def _outputs(
         self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real, tolerance: float
     ) -> Rational:
-        """Return the approximation with the smallest largest error, collocated channels passive."""
+        """Return the approximation with the smallest maximum error, collocated channels passive."""
         s = imaginary(self.target.freq)
         assert self.weight is not None
         found: list[_Real] = []
@@ -438,7 +427,9 @@ class Approximation:
             for _ in range(_PASSIVE_ROUNDS if channels else 0):
                 rows = [np.zeros(columns.shape[1])] * len(self.powers)
                 rows[i] = best
-                matrices = self._made(pairs, rates, right, rows, only=i).matrices(np.zeros(0, bool))
+                matrices = self._assemble(pairs, rates, right, rows, only=i).matrices(
+                    np.zeros(0, bool)
+                )
                 worst = []
                 for u in channels:
                     A, B, C, D = matrices
@@ -455,7 +446,7 @@ class Approximation:
                     break
                 best = tried
             found.append(best)
-        return self._made(pairs, rates, right, found)
+        return self._assemble(pairs, rates, right, found)
 
     def _equal(
         self,
@@ -469,7 +460,7 @@ class Approximation:
         columns: _Complex,
         tolerance: float,
     ) -> Any:
-        """Return the coefficients of an output, weights following the errors."""
+        """Return the coefficients of an output after iterations with updated weights."""
         level = self.level[:, output]
         W = weight.copy()
         best, least = None, np.inf
@@ -486,7 +477,7 @@ class Approximation:
             W[:, output] = W[:, output] * np.sqrt(_LEAST + error / max(error.max(), 1e-300))
         return best
 
-    def _made(
+    def _assemble(
         self,
         pairs: _Complex,
         rates: _Real,
@@ -494,7 +485,7 @@ class Approximation:
         found: Sequence[_Real],
         only: int | None = None,
     ) -> Rational:
-        """Return the approximation with the coefficients of its outputs."""
+        """Return the approximation with given coefficients of its outputs."""
         n, n_u, still = 2 * len(pairs) + len(rates), right.shape[0], len(self.slow.velocities)
         n_y = len(self.powers)
         rows, drift, through = np.zeros((n_y, n)), np.zeros((n_y, still)), np.zeros((n_y, n_u))
@@ -512,25 +503,25 @@ class Approximation:
 
 
 def _outwards(size: _Real, least: float) -> _Real:
-    """Return the factors that move poles which are smaller than a size out to it."""
+    """Return factors that move poles below a modulus out to it."""
     return np.maximum(1.0, least / np.maximum(size, 1e-300))
 
 
-def _weighted(columns: _Complex, weight: _Real, output: int) -> _Real:
-    """Return weighted equations of real coefficients, shape (2 n_f n_u, k)."""
+def _weighted_columns(columns: _Complex, weight: _Real, output: int) -> _Real:
+    """Return weighted equations with real coefficients, shape (2 n_f n_u, k)."""
     n_f, k, n_u = columns.shape
     A = (columns * weight[:, output][:, None, :]).transpose(0, 2, 1).reshape(n_f * n_u, k)
     return np.asarray(_BASIS.parts(A))
 
 
-def _solved(A: _Real, b: _Real) -> _Real:
-    """Return least squares by a QR decomposition with pivots, which is faster than by an SVD."""
+def _least_squares(A: _Real, b: _Real) -> _Real:
+    """Return a least-squares solution by pivoted QR, which is faster than an SVD."""
     found = scipy.linalg.lstsq(A, b, cond=_RANK, lapack_driver="gelsy", check_finite=False)
     return np.asarray(found[0])
 
 
 def _numerators(x: _Complex, inner: _Complex, rest: _Complex, power: int, still: bool) -> _Complex:
-    """Return what a channel is a sum of, beside rigid-body motion."""
+    """Return the basis functions of a channel without rigid-body motion."""
     if power == 0:
         extra = [np.ones((len(x), 1), dtype=np.complex128)]
         if still:
@@ -541,10 +532,10 @@ def _numerators(x: _Complex, inner: _Complex, rest: _Complex, power: int, still:
     return np.asarray(inner - rest)
 
 
-def _swept(
+def _fit_poles(
     x: _Complex, Y: _Complex, W: _Real, poles: _Complex, powers: NDArray[np.intp], still: bool
 ) -> _Complex:
-    """Return the poles after a step of vector fitting with a weight of each value."""
+    """Return the poles after one iteration of vector fitting with a weight for each value."""
     inner = _BASIS.fractions(x, poles)
     rest = _BASIS.fractions(np.zeros(1, dtype=np.complex128), poles)
     sigma = np.hstack([inner, np.ones((len(x), 1))])
@@ -572,7 +563,7 @@ def _residues(
         A = _BASIS.parts(columns * W[:, [j]])
         scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
         b = _BASIS.parts((W[:, j] * Y[:, j])[:, None])[:, 0]
-        weights = _solved(A / scale, b) / scale
+        weights = _least_squares(A / scale, b) / scale
         found[:, j] = columns @ weights
         out[:, j] = _BASIS.residues(weights, poles)
     return found, out

@@ -1,4 +1,4 @@
-"""States of a rational approximation: the fewest that hold a tolerance, or those of another one."""
+"""States of a rational approximation: the fewest that hold a tolerance, or those of another."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from updyn.control.target import Kept
 
 __all__ = ["fewest_states", "with_poles_of"]
 
-#: More states than the modes in the band have are tried up to this number.
+#: Largest number of additional states to those of the modes in the band.
 _MORE = 16
-#: Gauss-Newton steps of an approximation that begins at the poles of another: none where its poles,
-#: moved, hold the tolerance. Steps lower the mean square, and may move real poles to where
-#: passivity costs more than they gained.
+#: Gauss-Newton steps of an approximation that starts at the poles of another: none if its moved
+#: poles hold the tolerance. Steps reduce the mean square, but may move real poles to places with a
+#: larger error from the passivity constraint.
 _FEW = (0, 2)
 
 
@@ -24,20 +24,9 @@ def fewest_states(
 ) -> Kept:
     """Return the approximation with the fewest states that holds a tolerance.
 
-    Parameters
-    ----------
-    approximation : Approximation
-        What is approximated.
-    tolerance : float
-        On the errors that `Target.measure` names.
-    largest : int, optional
-        Most states, those of the slow motion included. None: as many as the poles to begin with
-        have, and some more.
-
-    Returns
-    -------
-    Kept
-        Of the smallest error reached, where none holds the tolerance; see `Kept.holds`.
+    `largest` is the largest number of states, including those of the slow motion; by default
+    slightly more than those of the initial poles. If none holds the tolerance, the one with the
+    smallest error is returned; see `Kept.holds`.
     """
     slow = len(approximation.slow.A)
     tried: dict[int, Kept] = {}
@@ -66,53 +55,33 @@ def fewest_states(
 
 
 def _with_states(approximation: Approximation, n: int, tolerance: float) -> Kept:
-    """Return the approximation with n states beside the slow ones, and its errors.
-
-    Parameters
-    ----------
-    approximation : Approximation
-        What is approximated.
-    n : int
-        Number of states.
-    tolerance : float
-        On the errors that `Target.measure` names.
-    """
-    return _kept(approximation, approximation.fitted(n, tolerance), tolerance)
+    """Return the approximation with n states in addition to the slow ones, and its errors."""
+    return _judge_approximation(approximation, approximation.fit(n, tolerance), tolerance)
 
 
 def with_poles_of(approximation: Approximation, like: Rational, tolerance: float) -> Kept:
-    """Return an approximation with the states of another, of a response that is little different.
-
-    Parameters
-    ----------
-    approximation : Approximation
-        What is approximated.
-    like : Rational
-        The other one.
-    tolerance : float
-        On the errors that `Target.measure` names.
-    """
+    """Return an approximation with the states of that of a similar response."""
     n = 2 * len(like.pairs) + len(like.rates)
     single = min(approximation.target.values.shape[1:]) == 1
     for steps in _FEW[:1] if single else _FEW:
-        made = approximation.refitted(like, tolerance, steps)
-        found = _kept(approximation, made, tolerance)
+        made = approximation.refit(like, tolerance, steps)
+        found = _judge_approximation(approximation, made, tolerance)
         if found.holds:
             return found
     return _with_states(approximation, n, tolerance)
 
 
-def _kept(approximation: Approximation, made: Rational, tolerance: float) -> Kept:
-    """Return an approximation with its errors, without bound where it is not passive."""
+def _judge_approximation(approximation: Approximation, made: Rational, tolerance: float) -> Kept:
+    """Return an approximation with its errors, infinite if it is not passive."""
     target, mask = approximation.target, ~made.always
-    errors = target.judged(made.response(mask, target.freq))
+    errors = target.all_errors(made.response(mask, target.freq))
     if _active(approximation, made):
         errors = np.full(5, np.inf)
     return Kept(made, mask, errors, target.limits(tolerance))
 
 
 def _active(approximation: Approximation, made: Rational) -> bool:
-    """Whether a collocated channel gives off power."""
+    """Return whether a collocated channel generates power."""
     A, B, C, D = made.matrices(~made.always)
     for i, u in approximation.collocated:
         one = A, B[:, [u]], C[[i]], D[[i]][:, [u]]

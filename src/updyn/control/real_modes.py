@@ -1,14 +1,14 @@
 """Real modes with a real damping matrix: q'' + C q' + Omega^2 q = Phi_u^T u, y = Phi_y q.
 
-Structural damping is not causal as it stands: iD has no counterpart in time. In real modes it
+Structural damping is not causal: iD has no counterpart in the time domain. In real modes it
 becomes
 
     C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s),
 
-which equals D at resonance, keeps it symmetric and positive semidefinite (so that every pole is
-stable and the plant passive), and couples the modes as D does. Its diagonal alone, the usual modal
-damping ratios, loses that coupling; D divided by one frequency is right at that frequency only. A
-loss factor with a table is taken at sqrt(f_r f_s).
+which equals D at resonance, keeps it symmetric and positive semidefinite (so every pole is stable
+and the plant passive), and couples the modes as D does. Its diagonal, the usual modal damping
+ratios, loses that coupling; D divided by one frequency is correct at that frequency only. A loss
+factor with a table is evaluated at sqrt(f_r f_s).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 _LINES = 200
-#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
+#: Relative eigenvalue of a relaxing stiffness below which it is 0.
 _RANK = 1e-12
 
 
@@ -48,11 +48,11 @@ class SecondOrder:
     Attributes
     ----------
     name : str
-        Which conversion made the damping.
+        Conversion of the damping.
     space : ModalSpace
         The modes.
     damping : ndarray of float, shape (r, r)
-        All damping, viscous included, in 1/s.
+        Total damping, including viscous damping, in 1/s.
     powers : ndarray of int, shape (n_y,)
         0, 1 or 2: displacement, velocity or acceleration.
     """
@@ -69,11 +69,11 @@ class SecondOrder:
 
     @property
     def always(self) -> NDArray[np.bool_]:
-        """Rigid-body modes."""
+        """Mask of rigid-body modes."""
         return np.arange(len(self.space)) < self.space.rigid
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
-        """Return what leaving each mode out changes, its coupling to others aside."""
+        """Return the relative change without each mode, neglecting its coupling."""
         space, s = self.space, imaginary(freq)
         square = np.where(self.always, 1.0, space.omega**2)
         with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping, on a line
@@ -93,17 +93,7 @@ class SecondOrder:
         return out
 
     def potential(self, freq: _Real) -> _Real:
-        """Return a bound of each channel by those of its ports: |H_ij|^2 <= H_ii H_jj, by mode.
-
-        Parameters
-        ----------
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz.
-
-        Returns
-        -------
-        ndarray of float, shape (n_f, n_y, n_u)
-        """
+        """Return a bound of each channel, (n_f, n_y, n_u): |H_ij|^2 <= H_ii H_jj of its ports."""
         space, s = self.space, imaginary(freq)
         size = np.abs(rates(self.powers, s)[:, :, 0])
         with np.errstate(divide="ignore"):  # a mode without damping, on a line
@@ -115,7 +105,7 @@ class SecondOrder:
         return np.asarray((size * outputs)[:, :, None] * inputs[:, None, :])
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
-        """Return the response with some modes kept."""
+        """Return the response with a selection of modes."""
         space, s = self.space, imaginary(freq)
         Z = s[:, None, None] * self.damping[np.ix_(kept, kept)]
         at = np.arange(int(kept.sum()))
@@ -126,7 +116,7 @@ class SecondOrder:
         return (space.outputs[:, kept] @ q) * rates(self.powers, s) + self._static(kept)
 
     def _static(self, kept: NDArray[np.bool_]) -> _Real:
-        """Return the flexibility of what is left out, where the output is a displacement."""
+        """Return the static flexibility of omitted modes for displacements."""
         space, out = self.space, ~kept
         rest = (space.outputs[:, out] / space.omega[out] ** 2) @ space.inputs[:, out].T
         return np.where((self.powers == 0)[:, None], rest, 0.0)
@@ -152,27 +142,19 @@ class SecondOrder:
 
 
 def full(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
-    """Return the modes with the full modal damping matrix.
-
-    Parameters
-    ----------
-    space : ModalSpace
-        The modes.
-    powers : ndarray of int, shape (n_y,)
-        Of each output.
-    """
+    """Return the modes with the full modal damping matrix."""
     return SecondOrder("modal", space, space.viscous + _structural(space), powers)
 
 
 def diagonal(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
-    """Return the modes with its diagonal alone: a damping ratio each."""
+    """Return the modes with the diagonal of the damping matrix: modal damping ratios."""
     return SecondOrder(
         "diagonal", space, np.diag(np.diag(space.viscous + _structural(space))), powers
     )
 
 
 def single_frequency(space: ModalSpace, powers: NDArray[np.intp], freq: float) -> SecondOrder:
-    """Return the modes with D divided by one circular frequency, that of a line in Hz."""
+    """Return the modes with D divided by one circular frequency, given in Hz."""
     D = space.structural(freq)
     return SecondOrder("single-frequency", space, space.viscous + D / (_TWO_PI * freq), powers)
 
@@ -190,12 +172,12 @@ def _structural(space: ModalSpace) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relaxation:
-    """g(s) = sum of a s / (s + b).
+    """Relaxation function g(s) = sum of a s / (s + b).
 
     Attributes
     ----------
     a : ndarray of float, shape (n,)
-        Not negative.
+        Nonnegative.
     b : ndarray of float, shape (n,)
         In rad/s.
     """
@@ -210,25 +192,10 @@ class Relaxation:
 
 
 def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
-    """Fit relaxation terms to the loss factor of a group over a band.
+    """Return n relaxation terms fitted to the loss factor of a group over a band.
 
-    Parameters
-    ----------
-    part : Lossy
-        The group.
-    band : (float, float)
-        Lowest and highest line in Hz.
-    n : int
-        Number of terms.
-
-    Returns
-    -------
-    Relaxation
-
-    Notes
-    -----
-    Rates b_k stand geometrically over the band and a little beyond; their weights by non-negative
-    least squares.
+    The rates b_k are evenly spaced in log frequency over the band and slightly beyond; the weights
+    follow by non-negative least squares.
     """
     low, high = max(band[0], 1e-4 * band[1]), band[1]
     freq = np.geomspace(low, high, _LINES)
@@ -255,11 +222,11 @@ class Biot:
     Attributes
     ----------
     base : SecondOrder
-        The modes with viscous damping only; the choice of modes is by their cost with all damping.
+        The modes with viscous damping only; modes are ranked by `ranking`.
     ranking : SecondOrder
         The modes with the full modal damping matrix.
     terms : tuple of Relaxation
-        One for each lossy group, all with the same rates.
+        One per lossy group, all with the same rates.
     """
 
     base: SecondOrder
@@ -274,15 +241,15 @@ class Biot:
 
     @property
     def always(self) -> NDArray[np.bool_]:
-        """Rigid-body modes."""
+        """Mask of rigid-body modes."""
         return self.base.always
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
-        """Return what leaving each mode out changes."""
+        """Return the relative change without each mode."""
         return self.ranking.costs(freq, level)
 
     def _stiffness(self, kept: NDArray[np.bool_]) -> _Real:
-        """Return the static stiffness of the kept modes, without that of the relaxing terms."""
+        """Return the static stiffness of the selected modes, without that of the relaxing terms."""
         space = self.base.space
         omega = space.omega[kept]
         K = np.diag(omega**2)
@@ -294,14 +261,14 @@ class Biot:
         scale = omega[first:]
         if len(scale) and np.linalg.eigvalsh(flexible / np.outer(scale, scale))[0] <= 0.0:
             raise ModelError(
-                "plant: route 'biot': the damping is so strong that a passive stiffness which has"
-                " it over the whole band would be negative at rest; narrow the band, or use"
+                "plant: route 'biot': the damping is so strong that a passive stiffness with this"
+                " damping over the whole band would be negative at rest; narrow the band, or use"
                 " route='complex'"
             )
         return K
 
-    def _relaxing(self, kept: NDArray[np.bool_]) -> list[tuple[float, _Real]]:
-        """Return rate and factor L of each term, its stiffness being L L^T."""
+    def _relaxing_terms(self, kept: NDArray[np.bool_]) -> list[tuple[float, _Real]]:
+        """Return rate and factor L of each term with the stiffness L L^T."""
         out = []
         lossy = self.base.space.lossy
         for k in range(len(self.terms[0].b) if self.terms else 0):
@@ -315,12 +282,12 @@ class Biot:
         return out
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
-        """Return the response with some modes kept."""
+        """Return the response with a selection of modes."""
         space, s = self.base.space, imaginary(freq)
         Z = s[:, None, None] * self.base.damping[np.ix_(kept, kept)] + self._stiffness(kept)
         at = np.arange(int(kept.sum()))
         Z[:, at, at] += s[:, None] ** 2
-        for rate, L in self._relaxing(kept):
+        for rate, L in self._relaxing_terms(kept):
             Z += (s / (s + rate))[:, None, None] * (L @ L.T)
         q = np.linalg.solve(
             Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
@@ -328,13 +295,13 @@ class Biot:
         return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D; the internal variables, z' = -b z + L^T q', are the last states."""
+        """Return A, B, C, D; the last states are the internal variables, z' = -b z + L^T q'."""
         A0, B0, C0, D = self.base.matrices(kept)
         n = int(kept.sum())
         omega = self.base.space.omega[kept]
         scale = np.where(omega > 0, omega, 1.0)
         A0[n:, :n] = -self._stiffness(kept) / scale
-        relaxing = self._relaxing(kept)
+        relaxing = self._relaxing_terms(kept)
         more = sum(L.shape[1] for _, L in relaxing)
         A = np.zeros((2 * n + more,) * 2)
         A[: 2 * n, : 2 * n] = A0
@@ -353,19 +320,7 @@ class Biot:
 
 
 def biot(space: ModalSpace, ranking: SecondOrder, band: tuple[float, float], n: int) -> Biot:
-    """Return the modes with n internal variables a lossy motion.
-
-    Parameters
-    ----------
-    space : ModalSpace
-        The modes.
-    ranking : SecondOrder
-        The same with the full modal damping matrix.
-    band : (float, float)
-        Over which the terms are fitted, in Hz.
-    n : int
-        Number of terms.
-    """
+    """Return the modes with n internal variables per lossy motion, fitted over a band in Hz."""
     plain = replace(ranking, name="viscous", damping=space.viscous)
     return Biot(plain, ranking, _with_same_rates(space, band, n))
 
@@ -373,7 +328,7 @@ def biot(space: ModalSpace, ranking: SecondOrder, band: tuple[float, float], n: 
 def _with_same_rates(
     space: ModalSpace, band: tuple[float, float], n: int
 ) -> tuple[Relaxation, ...]:
-    """Fit terms with the rates of the first group to the loss factors of all."""
+    """Return terms with the rates of the first group, fitted to the loss factors of all groups."""
     found = [relaxation(part, band, n) for part in space.lossy]
     if not found or all(np.array_equal(f.b, found[0].b) for f in found):
         return tuple(found)

@@ -1,4 +1,4 @@
-"""`realised`: a choice as a plant, with the errors of its own matrices."""
+"""`realised`: the plant of a selection, with the errors of its matrices."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.antiresonances import ZeroShift, shifts
-from updyn.control.complex_modes import Fitted
+from updyn.control.complex_modes import FittedModes
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace, channel_zeros
@@ -18,32 +18,13 @@ from updyn.control.target import Kept, Target
 from updyn.control.task import Task
 from updyn.errors import ModelError
 
-__all__ = ["checked", "realised"]
+__all__ = ["realise", "with_errors"]
 
 
-def realised(
+def realise(
     task: Task, found: Kept, title: str, quantities: tuple[str, ...], tolerance: float
 ) -> Plant:
-    """Return the plant of a choice.
-
-    Parameters
-    ----------
-    task : Task
-        What is realised.
-    found : Kept
-        The choice.
-    title : str
-        Of the structure.
-    quantities : tuple of str
-        Of each output.
-    tolerance : float
-        That was asked for.
-
-    Raises
-    ------
-    ModelError
-        If a pole is unstable.
-    """
+    """Return the plant of a selection; raises ModelError for an unstable pole."""
     A, B, C, D = found.conversion.matrices(found.mask)
     facts: dict[str, Any] = {
         "title": title,
@@ -52,7 +33,7 @@ def realised(
         "candidates": len(found.mask),
         "error": task.target.measure,
     }
-    if isinstance(found.conversion, Fitted):
+    if isinstance(found.conversion, FittedModes):
         facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
         if not found.conversion.at_rest:
             facts["fitted"] += ", not 0 at rest"
@@ -77,28 +58,15 @@ def realised(
         ),
         facts=facts,
     )
-    return checked(made, task.target)
+    return with_errors(made, task.target)
 
 
 def _flexible(found: Kept) -> NDArray[np.bool_]:
     return ~found.conversion.always
 
 
-def checked(made: Plant, target: Target) -> Plant:
-    """Return a plant with the errors of its own matrices.
-
-    Parameters
-    ----------
-    made : Plant
-        The plant.
-    target : Target
-        What it is compared with.
-
-    Raises
-    ------
-    ModelError
-        If a pole is unstable.
-    """
+def with_errors(made: Plant, target: Target) -> Plant:
+    """Return a plant with the errors of its matrices; raises ModelError for an unstable pole."""
     G = sweep(made, target.freq)
     scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
     if (made.poles.real > 1e-9 * scale).any():

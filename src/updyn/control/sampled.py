@@ -1,4 +1,4 @@
-"""`sampled`: a plant discretised for a digital controller, with a delay of its input."""
+"""`sampled`: discretise a plant for a digital controller, with a delay of its input."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _Complex = NDArray[np.complex128]
 _Matrices = tuple[_Real, _Real, _Real, _Real]
 
 _METHODS = ("zoh", "tustin")
-#: A delay so close to a whole number of intervals, in intervals, is meant to be whole (0.003 /
+#: Distance from a whole number of intervals, in intervals, within which a delay is rounded (0.003 /
 #: 0.001 is not 3).
 _WHOLE = 1e-9
-#: Dense matrices of more states than this do not fit.
+#: Largest number of states, for dense matrices to fit in memory.
 _MOST_STATES = 2000
-#: Lines in the band at which the deviation is measured, beside the peaks.
+#: Number of lines in the band for the deviation, in addition to the peaks.
 _LINES = 400
-#: A pole at the singularity of the bilinear substitution, as a share of it.
+#: Relative distance of a pole from the singularity of the bilinear substitution.
 _SINGULAR = 1e-9
 
 
@@ -41,48 +41,48 @@ def sampled(
     *,
     prewarp: float | None = None,
 ) -> Plant:
-    """Return a plant that is sampled: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
+    """Return a sampled plant: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
 
     Parameters
     ----------
     plant : Plant
-        A continuous one; rigid-body motion may be part of it.
+        A continuous plant; may have rigid-body motion.
     dt : float
         Sampling interval in s.
     method : {"zoh", "tustin"}
-        ``"zoh"``: the input is held over each interval, as the converter of a drive does; exact at
-        the samples. ``"tustin"``: s = 2 (z - 1) / (dt (z + 1)), without a hold: for a plant that is
-        to be compared with a continuous one, or is not driven by a converter.
+        ``"zoh"``: the input is held over each interval, as by the converter of a drive; exact at
+        the samples. ``"tustin"``: s = 2 (z - 1) / (dt (z + 1)) without a hold, for comparison with
+        a continuous plant, or for a plant that is not driven by a converter.
     delay : float
-        Time in s by which the input acts late (computation, transport, current loop), of any
-        length. Each interval begun adds one state for each input. Of ``"tustin"`` a whole number of
-        intervals.
+        Delay of the input in s (computation, transport, current loop), of any length. Each started
+        interval adds one state per input. For ``"tustin"`` a whole number of intervals.
     prewarp : float, optional
         Frequency in Hz at which ``"tustin"`` has the response of the continuous plant exactly.
 
     Returns
     -------
     Plant
-        With `Plant.dt`, and with `Plant.delay` the intervals of delay, a begun one counted as
-        whole. What `Plant.error` says stays that of the continuous one. ``facts["sampling"]`` holds
-        ``method``, ``dt``, ``delay`` (in s), ``prewarp`` (in Hz or None), ``deviation`` and
+        With `Plant.dt`, and the delay in `Plant.delay` in intervals, rounded up. `Plant.error`
+        remains that of the continuous plant. ``facts["sampling"]`` contains ``method``, ``dt``,
+        ``delay`` (in s), ``prewarp`` (in Hz or None), ``deviation`` and
         ``deviation_without_hold``: the largest difference of a channel in the band from hold x
-        continuous plant x exp(-s delay), and from the same without the hold, both measured line by
-        line, as shares of the channel's peak there; and ``above_nyquist``: natural frequencies in
-        Hz that lie above half the sampling rate and appear in the band as others.
+        continuous plant x exp(-s delay), and from the same without the hold, as shares of the
+        channel's peak; and ``above_nyquist``: natural frequencies in Hz above half the sampling
+        rate, which are aliased.
 
     Raises
     ------
     OptionError
-        If the plant is sampled already, `dt` is not above 0, the band reaches above half the
-        sampling rate, the method is unknown, the delay is negative or cannot be had, `prewarp` is
-        not within the band of the sampler, or the plant has a pole where the substitution of
-        ``"tustin"`` is singular (s = 2 / dt).
+        If the plant is already sampled, `dt` is not above 0, the band extends above half the
+        sampling rate, the method is unknown, the delay is negative or not possible, `prewarp` is
+        not below half the sampling rate, or the plant has a pole at the singularity of the
+        substitution of ``"tustin"`` (s = 2 / dt).
 
     Notes
     -----
     Hold: exponential of the matrix augmented with the input (Van Loan 1978, IEEE Trans. Autom.
-    Control 23, p. 395), no inverse of A. Delay by a part of an interval: the input changes once
+    Control 23, p. 395), without an inverse of A. Delay by a part of an interval: the input changes
+    once
     within each interval (Franklin, Powell & Workman, Digital Control of Dynamic Systems, 3rd ed.,
     section 4.3). Bilinear substitution and prewarping: ibid., chapter 6.
 
@@ -97,21 +97,21 @@ def sampled(
     if method == "zoh":
         if prewarp is not None:
             raise OptionError(
-                "prewarp is of method 'tustin'; a held input is exact at every frequency"
+                "prewarp belongs to method 'tustin'; a held input is exact at every frequency"
             )
-        prompt = _held(plant, interval, part)
+        prompt = _hold_input(plant, interval, part)
     else:
         if part:
             raise OptionError(
                 f"delay {delay:g} s is {delay / interval:g} intervals of {interval:g} s; method"
-                " 'tustin' takes a whole number of them, nearest"
-                f" {round(delay / interval) * interval:g} s ('zoh' takes any delay)"
+                " 'tustin' requires a whole number of them, nearest"
+                f" {round(delay / interval) * interval:g} s ('zoh' accepts any delay)"
             )
         prompt = _tustin(plant, interval, prewarp)
     warped = None if prewarp is None else float(prewarp)
     facts = {"method": method, "dt": interval, "delay": float(delay), "prewarp": warped}
-    facts |= _deviations(plant, _replaced(plant, prompt, dt=interval), float(delay), whole)
-    return _replaced(
+    facts |= _deviations(plant, _with_matrices(plant, prompt, dt=interval), float(delay), whole)
+    return _with_matrices(
         plant,
         _late(*prompt, whole),
         dt=interval,
@@ -120,22 +120,22 @@ def sampled(
     )
 
 
-def _replaced(plant: Plant, matrices: _Matrices, **more: Any) -> Plant:
+def _with_matrices(plant: Plant, matrices: _Matrices, **more: Any) -> Plant:
     A, B, C, D = matrices
     return replace(plant, A=A, B=B, C=C, D=D, **more)
 
 
-# -- what is asked for ----------------------------------------------------------------------------
+# -- options --------------------------------------------------------------------------------------
 def _interval(plant: Plant, dt: float) -> float:
     if plant.dt is not None:
         raise OptionError(
-            f"the plant is sampled already, every {plant.dt:g} s; sample the continuous one"
+            f"the plant is already sampled, every {plant.dt:g} s; sample the continuous plant"
         )
     if not is_number(dt) or not math.isfinite(dt) or dt <= 0:
         raise OptionError(f"dt is {dt!r}; expected a sampling interval in s, above 0")
     if plant.band[1] > 0.5 / dt:
         raise OptionError(
-            f"the band of the plant reaches to {plant.band[1]:g} Hz, but half the sampling rate is"
+            f"the band of the plant extends to {plant.band[1]:g} Hz, but half the sampling rate is"
             f" {0.5 / dt:g} Hz; sample every {0.5 / plant.band[1]:.4g} s or faster, or make the"
             " plant for a narrower band"
         )
@@ -143,7 +143,7 @@ def _interval(plant: Plant, dt: float) -> float:
 
 
 def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[int, float]:
-    """Return the whole intervals of a delay, and the part of the next, from 0 to below 1."""
+    """Return the whole intervals of a delay, and the remaining part from 0 to below 1."""
     if not is_number(delay) or not math.isfinite(delay) or delay < 0:
         raise OptionError(f"delay is {delay!r}; expected a time in s, 0 or above")
     count = float(delay) / dt
@@ -155,24 +155,24 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
     if n_states + (whole + 1) * n_inputs > _MOST_STATES:
         raise OptionError(
             f"delay {delay:g} s is {count:g} intervals of {dt:g} s: with one state for each input"
-            f" and interval the plant would have more than {_MOST_STATES} states; is the delay"
-            " in s?"
+            f" and interval the plant would have more than {_MOST_STATES} states; expected a delay"
+            " in s"
         )
     return whole, part
 
 
 # -- zero-order hold ------------------------------------------------------------------------------
-def _held(plant: Plant, dt: float, part: float) -> _Matrices:
-    """Return the matrices of a held input that acts a part of an interval late."""
+def _hold_input(plant: Plant, dt: float, part: float) -> _Matrices:
+    """Return the matrices for a held input delayed by a part of an interval."""
     transition, forced = _over(plant.A, plant.B, (1.0 - part) * dt)
     if not part:
         return transition, forced, plant.C, plant.D
-    # From k dt the input of interval k - 1 goes on acting for part dt, then that of interval k.
+    # From k dt the input of interval k - 1 acts for another part dt, then that of interval k.
     first, before = _over(plant.A, plant.B, part * dt)
     states, inputs = plant.B.shape
     A = np.block([[transition @ first, transition @ before], [np.zeros((inputs, states + inputs))]])
     B = np.vstack([forced, np.eye(inputs)])
-    # At the sample itself the earlier input still acts.
+    # At the sample the earlier input still acts.
     return A, B, np.hstack([plant.C, plant.D]), np.zeros_like(plant.D)
 
 
@@ -181,8 +181,7 @@ def _over(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
     n, m = B.shape
     if n == 0:
         return A, B
-    # Powers of 2, so that nothing is rounded: of the states, which are lengths beside speeds, and
-    # of the inputs.
+    # Scales of states and inputs are powers of 2, so scaling causes no rounding.
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
     scaled = B / scale[:, None]
     size, wanted = np.abs(scaled).max(axis=0), max(float(np.abs(balanced).max()), 1.0)
@@ -222,7 +221,7 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
 
 # -- delay ----------------------------------------------------------------------------------------
 def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
-    """Return the matrices with the input `whole` intervals late, in x, u[k-1], ..., u[k-whole]."""
+    """Return the matrices with the input delayed by whole intervals; states x, u[k-1], ...."""
     if not whole:
         return A, B, C, D
     (n, m), held = B.shape, whole * B.shape[1]
@@ -237,12 +236,12 @@ def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
     return late_A, late_B, late_C, np.zeros_like(D)
 
 
-# -- what it costs --------------------------------------------------------------------------------
+# -- deviation ------------------------------------------------------------------------------------
 def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, Any]:
-    """Return the error of the sampled response in shares of the channels' peaks.
+    """Return the error of the sampled response as shares of the channels' peaks.
 
-    `prompt` lacks the whole intervals of the delay: powers of z, whose states would cost a solution
-    at each line.
+    `prompt` is without the whole intervals of the delay, which are powers of z here; their states
+    would enlarge the solution at each line.
     """
     assert prompt.dt is not None
     s = 2j * np.pi * _lines(plant)
@@ -250,9 +249,7 @@ def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mappin
     try:
         exact = plant.at(s) * np.exp(-s * delay)[:, None, None]
         found = prompt.at(np.exp(step)) * np.exp(-whole * step)[:, None, None]
-    except (
-        DataError
-    ):  # a pole without damping in the band: no line of it has a peak to compare with
+    except DataError:  # an undamped pole in the band: no finite peak for comparison
         figures = {"deviation": math.nan, "deviation_without_hold": math.nan}
     else:
         hold = (-np.expm1(-step) / step)[:, None, None]
@@ -265,7 +262,7 @@ def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mappin
 
 
 def _lines(plant: Plant) -> _Real:
-    """Return lines over the band with each damped pole and its half-power points; none is 0."""
+    """Return nonzero lines over the band with each damped pole and its half-power points."""
     low, high = plant.band
     start = max(low, 1e-3 * high)
     poles = plant.poles[(plant.poles.imag > 0) & (plant.poles.real < 0)]
@@ -279,6 +276,6 @@ def _lines(plant: Plant) -> _Real:
 
 
 def _share(found: _Complex, exact: _Complex) -> float:
-    """Return the largest difference of a channel as a share of its peak; 1 of one that is 0."""
+    """Return the largest difference of a channel as a share of its peak."""
     off, peak = np.abs(found - exact).max(axis=0), np.abs(exact).max(axis=0)
     return float(np.max(off / np.where(peak > 0, peak, 1.0), initial=0.0))

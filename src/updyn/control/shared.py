@@ -1,4 +1,4 @@
-"""`Shared`: what the plants of a family have in common."""
+"""`Shared`: the common basis and options of the plants of a family."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.choice import check_route, chosen, like_another
+from updyn.control.choice import check_route, choose_route, like_another
 from updyn.control.options import check_band, check_error, check_tolerance, quantities_of
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
-from updyn.control.realised import realised
+from updyn.control.realised import realise
 from updyn.control.space import Projection, shared_projection
 from updyn.control.spectrum import Spectrum
 from updyn.control.structure import Structure
 from updyn.control.target import Kept
-from updyn.control.task import Task, aimed, check_begin
+from updyn.control.task import Task, check_begin, make_task
 from updyn.dynamics.affine import State
 
 __all__ = ["Shared"]
@@ -25,22 +25,22 @@ __all__ = ["Shared"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shared:
-    """What the plants of a family have in common: one basis, and the choice of the nominal plant.
+    """The common basis, ports and options of the plants of a family.
 
     Attributes
     ----------
     projection : Projection
         The model on the basis.
     title : str
-        Of the model.
+        Title of the model.
     ports : tuple of (tuple of Port, tuple of Port)
         Inputs and outputs.
     quantities : tuple of str
-        Of each output.
+        Quantity of each output.
     tolerance : float
-        On the errors that `error` names.
+        Tolerance of the errors selected by `error`.
     error : {"relative", "peak"}
-        For what the tolerance holds.
+        Error measure of the tolerance.
     """
 
     projection: Projection
@@ -63,16 +63,9 @@ class Shared:
         error: str,
         backend: str | None,
     ) -> tuple[Shared, NDArray[np.bool_]]:
-        """Return it, and for which states the basis holds.
+        """Return the common part, and for which states the basis is accurate.
 
-        Parameters
-        ----------
-        structure : Structure
-            At the estimate.
-        states : tuple of (sequence of State, sequence of State)
-            Those by which its basis is enriched, and those of the members.
-        inputs, outputs, band, tolerance, quantity, error, backend
-            As for `plant`.
+        `states` are those that enrich the basis, and those of the members.
         """
         check_error(error)
         check_tolerance(tolerance)
@@ -84,35 +77,22 @@ class Shared:
         return cls(projection, structure.model.title, ports, quantities, tolerance, error), holds
 
     def member(self, state: State, route: str, like: Kept | None = None) -> tuple[Plant, Kept]:
-        """Return the plant of a state.
+        """Return the plant of a state, and its selection.
 
-        Parameters
-        ----------
-        state : State
-            Of the model.
-        route : str
-            As for `plant`.
-        like : Kept, optional
-            The choice that is tried first; where it does not hold the tolerance, another one is
-            sought.
-
-        Returns
-        -------
-        plant : Plant
-        kept : Kept
-            What it is of.
+        `like` is the selection that is tried first; if it does not hold the tolerance, another is
+        searched.
         """
         task = self._task(state)
         found = None if like is None else like_another(task, like, self.tolerance)
         if found is None or not found.holds:
-            found = chosen(task, check_route(route, task, self.error), self.tolerance)
-        return realised(task, found, self.title, self.quantities, self.tolerance), found
+            found = choose_route(task, check_route(route, task, self.error), self.tolerance)
+        return realise(task, found, self.title, self.quantities, self.tolerance), found
 
     def _task(self, state: State) -> Task:
         space = self.projection.space(state)
         check_begin(space, self.projection.band[0])
         spectrum = Spectrum.of(self.projection, state)
-        return aimed(
+        return make_task(
             self.ports,
             self.quantities,
             space,

@@ -40,34 +40,33 @@ _Complex = NDArray[np.complex128]
 
 #: A, B, C, D.
 Matrices = tuple[_Real, _Real, _Real, _Real]
-#: Models up to this many DOFs are taken as they are.
+#: Models up to this number of DOFs are used without reduction.
 _WHOLE = 300
-#: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is
-#: small beside that of the motor, of which the error is a share.
+#: Accuracy of a reduced model. Smaller than for an update: behind a gear train the motion of the
+#: load is small relative to that of the motor, which normalises the error.
 _ACCURACY = 1e-8
-#: Lines at which a basis for several states is checked, over the end of the band; and states
-#: by which it is enriched in any case.
+#: Lines of the check of a basis for several states, relative to the end of the band; and the number
+#: of states that always enrich it.
 _LINES, _AT_LEAST = (1.0, 0.7, 0.35), 6
-#: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
+#: Motions without mass get a small one: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
-#: Where no mode is below this share of the band's upper end, none is a rigid-body motion; one that
-#: a basis has but for the square of it would be below it.
+#: Share of the band's upper end below which a mode can be a rigid-body motion; a basis contains one
+#: up to the square of this share.
 _SLOW = 1e-3
-#: A negative omega^2 down to this share of that of the band's upper end is rounding.
+#: Largest negative omega^2 that is rounding, relative to that of the band's upper end.
 _UNSTABLE = 1e-6
 _TWO_PI = 2.0 * np.pi
 
 
 class Conversion(Protocol):
-    """What `updyn.control.target` chooses from.
+    """A set of candidates from which `updyn.control.target` selects.
 
-    A candidate that is left out still gives its static flexibility where the output is a
-    displacement.
+    An omitted candidate still contributes its static flexibility if the output is a displacement.
     """
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the conversion."""
 
     @property
     def frequency(self) -> _Real:
@@ -75,16 +74,16 @@ class Conversion(Protocol):
 
     @property
     def always(self) -> NDArray[np.bool_]:
-        """Which candidates are never left out: rigid-body motion."""
+        """Mask of candidates that are always kept: rigid-body motion."""
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
-        """Return the largest change without each candidate over a level (n_f, n_y, n_u); (n,)."""
+        """Return the largest change without each candidate relative to a level, shape (n,)."""
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
-        """Return the response with some candidates kept, shape (n_f, n_y, n_u)."""
+        """Return the response with a selection of candidates, shape (n_f, n_y, n_u)."""
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
-        """Return A, B, C, D with some candidates kept, all real."""
+        """Return real A, B, C, D with a selection of candidates."""
 
 
 def imaginary(freq: _Real) -> _Complex:
@@ -104,11 +103,11 @@ class Lossy:
     Attributes
     ----------
     name : str
-        The group's.
+        Name of the group.
     matrix : ndarray of float, shape (r, r)
         phi^T (gamma K_e) phi, in 1/s2.
     table : LossTable or None
-        Factors on it over frequency.
+        Factors on the matrix over frequency.
     """
 
     name: str
@@ -116,7 +115,7 @@ class Lossy:
     table: LossTable | None
 
     def relative(self, freq: _Real) -> _Real:
-        """Return the factor at lines in Hz, shape (n_f,); beyond a table that of its end."""
+        """Return the factor at lines in Hz, shape (n_f,); constant beyond a table."""
         if self.table is None:
             return np.ones(len(freq))
         return self.table.at(np.clip(freq, self.table.freq[0], self.table.freq[-1]), self.name)
@@ -139,9 +138,9 @@ class ModalSpace:
     lossy : tuple of Lossy
         Structural damping by group; it does not act on rigid-body modes.
     source : str
-        What the basis vectors are, in words.
+        Description of the basis vectors.
     solver : ReducedSolver or None
-        The proved reduced model that they are of; it answers for the model at any line of the band.
+        The certified reduced model with these vectors; valid at any line of the band.
     """
 
     omega: _Real
@@ -157,15 +156,15 @@ class ModalSpace:
         return len(self.omega)
 
     @property
-    def tabled(self) -> bool:
+    def has_table(self) -> bool:
         """Whether a loss factor depends on frequency."""
         return any(part.table is not None for part in self.lossy)
 
     def structural(self, freq: float) -> _Real:
-        """Return phi^T D phi at a line in Hz, shape (r, r), in 1/s2, positive semidefinite."""
-        return self.weighted(lambda part: float(part.relative(np.array([freq]))[0]))
+        """Return phi^T D phi at a frequency in Hz, shape (r, r), in 1/s2, positive semidefinite."""
+        return self.weighted_sum(lambda part: float(part.relative(np.array([freq]))[0]))
 
-    def weighted(self, weight: Callable[[Lossy], Any]) -> _Real:
+    def weighted_sum(self, weight: Callable[[Lossy], Any]) -> _Real:
         """Return the weighted sum of the groups' matrices without negative eigenvalues, (r, r)."""
         total = np.zeros((len(self), len(self)))
         for part in self.lossy:
@@ -173,7 +172,7 @@ class ModalSpace:
         return nonnegative(total)
 
     def loss_factors(self) -> _Real:
-        """Return the loss factor of each mode by strain energy, shape (r,); 0 of rigid bodies."""
+        """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid bodies."""
         out = np.zeros(len(self))
         for i in range(self.rigid, len(self)):
             own = sum(
@@ -184,7 +183,7 @@ class ModalSpace:
 
 
 def nonnegative(A: _Real) -> _Real:
-    """Return the nearest positive semidefinite matrix (Higham 1988), free of rounding."""
+    """Return the nearest positive semidefinite matrix (Higham 1988)."""
     A = 0.5 * (A + A.T)
     values, vectors = np.linalg.eigh(A)
     if not len(values) or values[0] >= 0.0:
@@ -194,14 +193,14 @@ def nonnegative(A: _Real) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
-    """A model on the basis vectors that matter between some ports in a band, in any of its states.
+    """A model on the relevant basis vectors between some ports in a band, for any of its states.
 
     Attributes
     ----------
     system : AffineSystem
-        The model itself, or a reduced one: its terms are the matrices on the basis.
+        The model or a reduced one, whose terms are the matrices on the basis.
     matrices : tuple of ndarray of float, each of shape (r, r)
-        The same, one a term.
+        The dense matrices, one per term.
     outputs, inputs : ndarray of float, shapes (n_y, r), (n_u, r)
         The basis at the ports.
     rigid : int
@@ -209,9 +208,9 @@ class Projection:
     band : (float, float)
         Lowest and highest line in Hz.
     source : str
-        What the basis is, in words.
+        Description of the basis.
     solver : ReducedSolver or None
-        Of a reduced model.
+        Solver of a reduced model.
     """
 
     system: AffineSystem
@@ -223,8 +222,8 @@ class Projection:
     source: str
     solver: ReducedSolver | None
 
-    def combined(self, state: State, quantity: str) -> _Real:
-        """Return stiffness, mass or all viscous damping of a state, shape (r, r)."""
+    def combine(self, state: State, quantity: str) -> _Real:
+        """Return the stiffness, mass or total viscous damping of a state, shape (r, r)."""
         total = np.zeros_like(self.matrices[0])
         for term, matrix, factor, rate in zip(
             self.system.terms, self.matrices, state.factor, state.rate, strict=True
@@ -236,16 +235,10 @@ class Projection:
         return total
 
     def space(self, state: State) -> ModalSpace:
-        """Return the modes of a state.
-
-        Raises
-        ------
-        ModelError
-            If the stiffness is indefinite: the structure is not stable.
-        """
+        """Return the modes of a state; raises ModelError for an indefinite stiffness."""
         rigid = self.rigid
         omega, shapes = _modes(
-            self.combined(state, "stiffness"), self.combined(state, "mass"), rigid, self.band
+            self.combine(state, "stiffness"), self.combine(state, "mass"), rigid, self.band
         )
         lossy = []
         for term, matrix, factor, loss in zip(
@@ -253,11 +246,11 @@ class Projection:
         ):
             if loss:
                 own = shapes.T @ (factor * loss * matrix) @ shapes
-                # A rigid-body motion strains nothing: only rounding stands there.
+                # A rigid-body motion has no strain: these entries are rounding.
                 own[:rigid] = 0.0
                 own[:, :rigid] = 0.0
                 lossy.append(Lossy(term.group, own, term.table))
-        viscous = nonnegative(shapes.T @ self.combined(state, "viscous") @ shapes)
+        viscous = nonnegative(shapes.T @ self.combine(state, "viscous") @ shapes)
         solver = self.solver
         if solver is not None:
             solver = replace(solver, system=replace(solver.system, start=state))
@@ -282,33 +275,11 @@ def modal_space(
     backend: str | None = None,
     accuracy: float = _ACCURACY,
 ) -> ModalSpace:
-    """Return the modes of a model that matter between some ports in a band.
+    """Return the relevant modes of a model between some ports in a band.
 
-    Parameters
-    ----------
-    model : Model
-        The structure.
-    inputs, outputs : tuple of Port
-        Where it is driven and read.
-    band : (float, float)
-        Lowest and highest line in Hz.
-    backend : str, optional
-        Sparse factorisation.
-    accuracy : float
-        Of the reduced model that takes the place of a large one.
-
-    Returns
-    -------
-    ModalSpace
-
-    Raises
-    ------
-    ModelError
-        If the stiffness is indefinite: the structure is not stable.
-    SolverError
-        If a motion has neither stiffness nor mass, or no reduced model of that accuracy was found.
-    DofError
-        If the model has not the DOFs of a port.
+    `accuracy` is that of the reduced model of a large one. Raises ModelError for an indefinite
+    stiffness, SolverError if a motion has neither stiffness nor mass or no reduced model is
+    accurate enough, DofError if the model lacks a DOF of a port.
     """
     structure = Structure.of(model)
     found = projection(structure, inputs, outputs, band, backend=backend, accuracy=accuracy)
@@ -324,15 +295,7 @@ def projection(
     backend: str | None = None,
     accuracy: float = _ACCURACY,
 ) -> Projection:
-    """Return a model on the basis vectors that matter between some ports in a band.
-
-    Parameters
-    ----------
-    structure : Structure
-        The model.
-    inputs, outputs, band, backend, accuracy
-        As for `modal_space`.
-    """
+    """Return a model on the relevant basis vectors between some ports, as `modal_space`."""
     return _Projecting(structure, inputs, outputs, band).at_start(backend, accuracy)
 
 
@@ -347,35 +310,19 @@ def shared_projection(
     backend: str | None = None,
     accuracy: float = _ACCURACY,
 ) -> tuple[Projection, NDArray[np.bool_]]:
-    """Return a model on one basis for several of its states.
+    """Return a model on one basis for several states, and for which of them it is accurate.
 
-    Parameters
-    ----------
-    structure : Structure
-        The model.
-    inputs, outputs, band
-        As for `modal_space`.
-    training : sequence of State
-        States whose fields the basis is enriched by, where it lacks them.
-    states : sequence of State
-        States at which its error is estimated by residuals.
-    backend, accuracy
-        As for `modal_space`.
-
-    Returns
-    -------
-    projection : Projection
-    holds : ndarray of bool, shape (len(states),)
-        At which of the states the basis is as accurate as asked.
+    The basis is enriched by the fields of the `training` states if it lacks them; its error at
+    `states` is estimated from residuals. Other arguments as for `modal_space`.
     """
     making = _Projecting(structure, inputs, outputs, band)
     if structure.system.n <= _WHOLE:
         return making.whole(), np.ones(len(states), dtype=np.bool_)
-    reduction, _ = making.reduced(backend, accuracy)
+    reduction, _ = making.reduce(backend, accuracy)
     lines = np.array(_LINES) * band[1]
     lines = lines[lines >= band[0]]
     reduction.enrich(training[:_AT_LEAST], lines)
-    # Where the basis holds by now, further ones would only make it larger.
+    # An accurate basis is not enriched further.
     reduction.enrich(training[_AT_LEAST:], lines, allowed=0.5 * accuracy)
     holds = reduction.lacking(states, lines) <= accuracy
     said = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
@@ -384,7 +331,7 @@ def shared_projection(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Projecting:
-    """What a basis is made of."""
+    """The inputs of a projection."""
 
     structure: Structure
     inputs: tuple[Port, ...]
@@ -402,11 +349,11 @@ class _Projecting:
     def at_start(self, backend: str | None, accuracy: float) -> Projection:
         if self.system.n <= _WHOLE:
             return self.whole()
-        reduction, said = self.reduced(backend, accuracy)
+        reduction, said = self.reduce(backend, accuracy)
         return self.of(reduction, said)
 
     def whole(self) -> Projection:
-        """Return the model as it is."""
+        """Return the projection onto all DOFs."""
         matrices = []
         for term in self.system.terms:
             whole = np.zeros((self.system.n, self.system.n))
@@ -417,22 +364,24 @@ class _Projecting:
             matrices.append(whole)
         eye = np.eye(self.system.n)
         said, rigid = f"all {self.system.n} DOFs of the model", _rigid_motions(self.model).shape[1]
-        return self._made(self.system, matrices, lambda dofs: eye[dofs], rigid, said, None)
+        return self._build_projection(
+            self.system, matrices, lambda dofs: eye[dofs], rigid, said, None
+        )
 
-    def reduced(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
-        """Return the basis of the start, and what is said of it."""
+    def reduce(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
+        """Return the basis at the start, and its description."""
         (into, _), (out, _) = self._ports
         system, band = self.system, self.band
         reduction = Reduction(system, out, into, band, check_backend(backend), accuracy)
         lines, own = np.linspace(band[0], band[1], 400), self.structure
         begin(reduction, own.source, own.kept_basis, system.start, lines)
         found = reduction.certify(system.start, lines)
-        # Rounding is the model's own: no basis is without it.
+        # Rounding affects the model, too: no basis is free of it.
         lacking = found.error - found.rounding
         if lacking > accuracy:
             raise SolverError(
                 f"plant: {found.size} basis vectors reach an error of {lacking:.1g} of the largest"
-                f" receptance of a line, not {accuracy:g}; narrow the band, or allow a larger"
+                f" receptance of a line; expected {accuracy:g}; narrow the band, or allow a larger"
                 " accuracy="
             )
         return (
@@ -441,14 +390,14 @@ class _Projecting:
         )
 
     def of(self, reduction: Reduction, said: str) -> Projection:
-        """Return the model on a basis."""
+        """Return the projection onto a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
-        return self._made(
+        return self._build_projection(
             solver.system, basis.terms, basis.at, self._rigid_in(reduction), said, solver
         )
 
     def _rigid_in(self, reduction: Reduction) -> int:
-        """Return how many rigid-body motions a basis has: those that the ports see, or more."""
+        """Return the number of rigid-body motions in a basis, at least those seen at the ports."""
         slow = max(self.band[0], _SLOW * self.band[1])
         if reduction.shifted.below(self.system.start, slow) == 0:
             return 0
@@ -462,7 +411,7 @@ class _Projecting:
             port_matrix(self.outputs, self.model, "output"),
         )
 
-    def _made(
+    def _build_projection(
         self,
         system: AffineSystem,
         matrices: Sequence[_Real],
@@ -485,14 +434,12 @@ class _Projecting:
 
 
 def _rigid_motions(model: Model) -> _Real:
-    """Return the rigid-body modes, shape (N, r), of unit modal mass."""
+    """Return the rigid-body modes, shape (N, r), with unit modal mass."""
     n = 8
     while True:
         try:
             found = modes(model, n)
-        except (
-            ModelError
-        ):  # fewer modes than that; the message says how many, and halving finds them
+        except ModelError:  # the model has fewer modes: try one less
             n -= 1
             if n == 0:
                 raise
@@ -504,7 +451,7 @@ def _rigid_motions(model: Model) -> _Real:
 
 
 def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_Real, _Real]:
-    """Return frequencies in rad/s and shapes, of which the first `rigid` are at rest."""
+    """Return frequencies in rad/s and shapes; the first `rigid` frequencies are 0."""
     top = (_TWO_PI * band[1]) ** 2
     P = K + top * M
     try:
@@ -519,8 +466,7 @@ def _modes(K: _Real, M: _Real, rigid: int, band: tuple[float, float]) -> tuple[_
     if share[0] > 1.0 + _UNSTABLE:
         raise ModelError(
             f"plant: the stiffness is indefinite (omega^2 = {top * (1.0 / share[0] - 1.0):.3g} 1/s2"
-            " of a mode), so that the structure does not stand by itself and no stable plant can"
-            " be had of it"
+            " of a mode): the structure is unstable and has no stable plant"
         )
     least = 1.0 / (1.0 + _STIFF**2)
     share = np.clip(share, least, 1.0)

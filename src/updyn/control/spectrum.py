@@ -5,14 +5,14 @@ diag(sigma), the dynamic stiffness without viscous damping is
 
     X^T Z X = S (I - (1 + omega^2 / Omega^2) N),   S = I + i X^T D X,   N = S^-1 diag(sigma),
 
-so that the eigenvalues mu and vectors V of the one matrix N give Z^-1 at every line: S and P are
-never singular, whether there is rigid-body motion or motion without mass. Viscous damping of few
-dampers, C = L L^T, is put in by the matrix inversion lemma (Woodbury),
+so the eigenvalues mu and vectors V of the single matrix N give Z^-1 at every line: S and P are
+never singular, even with rigid-body motion or motion without mass. Viscous damping of few dampers,
+C = L L^T, is included by the matrix inversion lemma (Woodbury),
 
     H = H0 - i omega H0 L (I + i omega L^T H0 L)^-1 L^T H0.
 
-Where a loss factor depends on frequency, there are many dampers, or the vectors are not independent
-enough, every line is solved on its own instead.
+If a loss factor depends on frequency, there are many dampers, or the eigenvectors are nearly
+dependent, every line is solved separately.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ class Spectrum:
     state : State
         Its state.
     poles : ndarray of complex, shape (r,)
-        Of the damped structure, above the real axis, in rad/s; of its viscous damping to the first
-        order.
+        Poles of the damped structure above the real axis, in rad/s; to first order in viscous
+        damping.
     modes : tuple of ndarray of complex or None
         mu, shape (r,), and vectors at outputs and dampers, shape (n_y + k, r), and at inputs and
-        dampers, shape (n_u + k, r); None where every line is solved.
+        dampers, shape (n_u + k, r); None if every line is solved separately.
     """
 
     projection: Projection
@@ -69,33 +69,20 @@ class Spectrum:
 
     @classmethod
     def of(cls, projection: Projection, state: State) -> Spectrum:
-        """Decompose a state.
-
-        Parameters
-        ----------
-        projection : Projection
-            The model.
-        state : State
-            Its state.
-
-        Raises
-        ------
-        ModelError
-            If a motion has neither stiffness nor mass, or a negative one.
-        """
+        """Return the decomposition of a state; raises ModelError without stiffness and mass."""
         top = (_TWO_PI * projection.band[1]) ** 2
-        M, D = projection.combined(state, "mass"), np.zeros_like(projection.matrices[0])
+        M, D = projection.combine(state, "mass"), np.zeros_like(projection.matrices[0])
         for matrix, factor, loss in zip(projection.matrices, state.factor, state.loss, strict=True):
             D += factor * loss * matrix
         try:
-            share, X = scipy.linalg.eigh(top * M, projection.combined(state, "stiffness") + top * M)
+            share, X = scipy.linalg.eigh(top * M, projection.combine(state, "stiffness") + top * M)
         except scipy.linalg.LinAlgError as error:
             raise ModelError(
                 "plant: a motion has neither stiffness nor mass, or a negative one"
             ) from error
         S = np.eye(len(X)) + 1j * (X.T @ D @ X)
         mu, V = np.linalg.eig(np.linalg.solve(S, np.diag(share).astype(np.complex128)))
-        dampers = _dampers(X.T @ projection.combined(state, "viscous") @ X)
+        dampers = _dampers(X.T @ projection.combine(state, "viscous") @ X)
         seen = np.vstack([projection.outputs @ X, dampers.T])
         forced = np.vstack([projection.inputs @ X, dampers.T])
         try:
@@ -111,20 +98,9 @@ class Spectrum:
         return found
 
     def receptance(self, freq: _Real) -> _Complex:
-        """Return the receptance from inputs to outputs.
-
-        Parameters
-        ----------
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_f, n_y, n_u)
-            In the units of the ports, m/N or the like.
-        """
+        """Return the receptance at lines in Hz, shape (n_f, n_y, n_u)."""
         if self.modes is None:
-            return self.solved(freq)
+            return self.solve_lines(freq)
         omega, (mu, left, right) = _TWO_PI * freq, self.modes
         top = (_TWO_PI * self.projection.band[1]) ** 2
         own = 1.0 / (1.0 - (1.0 + omega[:, None] ** 2 / top) * mu)
@@ -137,14 +113,8 @@ class Spectrum:
             H = H - rate * (whole[:, :n_y, n_u:] @ np.linalg.solve(around, whole[:, n_y:, :n_u]))
         return np.asarray(H)
 
-    def solved(self, freq: _Real) -> _Complex:
-        """Return the same by a solution a line.
-
-        Raises
-        ------
-        SolverError
-            If there is none.
-        """
+    def solve_lines(self, freq: _Real) -> _Complex:
+        """Return the receptance by a solution per line; raises SolverError if it is not finite."""
         projection, parts = self.projection, []
         stack = np.stack(projection.matrices)
         for first in range(0, len(freq), _BLOCK):
@@ -156,7 +126,7 @@ class Spectrum:
                 parts.append(projection.outputs @ np.linalg.solve(Z, loads))
             except np.linalg.LinAlgError as error:
                 raise SolverError(
-                    f"plant: the structure has no finite answer between {freq[first]:g} Hz and"
+                    f"plant: the structure has no finite response between {freq[first]:g} Hz and"
                     f" {omega[-1] / _TWO_PI:g} Hz: it is not damped"
                 ) from error
         return np.concatenate(parts)
@@ -164,7 +134,7 @@ class Spectrum:
     def _agrees(self) -> bool:
         low, high = self.projection.band
         freq = np.geomspace(max(low, 1e-3 * high), high, _CHECKED)
-        exact, found = self.solved(freq), self.receptance(freq)
+        exact, found = self.solve_lines(freq), self.receptance(freq)
         return bool((np.abs(found - exact) <= _AGREES * np.abs(exact)).all())
 
 
@@ -176,7 +146,7 @@ def _dampers(C: _Real) -> _Real:
 
 
 def _poles(mu: _Complex, V: _Complex, share: _Real, dampers: _Real, top: float) -> _Complex:
-    """Return the poles above the real axis, in rad/s: s^2 + c s + omega^2 = 0 of each vector."""
+    """Return the poles above the real axis, in rad/s: s^2 + c s + omega^2 = 0 for each vector."""
     mass = np.einsum("im,i,im->m", V, share, V) / top
     with np.errstate(divide="ignore", invalid="ignore"):
         square = top * (1.0 / mu - 1.0)

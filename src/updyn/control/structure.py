@@ -1,4 +1,4 @@
-"""`Structure`: what a plant is made of."""
+"""`Structure`: the compiled model of a plant."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ __all__ = ["Structure"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Structure:
-    """A model, compiled, and where its reduced models begin.
+    """A compiled model, and the initial basis of its reduced models.
 
     Attributes
     ----------
     model : Model
         The structure.
     system : AffineSystem
-        The same, compiled: its start is the state of the structure.
+        The compiled model; its start is the state of the structure.
     source : Model
-        What the system was compiled from.
+        The model from which the system was compiled.
     kept_basis : KeptBasis or None
-        Where its reduced models begin.
+        Initial basis of its reduced models.
     """
 
     model: Model
@@ -39,28 +39,18 @@ class Structure:
 
     @classmethod
     def of(cls, given: object) -> Structure:
-        """Return the structure of what a plant is asked of.
+        """Return the structure of a model or of an update result.
 
-        Of an update it is the start at the estimate: the matrices with which the update was solved,
-        so that its basis serves.
-
-        Parameters
-        ----------
-        given : Model or UpdateResult
-            The structure.
-
-        Raises
-        ------
-        OptionError
-            If it is neither, or the result of several tests.
+        For an update it is the start model at the estimate, with the matrices of the update, so its
+        basis applies. Raises OptionError for other types and for the result of several tests.
         """
         if isinstance(given, Model):
             return cls(given, AffineSystem.compile(given), given)
         if isinstance(given, JointResult):
             names = ", ".join(repr(n) for n in given.results)
             raise OptionError(
-                f"plant: the update has several tests ({names}), each with its own model; pass the"
-                " result of the one whose boundary conditions are those of the plant, such as"
+                f"plant: the update has several tests ({names}), each with its model; pass the"
+                " result of the test with the boundary conditions of the plant, such as"
                 f" result[{next(iter(given.results))!r}]"
             )
         if not isinstance(given, UpdateResult):
@@ -69,7 +59,7 @@ class Structure:
             )
         system, unknowns = AffineSystem.compile(given.start), given.parameters
         values = np.array([given.values[name] for name in unknowns.names])
-        # No model has a loss factor below zero, which a plain iteration may end with.
+        # No model has a negative loss factor, which an iteration without bounds may reach.
         values = np.where(unknowns.is_factor, values, np.maximum(values, 0.0))
         estimate = Unknowns.find(system, unknowns).state(system, values)
         system = replace(system, start=estimate)

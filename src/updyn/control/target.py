@@ -1,4 +1,4 @@
-"""`Target`: the response that a plant approximates; `fewest`: the modes that it keeps."""
+"""`Target`: the response that a plant approximates; `fewest`: selection of its modes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.antiresonances import raised, resolved
+from updyn.control.antiresonances import raised_magnitude, resolve_antiresonances
 from updyn.control.ports import Port, port_matrix
 from updyn.control.space import Conversion
 from updyn.dynamics.reduced_solver import ReducedSolver
@@ -19,9 +19,9 @@ from updyn.model import Model
 __all__ = [
     "Kept",
     "Target",
-    "answered",
     "fewest",
-    "judged",
+    "judge_selection",
+    "receptance_function",
     "target_lines",
 ]
 
@@ -31,46 +31,43 @@ _Complex = NDArray[np.complex128]
 _BETWEEN = 200
 #: Lines around each resonance, in half-power widths.
 _AROUND = np.array([-4.0, -2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0])
-#: A resonance counts down to this share of the highest one of its channel.
+#: Smallest resonance that is evaluated, as a share of the highest one of its channel.
 _COUNTS = 0.1
-#: A channel below this share of what its two ports have each is one without coupling.
+#: Share of the geometric mean of its ports below which a channel is uncoupled.
 _UNCOUPLED = 1e-7
-#: Error of a reduced model, as a share of the largest receptance of a line, over what it resolves.
+#: Error of a reduced model, as a share of the largest receptance of a line, above its resolution.
 _RESOLVED = 1e-6
-#: A pole nearer to the axis than this share of its size is one without damping.
+#: Ratio of real part to modulus below which a pole is undamped.
 _UNDAMPED = 1e-9
-#: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all
-#: its modes reach.
+#: If a route cannot hold the tolerance next to a sharp peak: largest ratio of its error to that of
+#: all its modes.
 _SHORT = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """The response of the model at some lines.
+    """The response of the model at a set of lines.
 
     Attributes
     ----------
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     values : ndarray of complex, shape (n_f, n_y, n_u)
-        Output over input: of the whole model, or of a reduced one proved to 1e-8 where there is
-        one.
+        Output over input, of the whole model or of a reduced one certified to 1e-8.
     level : ndarray of float, shape (n_y, n_u)
-        Peak of each channel, or `floor` where it is no more than that.
+        Peak of each channel, at least `floor`.
     broad : ndarray of float, shape (n_y, n_u)
-        The same on evenly spaced lines, as a measurement would have it: lower where a resonance is
-        very sharp.
+        The same on evenly spaced lines, as in a measurement: lower for a very sharp resonance.
     lift : ndarray of float, shape (n_f, n_y, 1)
-        Factor by which resonances are told: with rigid-body motion or a mode below the band that to
-        the accelerations, in which what is low in frequency does not hide the rest.
+        Factor for the detection of resonances: with rigid-body motion or a mode below the band, the
+        conversion to accelerations, in which motion at low frequency does not hide resonances.
     floor : ndarray of float, shape (n_y, n_u)
-        What is left of a channel without coupling: rounding, far below what its two ports have
-        each.
+        Rounding of a channel without coupling, far below the response at its two ports.
     reference : ndarray of float, shape (n_f, n_y, n_u)
-        Of what a relative error is a share, line by line: |H|, at an antiresonance that one
-        half-power width beside it; not below what rounding leaves.
+        Denominator of the relative error at each line: |H|, at an antiresonance that one half-power
+        width away, at least the rounding.
     measure : {"relative", "peak"}
-        For which errors a tolerance holds.
+        Error measure of the tolerance.
     """
 
     freq: _Real
@@ -94,25 +91,12 @@ class Target:
         measure: str = "relative",
         reduced: bool = False,
     ) -> Target:
-        """Compute it.
+        """Return the target of a receptance.
 
-        Parameters
-        ----------
-        receptance : callable
-            Returns that between the ports at lines in Hz, shape (n_f, n_y, n_u).
-        quantities : tuple of str
-            Of each output.
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz.
-        slow : bool
-            Whether there is rigid-body motion, or a mode below the band.
-        potential : callable
-            Returns how large each channel might be by what its two ports have each, at lines in Hz,
-            shape (n_f, n_y, n_u).
-        measure : {"relative", "peak"}
-            For which errors a tolerance holds.
-        reduced : bool
-            Whether the receptance is that of a reduced model.
+        `receptance` and `potential` are functions of the lines in Hz with values of shape (n_f,
+        n_y, n_u): the receptance between the ports, and the possible magnitude of each channel from
+        the responses at its two ports. `slow` tells whether rigid-body motion or a mode below the
+        band exists, `reduced` whether the receptance is that of a reduced model.
         """
         power = np.array([QUANTITIES[q] for q in quantities])
 
@@ -120,7 +104,7 @@ class Target:
             rate = (2j * np.pi * lines[:, None]) ** power
             return np.asarray(receptance(lines) * rate[:, :, None])
 
-        freq, values = resolved(answer, freq, answer(freq))
+        freq, values = resolve_antiresonances(answer, freq, answer(freq))
         resolution = _UNCOUPLED * potential(freq)
         if reduced:
             rate = np.abs(2j * np.pi * freq[:, None]) ** power
@@ -140,20 +124,9 @@ class Target:
         slow: bool,
         measure: str = "relative",
     ) -> Target:
-        """Return the target with some values.
+        """Return the target of given values, shape (n_f, n_y, n_u).
 
-        Parameters
-        ----------
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz.
-        values : ndarray of complex, shape (n_f, n_y, n_u)
-            The response.
-        quantities : tuple of str
-            Of each output.
-        resolution : ndarray of float, shape (n_f, n_y, n_u)
-            What is left of a channel without coupling.
-        slow, measure
-            As for `of`.
+        `resolution` is the rounding of a channel without coupling; others as for `of`.
         """
         power = np.array([QUANTITIES[q] for q in quantities])
         size = np.abs(values)
@@ -168,7 +141,7 @@ class Target:
         lift = ((2.0 * np.pi * freq)[:, None] ** ((2 - power) * slow))[:, :, None]
         floor = resolution.max(axis=0)
         floor = np.where(floor > 0, floor, 1.0)
-        reference = np.maximum(raised(freq, values), resolution)
+        reference = np.maximum(raised_magnitude(freq, values), resolution)
         reference = np.where(reference > 0, reference, 1.0)
         return cls(
             freq,
@@ -183,59 +156,38 @@ class Target:
 
     @property
     def slow(self) -> bool:
-        """Whether there is rigid-body motion, or a mode below the band."""
+        """Whether rigid-body motion or a mode below the band exists."""
         return bool((self.lift != 1.0).any())
 
     def error(self, G: _Complex) -> float:
-        """Return the largest error of a channel as a share of its peak.
-
-        Parameters
-        ----------
-        G : ndarray of complex, shape (n_f, n_y, n_u)
-            An answer at the same lines.
-        """
+        """Return the largest error of a response G, as a share of the peak of its channel."""
         return float((np.abs(G - self.values) / self.level).max())
 
     def relative_error(self, G: _Complex) -> float:
-        """Return the largest error of a channel as a share of its own size at each line.
+        """Return the largest error of a response G, as a share of its magnitude at each line.
 
-        At an antiresonance as a share of the level one half-power width beside it.
-
-        Parameters
-        ----------
-        G : ndarray of complex, shape (n_f, n_y, n_u)
-            An answer at the same lines.
+        At an antiresonance, as a share of the magnitude one half-power width away.
         """
         return float((np.abs(G - self.values) / self.reference).max())
 
     def limits(self, tolerance: float) -> _Real:
-        """Return what a tolerance allows of the errors of `judged`, shape (5,)."""
+        """Return the limits of the errors of `all_errors` for a tolerance, shape (5,)."""
         if self.measure == "relative":
             return np.array([tolerance, np.inf, np.inf, np.inf, np.inf])
         return np.array([np.inf, *[tolerance] * 4])
 
     def worst(self, G: _Complex) -> float:
-        """Return the largest error as a share of the channel's `broad` peak or a larger response.
+        """Return the largest error as a share of the `broad` peak or of a larger response.
 
-        One very sharp resonance does not excuse what is wrong elsewhere.
-
-        Parameters
-        ----------
-        G : ndarray of complex, shape (n_f, n_y, n_u)
-            An answer at the same lines.
+        A very sharp resonance thus does not hide errors elsewhere.
         """
         return float((np.abs(G - self.values) / np.maximum(self.broad, np.abs(self.values))).max())
 
-    def judged(self, G: _Complex) -> _Real:
-        """Return all errors of an answer, shape (5,).
+    def all_errors(self, G: _Complex) -> _Real:
+        """Return all errors of a response G, shape (5,).
 
-        Those that a plant states, `relative_error`, `error` and `peak_error`; and what the last two
-        may hide: `worst`, and `peak_error` where slow motion hides no resonance.
-
-        Parameters
-        ----------
-        G : ndarray of complex, shape (n_f, n_y, n_u)
-            An answer at the same lines.
+        The errors that a plant states, `relative_error`, `error` and `peak_error`; and two that the
+        latter two may hide: `worst`, and `peak_error` of the response times `lift`.
         """
         return np.array(
             [
@@ -250,18 +202,11 @@ class Target:
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
         """Return the largest relative error of the height of a resonance; 0 without one.
 
-        Resonances from a tenth of the highest of their channel count. Heights are compared between
-        the minima beside a resonance, so that a slight shift does not.
-
-        Parameters
-        ----------
-        G : ndarray of complex, shape (n_f, n_y, n_u)
-            An answer at the same lines.
-        strict : bool
-            Whether resonances and their heights are those of the response times `lift`, or of the
-            response itself.
+        Resonances above a tenth of the highest of their channel are included. Heights are compared
+        between the adjacent minima, so a slight shift has no effect. With `strict`, resonances and
+        heights are those of the response times `lift`.
         """
-        own, size = self._seen(self.values, strict), self._seen(G, strict)
+        own, size = self._magnitude(self.values, strict), self._magnitude(G, strict)
         worst = 0.0
         for i, j in np.ndindex(*self.level.shape):
             for first, last in self.resonances(i, j, strict=strict):
@@ -269,14 +214,14 @@ class Target:
                 worst = max(worst, abs(size[first:last, i, j].max() / height - 1.0))
         return float(worst)
 
-    def _seen(self, H: _Complex, strict: bool) -> _Real:
+    def _magnitude(self, H: _Complex, strict: bool) -> _Real:
         return np.abs(H) * self.lift if strict else np.abs(H)
 
     def resonances(self, output: int, input: int, *, strict: bool = False) -> list[tuple[int, int]]:
         """Return the resonances of a channel, as ranges of lines from minimum to minimum."""
         if self.level[output, input] <= self.floor[output, input]:
             return []
-        seen = self._seen(self.values, strict)[:, output, input]
+        seen = self._magnitude(self.values, strict)[:, output, input]
         rises = np.diff(seen) > 0
         tops = np.flatnonzero(rises[:-1] & ~rises[1:]) + 1
         lows = np.concatenate([[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(seen) - 1]])
@@ -286,7 +231,7 @@ class Target:
         return out
 
 
-def answered(
+def receptance_function(
     model: Model,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
@@ -294,18 +239,9 @@ def answered(
     tier: str | None,
     backend: str | None,
 ) -> Callable[[_Real], _Complex]:
-    """Return what computes the receptance of a model between ports, at lines in Hz.
+    """Return a function of lines in Hz for the receptance of a model between ports.
 
-    Parameters
-    ----------
-    model : Model
-        The structure.
-    inputs, outputs : tuple of Port
-        Where it is driven and read.
-    solver : ReducedSolver or None
-        A proved reduced model, which answers where no tier is forced.
-    tier, backend : str, optional
-        As for `updyn.response`.
+    A certified reduced model `solver` is used unless a `tier` is given.
     """
     columns, into = port_matrix(inputs, model, "input")
     rows, out = port_matrix(outputs, model, "output")
@@ -323,25 +259,15 @@ def answered(
 
 
 def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
-    """Return lines that resolve every resonance of a band.
+    """Return ascending lines in Hz that resolve every resonance of a band, both ends included.
 
-    Parameters
-    ----------
-    poles : ndarray of complex, shape (n,)
-        Of the structure, in rad/s. Undamped ones are not enough: strong damping in one part moves
-        the sharp resonances of the others by more than their width.
-    band : (float, float)
-        Lowest and highest line in Hz.
-
-    Returns
-    -------
-    ndarray of float, shape (n_f,)
-        In Hz, ascending, both ends included.
+    `poles` are those of the damped structure, in rad/s: strong damping in one part moves the
+    sharp resonances of the others by more than their width.
     """
     low, high = band
     poles = poles[
         np.abs(poles.real) > _UNDAMPED * np.abs(poles)
-    ]  # at an undamped resonance there is no answer
+    ]  # the response at an undamped resonance is infinite
     width = np.abs(poles.real)
     around = ((np.abs(poles.imag)[:, None] + width[:, None] * _AROUND) / (2.0 * np.pi)).ravel()
     around = around[(around > low) & (around < high)]
@@ -354,18 +280,18 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kept:
-    """A choice of candidates and how well it answers.
+    """A selection of candidates and its errors.
 
     Attributes
     ----------
     conversion : Conversion
-        What was chosen from.
+        The conversion with the candidates.
     mask : ndarray of bool, shape (n,)
-        Which are kept.
+        The selected candidates.
     errors : ndarray of float, shape (5,)
-        Against the model, see `Target.judged`.
+        Errors against the model, see `Target.all_errors`.
     limits : ndarray of float, shape (5,)
-        What was asked of them; inf of those for which the tolerance does not hold.
+        Limits of the errors; inf for those without a tolerance.
     """
 
     conversion: Conversion
@@ -375,12 +301,12 @@ class Kept:
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is beyond its limit."""
+        """Whether all errors are within their limits."""
         return bool((self.errors <= self.limits).all())
 
     @property
     def error(self) -> float:
-        """The larger of the errors that a plant states and for which the tolerance holds."""
+        """The largest of the stated errors that have a tolerance."""
         stated = self.errors[:3]
         return float(stated[np.isfinite(self.limits[:3])].max())
 
@@ -388,41 +314,28 @@ class Kept:
 def fewest(
     conversion: Conversion, target: Target, tolerance: float, *, lenient: bool = False
 ) -> Kept:
-    """Find the fewest candidates that hold a tolerance; those below the band are always kept.
+    """Return the fewest candidates that hold a tolerance; those below the band are always kept.
 
-    Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a
+    Modal cost: candidates are ranked by the largest change that omitting each one causes, as a
     share of the peak of its channel, or line by line (after R. E. Skelton & P. C. Hughes, J.
-    Dynamic Systems, Measurement, and Control 102 (1980) 151-158, in the largest instead of the mean
-    square). Double integrators are always kept and need no Gramian. The number comes by bisection,
-    and single ones are then left out as long as the tolerance holds.
+    Dynamic Systems, Measurement, and Control 102 (1980) 151-158, with the largest change instead of
+    the mean square). Double integrators are always kept and need no Gramian. Bisection gives the
+    number, then single candidates are omitted while the tolerance holds.
 
-    Parameters
-    ----------
-    conversion : Conversion
-        The candidates.
-    target : Target
-        What to answer like.
-    tolerance : float
-        On the errors that `Target.measure` names.
-    lenient : bool
-        False: all of `Target.judged` has to be within the tolerance. True: what a plant states, and
-        of the rest what all candidates together reach.
-
-    Returns
-    -------
-    Kept
-        All candidates, where not even these hold the tolerance; see `Kept.holds`.
+    Without `lenient`, all errors of `Target.all_errors` must be within the tolerance; with it, only
+    the errors that a plant states, the others up to those of all candidates. All candidates are
+    returned if they do not hold the tolerance; see `Kept.holds`.
     """
     level = np.broadcast_to(target.broad, target.reference.shape)
     if target.measure == "relative":
         level = target.reference
     costs = conversion.costs(target.freq, level)
-    # A servo closes its loop through what is slow: it is not for a tolerance to leave that out.
+    # A servo closes its loop through slow motion, so no tolerance permits its omission.
     always = conversion.always | (conversion.frequency < target.freq[0])
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
     limits = target.limits(tolerance)
-    whole = judged(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
+    whole = judge_selection(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
     if lenient:
         limits[3:] = np.maximum(limits[3:], _SHORT * whole.errors[3:])
     if not whole.holds:
@@ -430,7 +343,7 @@ def fewest(
     low, high, best = int(always.sum()), len(order), whole
     while low < high:
         middle = (low + high) // 2
-        tried = judged(conversion, target, _first(order, middle), limits)
+        tried = judge_selection(conversion, target, _first(order, middle), limits)
         if tried.holds:
             high, best = middle, tried
         else:
@@ -440,7 +353,7 @@ def fewest(
             continue
         mask = best.mask.copy()
         mask[i] = False
-        tried = judged(conversion, target, mask, limits)
+        tried = judge_selection(conversion, target, mask, limits)
         if tried.holds:
             best = tried
     return best
@@ -452,20 +365,8 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def judged(
+def judge_selection(
     conversion: Conversion, target: Target, mask: NDArray[np.bool_], limits: NDArray[np.float64]
 ) -> Kept:
-    """Return a choice of candidates with its errors.
-
-    Parameters
-    ----------
-    conversion : Conversion
-        The candidates.
-    target : Target
-        What to answer like.
-    mask : ndarray of bool, shape (n,)
-        Which are kept.
-    limits : ndarray of float, shape (5,)
-        Of the errors, as `Target.limits`.
-    """
-    return Kept(conversion, mask, target.judged(conversion.response(mask, target.freq)), limits)
+    """Return a selection of candidates with its errors."""
+    return Kept(conversion, mask, target.all_errors(conversion.response(mask, target.freq)), limits)

@@ -1,4 +1,4 @@
-"""`Task`: what a plant is made of, and against what it is checked."""
+"""`Task`: the model of a plant, and its target."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.causal import differences, least_error
-from updyn.control.complex_modes import ComplexModes, complex_modes, fitted, slow_motion
+from updyn.control.complex_modes import ComplexModes, complex_modes, fit_outputs, slow_motion
 from updyn.control.options import check_band, quantities_of
-from updyn.control.passivity import collocated
+from updyn.control.passivity import collocated_channels
 from updyn.control.ports import Port
 from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
@@ -19,11 +19,11 @@ from updyn.control.real_modes import biot, diagonal, full, single_frequency
 from updyn.control.space import Conversion, ModalSpace, imaginary, projection, rates
 from updyn.control.spectrum import Spectrum
 from updyn.control.structure import Structure
-from updyn.control.target import Kept, Target, answered, target_lines
+from updyn.control.target import Kept, Target, receptance_function, target_lines
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import QUANTITIES
 
-__all__ = ["Task", "aimed", "check_begin", "task_of"]
+__all__ = ["Task", "check_begin", "make_task", "task_of"]
 
 _TERMS = (2, 3, 4, 6, 8)
 _EXTRA = (0, 2, 4)
@@ -31,7 +31,7 @@ _EXTRA = (0, 2, 4)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What is to be realised, and against what it is checked."""
+    """The modes and ports to realise as a plant, and the target response."""
 
     space: ModalSpace
     target: Target
@@ -43,10 +43,8 @@ class Task:
     def least(self, found: Kept) -> float:
         """Return a lower bound on the error of any stable plant, see `updyn.control.causal`.
 
-        Parameters
-        ----------
-        found : Kept
-            What the structure's response is compared with; the bound hardly depends on it.
+        `found` is the selection with which the structure's response is compared; its influence is
+        small.
         """
         if not self.space.lossy:  # dampers are causal
             return 0.0
@@ -70,29 +68,23 @@ class Task:
         return least
 
     def approximation(self) -> Approximation:
-        """Return what a rational approximation begins with: the poles that count most first."""
+        """Return the start of a rational approximation: the poles by decreasing importance."""
         inputs, outputs = self.ports
         modes = complex_modes(self.space, self.powers, self.band[1])
         costs = modes.costs(self.target.freq, self.target.reference)
         order = np.argsort(-costs, kind="stable")
-        # A servo closes its loop through what is slow: it is kept as it is.
+        # A servo closes its loop through slow motion, which is therefore kept exactly.
         below = modes.frequency < self.band[0]
         slow = SlowMotion(*slow_motion(self.space))
         if below.any():
             slow = _with_modes(slow, modes, below)
         poles = modes.poles[order[~below[order]]]
-        return Approximation(self.target, slow, self.powers, poles, collocated(outputs, inputs))
+        return Approximation(
+            self.target, slow, self.powers, poles, collocated_channels(outputs, inputs)
+        )
 
     def conversion(self, route: str, terms: int = 4) -> Conversion:
-        """Return a conversion of the structure's own modes.
-
-        Parameters
-        ----------
-        route : str
-            Its name.
-        terms : int
-            Of a Biot series.
-        """
+        """Return a conversion of the structure's modes; `terms` is the length of a Biot series."""
         if route == "modal":
             return full(self.space, self.powers)
         if route == "complex":
@@ -107,28 +99,28 @@ class Task:
     def _low(self) -> float:
         return max(self.band[0], 1e-3 * self.band[1])
 
-    def tried(self, route: str) -> Iterator[Conversion]:
-        """Yield conversions of a route, the cheapest first."""
+    def conversions(self, route: str) -> Iterator[Conversion]:
+        """Yield the conversions of a route by increasing cost."""
         for terms in _TERMS if route == "biot" else (0,):
             yield self.conversion(route, terms)
 
-    def mended(self, route: str) -> Iterator[Conversion]:
-        """Yield conversions of a route as `tried`, and then fitted ones.
+    def fitted_conversions(self, route: str) -> Iterator[Conversion]:
+        """Yield the conversions of a route, then fitted ones.
 
-        Those whose velocities are not 0 at rest come last: many inputs may leave few modes no
-        freedom beside that.
+        Those whose velocities are not 0 at rest are last: the constraint may leave too few degrees
+        of freedom with many inputs and few modes.
         """
-        for conversion in self.tried(route):
+        for conversion in self.conversions(route):
             yield conversion
             if isinstance(conversion, ComplexModes):
                 for at_rest in (True, False):
                     if at_rest or (conversion.is_held and self.powers.any()):
                         for n in _EXTRA:
-                            yield fitted(conversion, self.target, n, at_rest=at_rest)
+                            yield fit_outputs(conversion, self.target, n, at_rest=at_rest)
 
 
 def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) -> SlowMotion:
-    """Return slow motion with some complex modes, as they are."""
+    """Return slow motion with additional complex modes."""
     A, B = modes.blocks(kept, modes.at_inputs[:, kept])
     left = 2.0 * modes.at_outputs[:, kept]
     pairs = np.stack([left.real, left.imag], axis=2).reshape(len(left), -1)
@@ -146,24 +138,7 @@ def task_of(
     backend: str | None,
     measure: str = "relative",
 ) -> tuple[Task, tuple[str, ...]]:
-    """Return the task of a structure, and the quantity of each output.
-
-    Parameters
-    ----------
-    structure : Structure
-        What the plant is of.
-    inputs, outputs : tuple of Port
-        Where it is driven and read.
-    band, quantity, tier, backend
-        As for `updyn.plant`.
-    measure : {"relative", "peak"}
-        Of the errors.
-
-    Raises
-    ------
-    OptionError, ModelError, DofError, SolverError
-        As `updyn.plant`.
-    """
+    """Return the task of a structure, and the quantity of each output; as for `updyn.plant`."""
     limits = check_band(band)
     quantities = quantities_of(quantity, len(outputs))
     system = structure.system
@@ -171,8 +146,8 @@ def task_of(
     space = found.space(system.start)
     check_begin(space, limits[0])
     ports = inputs, outputs
-    answer = answered(structure.model, *ports, space.solver, tier, backend)
-    task = aimed(
+    answer = receptance_function(structure.model, *ports, space.solver, tier, backend)
+    task = make_task(
         ports,
         quantities,
         space,
@@ -185,28 +160,15 @@ def task_of(
 
 
 def check_begin(space: ModalSpace, low: float) -> None:
-    """Check that the structure has a finite answer where a band begins.
-
-    Parameters
-    ----------
-    space : ModalSpace
-        Its modes.
-    low : float
-        Lowest line in Hz.
-
-    Raises
-    ------
-    OptionError
-        If it moves as a rigid body there.
-    """
+    """Raise OptionError if a band starts at 0 Hz and the structure has rigid-body motion."""
     if space.rigid and low == 0.0:
         raise OptionError(
-            f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the"
-            " structure have no finite answer; begin it above"
+            f"plant: the band starts at 0 Hz, where the {space.rigid} rigid-body motions of the"
+            " structure have no finite response; start it above 0 Hz"
         )
 
 
-def aimed(
+def make_task(
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
     quantities: tuple[str, ...],
     space: ModalSpace,
@@ -215,29 +177,11 @@ def aimed(
     measure: str,
     receptance: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
 ) -> Task:
-    """Return what is to be realised, with the response at lines that resolve it.
+    """Return the task with the response at lines that resolve it.
 
-    Parameters
-    ----------
-    ports : tuple of (tuple of Port, tuple of Port)
-        Inputs and outputs.
-    quantities : tuple of str
-        Of each output.
-    space : ModalSpace
-        The modes of the structure.
-    damped : (ndarray of complex, callable)
-        Poles of the damped structure in rad/s, and what returns its spectrum.
-    band : (float, float)
-        In Hz.
-    measure : {"relative", "peak"}
-        Of the errors.
-    receptance : callable
-        Of the structure, by lines in Hz.
-
-    Raises
-    ------
-    SolverError
-        If the structure has no finite answer at a line.
+    `damped` are the poles of the damped structure in rad/s and a function that returns its
+    spectrum; `receptance` is a function of lines in Hz. Raises SolverError if the response is not
+    finite at a line.
     """
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     target = Target.of(
@@ -251,13 +195,13 @@ def aimed(
     )
     if not np.isfinite(target.values).all():
         raise SolverError(
-            "plant: the structure has no finite answer at a line of the band: it is not damped"
+            "plant: the structure has no finite response at a line of the band: it is not damped"
         )
     return Task(space, target, powers, band, ports, damped[1])
 
 
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:
-    """Return the poles of the damped structure; of a defective one those of its single modes."""
+    """Return the poles of the damped structure; if defective, those of its separate modes."""
     try:
         return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp), 1.0).poles
     except ModelError:

@@ -1,4 +1,4 @@
-"""How far the members of a family lie from its nominal plant, on lines that miss no resonance."""
+"""Deviation of the members of a family from its nominal plant, on lines that resolve resonances."""
 
 from __future__ import annotations
 
@@ -32,25 +32,24 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Of poles and zeros that count as undamped: share of the real part.
+#: Ratio of real part to modulus below which poles and zeros count as undamped.
 _UNDAMPED = 1e-9
-#: Lines reach so far below the slowest and above the fastest of band, poles and zeros.
+#: Factor by which the lines extend beyond the slowest and fastest of band, poles and zeros.
 _BEYOND = 10.0
-#: Slower than this share of the fastest pole is 0, where rounding leaves a double pole.
+#: Poles below this share of the fastest one count as 0; rounding splits a double pole at 0.
 _STILL = 1e-6
-#: Lines that are added about a place divide the gaps beside it by so many.
+#: Number of parts into which new lines divide the gaps next to a place.
 _ZOOM = 8
-#: Places that are looked at once.
+#: Largest number of places that are refined at once.
 _LOOKED = 40
-#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have
-#: between two of them.
+#: Increase of a weight above its lines, in log |W|, for very sharp peaks between two of them.
 _MARGIN = 1e-3
-#: Times that lines are added where the weight comes closest.
+#: Number of refinements of the lines at the closest places.
 _ROUNDS = 4
-#: How near to the closest place others are looked at in the last of them, in log |W|; five times
-#: that in each before.
+#: Distance from the closest place within which others are refined last, in log |W|; five times this
+#: in each earlier round.
 _CLOSE = 0.005
-#: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
+#: A weight that violates new lines by more than this, in log |W|, is fitted again.
 _MISSED = 0.02
 _NONE = np.zeros(0, dtype=np.complex128)
 
@@ -60,36 +59,28 @@ def _name(number: int) -> str:
 
 
 def refuse_undamped(roots: list[_Complex]) -> None:
-    """Refuse plants with poles on the imaginary axis, but for those at 0, or to the right of it.
+    """Raise ModelError for poles on the imaginary axis, except at 0, or to the right of it.
 
-    Parameters
-    ----------
-    roots : list of ndarray of complex
-        Poles in rad/s, the nominal plant's first.
-
-    Raises
-    ------
-    ModelError
-        See above; the message names the plant.
+    `roots` are the poles in rad/s of the nominal plant, then of the members.
     """
     for number, poles in enumerate(roots):
         size = np.abs(poles)
         moving = size > _STILL * max(float(size.max(initial=0.0)), np.finfo(float).tiny)
         if (poles.real[moving] > _UNDAMPED * size[moving]).any():
             raise ModelError(
-                f"{_name(number)} has a pole in the right half plane: a bound on the distance is"
-                " not enough to tell stability then"
+                f"{_name(number)} has a pole in the right half plane: a bound on the deviation"
+                " then does not determine stability"
             )
         bad = np.flatnonzero(moving & (np.abs(poles.real) <= _UNDAMPED * size))
         if bad.size:
             raise ModelError(
                 f"{_name(number)} has an undamped resonance at {size[bad[0]] / (2 * np.pi):.6g} Hz,"
-                " where the distance to it has no bound; give the model damping"
+                " where the deviation is unbounded; give the model damping"
             )
 
 
 def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
-    """Return lines in Hz, shape (n_f,), dense about the poles and zeros of all plants."""
+    """Return lines in Hz, shape (n_f,), dense around the poles and zeros of all plants."""
     plants = (family.nominal, *family.members)
     fastest = max(float(np.abs(p).max(initial=0.0)) for p in poles)
     high = max(2 * np.pi * family.nominal.band[1], fastest)
@@ -107,7 +98,7 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
 
 
 def channels_of(family: PlantFamily) -> list[tuple[int, int]]:
-    """Return the positions of output and input of every channel."""
+    """Return the indices of output and input of every channel."""
     return list(np.ndindex(len(family.outputs), len(family.inputs)))
 
 
@@ -118,7 +109,7 @@ def _finite(plant: Plant, i: int, j: int, low: float, high: float) -> _Complex:
 
 
 def radius_of(family: PlantFamily, lines: _Real, kind: str) -> _Real:
-    """Return l, shape (n_f, n_y, n_u)."""
+    """Return the largest deviation l over the members, shape (n_f, n_y, n_u)."""
     G = sweep(family.nominal, lines)
     largest = np.zeros(G.shape)
     for member in family.members:
@@ -130,13 +121,7 @@ def radius_of(family: PlantFamily, lines: _Real, kind: str) -> _Real:
 
 
 def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str) -> None:
-    """Refuse an unbounded radius: imaginary zeros of the nominal plant that members lack.
-
-    Raises
-    ------
-    ModelError
-        See above; the message names channel and frequency.
-    """
+    """Raise ModelError for imaginary zeros of the nominal plant that members lack."""
     if np.isfinite(radius).all() and kind == "additive":
         return
     for i, j in channels_of(family):
@@ -148,20 +133,20 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
             if radius_of(family, np.array([f * (1 + 1e-9)]), kind)[0, i, j] > 1e3:
                 raise ModelError(
                     f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant has an undamped"
-                    f" antiresonance at {f:.6g} Hz, where the multiplicative radius has no bound;"
+                    f" antiresonance at {f:.6g} Hz, where the multiplicative radius is unbounded;"
                     " use kind='additive'"
                 )
         if not np.isfinite(radius[:, i, j]).all():
             at = lines[np.flatnonzero(~np.isfinite(radius[:, i, j]))[0]]
             raise ModelError(
-                f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant does not answer at"
-                f" {at:.6g} Hz while members do: the multiplicative radius has no bound; use"
+                f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant has no response at"
+                f" {at:.6g} Hz while members do: the multiplicative radius is unbounded; use"
                 " kind='additive'"
             )
 
 
 def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
-    """Return the floor of each channel; 0 where the members are the nominal plant."""
+    """Return the floor of each channel; 0 if the members equal the nominal plant."""
     peak = radius.max(axis=0)
     if floor is not None:
         lowest = np.full(peak.shape, floor)
@@ -175,21 +160,9 @@ def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None
 def closest(
     lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float
 ) -> _Real:
-    """Return lines between those there are, where a weight comes closest to what it bounds.
+    """Return additional lines in Hz at the places where a weight is closest to its radius.
 
-    Parameters
-    ----------
-    lines : ndarray of float, shape (n_f,)
-        In Hz.
-    radius, floors, bounds
-        What is bounded, from where on, and by what.
-    within : float
-        How near to the closest place others are looked at, in log |W|.
-
-    Returns
-    -------
-    ndarray of float
-        In Hz.
+    `within` is the distance from the closest place within which others count, in log |W|.
     """
     more: list[_Real] = []
     for (i, j), bound in bounds.items():
@@ -208,18 +181,18 @@ KINDS = ("multiplicative", "additive")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UncertaintyWeight:
-    """How far the members lie from the nominal plant, and weights above it, one a channel.
+    """Deviation of the members from the nominal plant, and weights above it, one per channel.
 
     Attributes
     ----------
     kind : {"multiplicative", "additive"}
-        Of what: |G_k - G_0| / |G_0|, or |G_k - G_0| in the unit of the channel.
+        Of |G_k - G_0| / |G_0|, or of |G_k - G_0| in the unit of the channel.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     radius : ndarray of float, shape (n_f, n_outputs, n_inputs)
-        l(f), the largest over the members.
+        l(f), the largest deviation over the members.
     floor : ndarray of float, shape (n_outputs, n_inputs)
-        Below this l is not followed: the weight lies above it everywhere.
+        Lower limit of l: the weight lies above it everywhere.
     weights : tuple of tuple of Weight
         By output and input.
     outputs, inputs : tuple of str
@@ -262,7 +235,7 @@ class UncertaintyWeight:
         Raises
         ------
         OptionError
-            If there is none of that name; the nearest is named.
+            If a name is unknown; the nearest is named.
         """
         for name, names, what in ((output, self.outputs, "output"), (input, self.inputs, "input")):
             if name not in names:
@@ -296,29 +269,28 @@ def uncertainty_weight(
     largest_order: int = 8,
     floor: float | None = None,
 ) -> UncertaintyWeight:
-    """Bound how far the members of a family lie from its nominal plant.
+    """Return weights that bound the deviation of a family's members from its nominal plant.
 
     Parameters
     ----------
     family : PlantFamily
         Continuous plants without poles in the right half plane.
     freq : array_like of float, shape (n_f,), optional
-        Lines in Hz, above 0; the weight then bounds the radius there, and nothing is said in
-        between. By default lines dense about the poles and zeros of all plants, over all
-        frequencies at which they move, the plants taken as they are beyond their band too; lines
-        are added until the weight lies above in between as well.
+        Lines in Hz, above 0; the weight bounds the radius at these, but not between them. By
+        default lines dense around the poles and zeros of all plants, over all their frequencies and
+        beyond their band; lines are added until the weight also bounds the radius between them.
     order : int, optional
-        Of each weight; by default the lowest of 0, 1, 2, 4, 6 ... that meets `tolerance`.
+        Order of each weight; by default the lowest of 0, 1, 2, 4, 6 ... that meets `tolerance`.
     kind : {"multiplicative", "additive"}
         G_k = G_0 (1 + W Delta), or G_k = G_0 + W Delta, |Delta| <= 1, by channel.
     tolerance : float
-        Of the mean of |W| / l over log frequency, above 1.
+        Largest mean of |W| / l over log frequency, less 1.
     largest_order : int
-        Where the search for an order ends; the best is then returned, and its note says so.
+        Highest order of the search; if it does not meet `tolerance`, the best weight is returned
+        with a note.
     floor : float, optional
-        A radius below it counts as it: of the multiplicative by default the error that is allowed
-        to a plant (2 %, as a rule), of the additive a thousandth of its largest value in the
-        channel.
+        Lower limit of the radius: by default the tolerance of the plant for the multiplicative one
+        (usually 2 %), and a thousandth of its largest value in the channel for the additive one.
 
     Returns
     -------
@@ -327,28 +299,28 @@ def uncertainty_weight(
     Raises
     ------
     OptionError
-        If an option is not understood.
+        If an option is invalid.
     DataError
         If the lines are not increasing and above 0.
     ModelError
-        If the plants are sampled, one has a pole in the right half plane or an undamped one, or the
-        radius has no bound as the nominal plant has an undamped antiresonance.
+        If the plants are sampled, one has an undamped pole or one in the right half plane, or the
+        radius is unbounded because of an undamped antiresonance of the nominal plant.
 
     Notes
     -----
     Radius and weight: Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005,
-    section 7.4. All plants have as many poles in the right half plane (none). So a controller K
-    that is stable with G_0 is so with each member if |W T| < 1 at all lines, T = G_0 K / (1 + G_0
-    K); of the additive, |W K / (1 + G_0 K)| < 1 (Doyle, Francis & Tannenbaum, Feedback Control
-    Theory, 1992, section 4.2). That is so for one channel under control, or for each of several
-    while the others stay as they are. The members are draws: the bound holds for them, and for what
-    they were drawn from as far as they stand for it.
+    section 7.4. All plants have the same number of poles in the right half plane (none). So a
+    controller K that is stable with G_0 is stable with each member if |W T| < 1 at all lines, T =
+    G_0 K / (1 + G_0 K); for the additive kind, |W K / (1 + G_0 K)| < 1 (Doyle, Francis &
+    Tannenbaum, Feedback Control Theory, 1992, section 4.2). This holds for one controlled channel,
+    or for each of several while the others remain unchanged. The members are draws: the bound holds
+    for them, and for their distribution as far as they represent it.
 
     A small shift of a sharp antiresonance of G_0, or of a resonance by more than its width, makes
-    the multiplicative radius large there, however surely the plant is known otherwise: the disc of
-    the theory knows no phase. The note of the channel says where. A loop may then well be stable
-    with every member without meeting |W T| < 1, as one from a motor to its own speed; `updyn.servo`
-    looks at the members one by one.
+    the multiplicative radius large at this frequency, even if the plant is otherwise well known,
+    because the deviation is bounded regardless of phase. The note of the channel names the
+    frequency. A loop, such as one from a motor to its own speed, may be stable with every member
+    without |W T| < 1; `updyn.servo` evaluates each member.
 
     Examples
     --------
@@ -366,7 +338,7 @@ def uncertainty_weight(
     refuse_undamped(roots)
     given = None
     if freq is not None:
-        given = _given(freq)
+        given = _positive_lines(freq)
     lines = given
     if lines is None:
         lines = family_lines(family, roots)
@@ -386,7 +358,7 @@ def uncertainty_weight(
         radius = np.concatenate([radius, radius_of(family, more, kind)])
         ascending = np.argsort(merged, kind="stable")
         lines, radius = merged[ascending], radius[ascending]
-        # The last rounds look closer at a weight that stays.
+        # The last refinements do not fit the weight again.
         for at, bound in bounds.items() if left >= 2 else ():
             level = np.log(np.maximum(radius[:, *at], floors[at]))
             if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _MISSED:
@@ -395,7 +367,7 @@ def uncertainty_weight(
     for i, j in channels:
         own, floor = radius[:, i, j], float(floors[i, j])
         if (i, j) not in bounds:
-            made[i, j] = Weight(_NONE, _NONE, 0.0, note="All members are the nominal plant here.")
+            made[i, j] = Weight(_NONE, _NONE, 0.0, note="All members equal the nominal plant here.")
             continue
         bound = bounds[i, j]
         notes = []
@@ -404,9 +376,7 @@ def uncertainty_weight(
         if given is None:
             notes.append(_ends(lines, own, floor))
         if order is None and bound.mean > 1.0 + tolerance:
-            notes.append(
-                f"Order {bound.order} does not bring the mean excess to {1.0 + tolerance:g}."
-            )
+            notes.append(f"The mean excess at order {bound.order} is above {1.0 + tolerance:g}.")
         made[i, j] = _weight(lines, own, floor, bound, " ".join(filter(None, notes)))
     rows = []
     for i in range(len(family.outputs)):
@@ -431,7 +401,7 @@ def _fit(
     )
 
 
-# -- what is asked --------------------------------------------------------------------------------
+# -- options --------------------------------------------------------------------------------------
 def _check(
     family: PlantFamily,
     order: int | None,
@@ -455,22 +425,22 @@ def _check(
         raise OptionError(f"floor = {floor!r}: expected a radius above 0")
     if family.nominal.dt is not None:
         raise ModelError(
-            "the plants are sampled; a weight in s is made of the continuous family, and sampled"
-            " with it afterwards"
+            "the plants are sampled; make the weight of the continuous family, and sample it"
+            " afterwards"
         )
 
 
-def _given(freq: ArrayLike) -> _Real:
+def _positive_lines(freq: ArrayLike) -> _Real:
     lines = check_lines(np.atleast_1d(np.asarray(freq)))
     if lines[0] <= 0.0:
-        raise OptionError("freq: a weight is made for lines above 0 Hz; leave 0 out")
+        raise OptionError("freq: expected lines above 0 Hz; remove 0")
     return np.array(lines)
 
 
-# -- numbers and words of a channel ---------------------------------------------------------------
+# -- figures and notes of a channel ---------------------------------------------------------------
 def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) -> Weight:
     excess = bound.log_magnitude(2 * np.pi * lines) - np.log(np.maximum(radius, floor))
-    # Between the lines of the fit it may have come to lie below; the gain makes up for it.
+    # The weight may lie below new lines; the gain corrects it.
     lift = max(-float(excess.min()), 0.0) + _MARGIN
     spacing = np.gradient(np.log(lines)) if len(lines) > 1 else np.ones(1)
     mean = float(np.exp(spacing @ excess / spacing.sum() + lift))
@@ -482,25 +452,25 @@ def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) 
 
 
 def _ends(lines: _Real, radius: _Real, floor: float) -> str:
-    """Say where the radius goes on to grow beyond the lines."""
+    """Return a note if the radius still grows beyond the lines."""
     said = []
     for here, inside, what in ((0, 1, "below"), (-1, -2, "above")):
         if radius[here] > floor and len(lines) > 1:
             rise = np.log(radius[here] / radius[inside]) / abs(np.log(lines[here] / lines[inside]))
             if rise > 0.5:
                 said.append(
-                    f"The radius grows on {what} {lines[here]:.3g} Hz, where the weight does not"
+                    f"The radius still grows {what} {lines[here]:.3g} Hz, where the weight does not"
                     " bound it."
                 )
     return " ".join(said)
 
 
 def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
-    """Return a note where the radius passes 1, with its cause: a zero, or a pole that moves."""
+    """Return a note if the radius exceeds 1, with its cause: a zero, or a pole that moves."""
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:
         return ""
-    said = f"The radius reaches 1 at {lines[over[0]]:.4g} Hz: |T| has to be below 1 / radius there."
+    said = f"The radius reaches 1 at {lines[over[0]]:.4g} Hz: |T| must be below 1 / radius there."
     top = 2j * np.pi * lines[int(np.argmax(radius))]
     zero = _nearest(channel_zeros(family.nominal, *at), top)
     pole = _nearest(np.concatenate([p.poles for p in (family.nominal, *family.members)]), top)
@@ -511,18 +481,18 @@ def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int,
     where = f"{abs(root) / (2 * np.pi):.4g} Hz (damping {-root.real / abs(root):.2g})"
     if root is zero:
         what = (
-            f"the antiresonance of the nominal plant at {where}, where it hardly answers and"
-            " members do"
+            f"the antiresonance of the nominal plant at {where}, where its response is small and"
+            " that of members is not"
         )
         return (
-            f"{said} It is as large as {radius.max():.3g} because of {what}; kind='additive' is not"
+            f"{said} It reaches {radius.max():.3g} because of {what}; kind='additive' is not"
             " affected."
         )
     what = f"the resonance at {where}, which moves by more than its width"
-    return f"{said} It is as large as {radius.max():.3g} because of {what}."
+    return f"{said} It reaches {radius.max():.3g} because of {what}."
 
 
 def _nearest(roots: _Complex, s: complex) -> complex | None:
-    """Return the lightly damped root that is nearest to a point."""
+    """Return the lightly damped root nearest to a point."""
     some = roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]
     return complex(some[np.argmin(np.abs(some - s))]) if some.size else None

@@ -1,4 +1,4 @@
-"""`Weight`: a stable minimum-phase transfer function; its fit as a bound of a magnitude."""
+"""`Weight`: a stable minimum-phase transfer function; its fit as an upper bound of a magnitude."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _Lines = tuple[_Real, _Real, _Real]
-#: What the largest excess counts beside the mean.
+#: Weight of the largest excess relative to the mean.
 _SHARE = 0.1
 #: Damping of sections, from a sharp resonance to two real roots far apart.
 _DAMPING = (1e-5, 1e2)
-#: Lines on which sections are tried: the fewest, and the most.
+#: Least and largest number of lines for trial sections.
 _POOLED = (120, 250)
-#: Frequencies at which a new section is tried.
+#: Number of trial frequencies of a new section.
 _PLACES = 9
-#: Half the way between the zeros and poles of a new step, in log frequency.
+#: Half the distance between the zero and the pole of a new first-order section, in log frequency.
 _STEP = 0.7
-#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
-#: lines.
+#: Damping of zeros and poles of a new section; the sharp ones at the tightest peaks, of which
+#: `_TOUCHED` are tried.
 _PEAKS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
 _SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
 _DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
 _TOUCHED = 3
-#: Share of the largest excess, in log |W|, below which a bound is nearly touched.
+#: Share of the largest excess, in log |W|, below which a bound is nearly tight.
 _GAP = 0.3
-#: Starts that are followed to their end.
+#: Number of starts that are optimised to the end.
 _FOLLOWED = 2
 _STEPS = 60
-#: Times that lines are added to a fit.
+#: Largest number of times that lines are added to a fit.
 _EXCHANGES = 3
-#: Distance from the closest line below which a line is added, in log |W|.
+#: Distance from the tightest line within which a line is added, in log |W|.
 _NEAR = 0.05
-#: Less than this below, it is raised.
+#: Largest violation that is corrected by the gain alone, in log |W|.
 _BELOW = 0.002
 
 
@@ -55,21 +55,21 @@ class Weight:
     Attributes
     ----------
     zeros, poles : ndarray of complex, shape (order,)
-        In rad/s, all in the left half plane; of an odd order the first is a single real one, then
-        come pairs.
+        In rad/s, all in the left half plane; for an odd order the first is a single real root,
+        followed by pairs.
     gain : float
         W at infinity.
     largest, mean : float
-        Largest excess |W| / l of a line, and its geometric mean over log frequency; l counts as the
-        floor where it is below.
+        Largest excess |W| / l of a line, and its geometric mean over log frequency; l is at least
+        the floor.
     peak : float
         Largest l.
     peak_at : float
-        Where, in Hz.
+        Its frequency in Hz.
     note : str
         Note on the channel.
     A, B, C, D : ndarray of float, shapes (order, order), (order, 1), (1, order), (1, 1)
-        In state space, sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in
+        State-space form of sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in
         python-control.
     """
 
@@ -93,7 +93,7 @@ class Weight:
 
     def __repr__(self) -> str:
         return (
-            f"Weight(order {self.order}, at most {self.largest:.3g} times what it bounds,"
+            f"Weight(order {self.order}, at most {self.largest:.3g} times the radius,"
             f" {self.mean:.3g} in the mean)"
         )
 
@@ -119,20 +119,7 @@ class Weight:
 
 
 def roots_of(bound: Bound, lift: float = 0.0) -> tuple[_Complex, _Complex, float]:
-    """Return zeros and poles in rad/s, and the gain, of a bound.
-
-    Parameters
-    ----------
-    bound : Bound
-        In sections.
-    lift : float
-        Logarithm by which it is raised.
-
-    Returns
-    -------
-    zeros, poles : ndarray of complex, shape (order,)
-    gain : float
-    """
+    """Return zeros and poles in rad/s and the gain of a bound whose log is increased by `lift`."""
     zeros: list[complex] = []
     poles: list[complex] = []
     gain = float(np.exp(bound.p[0] + lift))
@@ -151,7 +138,7 @@ def roots_of(bound: Bound, lift: float = 0.0) -> tuple[_Complex, _Complex, float
 
 
 def _pair(w: float, damping: float) -> list[complex]:
-    """Return the roots of s^2 + 2 damping w s + w^2, the real ones without cancellation."""
+    """Return the roots of s^2 + 2 damping w s + w^2, real ones without cancellation."""
     if damping < 1.0:
         turn = np.sqrt(1.0 - damping**2)
         return [complex(-w * damping, w * turn), complex(-w * damping, -w * turn)]
@@ -166,7 +153,7 @@ def _series(zeros: _Complex, poles: _Complex, gain: float) -> tuple[_Real, _Real
     cuts = [slice(0, 1)] * first + [slice(k, k + 2) for k in range(first, len(poles), 2)]
     for cut in cuts:
         a, b, c = _section(zeros[cut], poles[cut])
-        # The section takes what the ones before it give.
+        # The output of the previous sections is the input of this one.
         A = np.block([[A, np.zeros((len(A), len(a)))], [b @ C, a]])
         B = np.vstack([B, b @ D])
         C = np.hstack([C, c])
@@ -174,7 +161,7 @@ def _series(zeros: _Complex, poles: _Complex, gain: float) -> tuple[_Real, _Real
 
 
 def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
-    """Return A, B, C of one section whose D is 1."""
+    """Return A, B, C of one section with D = 1."""
     if len(poles) == 1:
         pole, zero = float(poles[0].real), float(zeros[0].real)
         return np.array([[pole]]), np.array([[1.0]]), np.array([[pole - zero]])
@@ -190,7 +177,7 @@ def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
-    """Sections of a magnitude.
+    """A magnitude as a product of sections.
 
     Attributes
     ----------
@@ -201,8 +188,7 @@ class Bound:
         for each pair of zeros and poles frequency and damping of the zeros, frequency and damping
         of the poles. rad/s.
     largest, mean : float
-        Largest excess, and its mean over log frequency: |W| / l of that line, and of the geometric
-        mean.
+        Largest excess |W| / l of a line, and its geometric mean over log frequency.
     """
 
     order: int
@@ -218,35 +204,20 @@ class Bound:
 def fit_above(
     omega: _Real, level: _Real, order: int | None, tolerance: float, largest_order: int
 ) -> Bound:
-    """Fit a magnitude above given numbers.
+    """Return a magnitude above a positive level at ascending lines in rad/s.
 
-    Parameters
-    ----------
-    omega : ndarray of float, shape (n_f,)
-        Lines in rad/s, ascending.
-    level : ndarray of float, shape (n_f,)
-        Above what, all above 0.
-    order : int or None
-        Of the magnitude; None: the lowest of 0, 1, 2, 4, 6 ... whose mean excess is at most 1 +
-        `tolerance`.
-    tolerance : float
-        See `order`.
-    largest_order : int
-        Where the search for an order ends, with the best found.
-
-    Returns
-    -------
-    Bound
+    Without an `order`, the lowest of 0, 1, 2, 4, 6 ... with a mean excess of at most 1 +
+    `tolerance`, or the best up to `largest_order`.
     """
     y = np.log(level)
     weight = np.gradient(np.log(omega)) if len(omega) > 1 else np.ones(1)
     weight = weight / weight.sum()
-    few = _pooled(omega, y, weight)
-    even = best = _raised(Bound(0, np.array([y.max()]), 0.0, 0.0), omega, y, weight)
+    few = _thin_lines(omega, y, weight)
+    even = best = _raise_bound(Bound(0, np.array([y.max()]), 0.0, 0.0), omega, y, weight)
     for tried in _orders(largest_order if order is None else order):
         if order is None and best.mean <= 1.0 + tolerance:
             break
-        whole, few = _polished(_grown(even, tried, *few), few, omega, y, weight)
+        whole, few = _polish_bound(_add_section(even, tried, *few), few, omega, y, weight)
         if tried % 2 == 0:
             even = whole
         if order is not None or whole.mean < best.mean:
@@ -255,14 +226,14 @@ def fit_above(
 
 
 def _orders(last: int) -> list[int]:
-    """Return the orders on the way to the last: 1, then pair by pair."""
+    """Return the orders up to the last one: 1, then in steps of 2."""
     return sorted({n for n in (1, *range(2, last + 1, 2), last) if 0 < n <= last})
 
 
-def _pooled(omega: _Real, y: _Real, weight: _Real) -> _Lines:
-    """Return fewer lines: of each run the one that is highest, with the weight of all."""
-    # Half by their number, which is dense about resonances, half by log frequency, in which the
-    # mean is taken.
+def _thin_lines(omega: _Real, y: _Real, weight: _Real) -> _Lines:
+    """Return fewer lines: the highest of each run, with the total weight of the run."""
+    # Half of the share by the number of lines, dense around resonances, half by log frequency, as
+    # in the mean.
     share = np.linspace(0.0, 0.5, len(omega)) + 0.5 * np.log(omega / omega[0]) / max(
         np.log(omega[-1] / omega[0]), 1e-300
     )
@@ -273,10 +244,10 @@ def _pooled(omega: _Real, y: _Real, weight: _Real) -> _Lines:
     return omega[at], y[at], np.array([weight[run].sum() for run in runs])
 
 
-def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
-    """Return the best bound of an order, from one of lower order with a pole and zero added."""
+def _add_section(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bound:
+    """Return the best bound of an order from one of lower order, by an additional pole and zero."""
     p, places = base.p, np.log(np.geomspace(omega[0], omega[-1], _PLACES))
-    # A pole upon a zero changes nothing: begun there, more sections are never worse.
+    # A coincident pole and zero change nothing, so a start with them is never worse.
     middle = places[_PLACES // 2]
     if order % 2:
         starts = [np.concatenate([p[:1], [middle, middle], p[1:]])]
@@ -303,12 +274,11 @@ def _touched_and_free(
 ) -> tuple[list[float], list[float]]:
     """Return log frequencies where a bound is tight, and the middles of the widest gaps.
 
-    A peak of a section at the first lets the bound down elsewhere; a dip in the second takes it
-    down there.
+    A peak of a section at a tight place lowers the bound elsewhere; a dip in a gap lowers it there.
     """
     excess = bound.log_magnitude(omega) - y
     touched = np.argsort(excess, kind="stable")[:_TOUCHED]
-    # Gaps lie between places that are nearly touched; their size is their area over log frequency.
+    # Gaps lie between nearly tight places; their size is their area over log frequency.
     near = np.flatnonzero(excess < _GAP * excess.max())
     ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
     areas = []
@@ -320,8 +290,8 @@ def _touched_and_free(
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]
 
 
-def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
-    """Return the bound that just lies above at all lines."""
+def _raise_bound(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
+    """Return the bound shifted to the lowest level above all lines."""
     excess = bound.log_magnitude(omega) - y
     lift = -float(excess.min())
     p = bound.p.copy()
@@ -331,11 +301,11 @@ def _raised(bound: Bound, omega: _Real, y: _Real, weight: _Real) -> Bound:
     )
 
 
-def _polished(
+def _polish_bound(
     bound: Bound, few: _Lines, omega: _Real, y: _Real, weight: _Real
 ) -> tuple[Bound, _Lines]:
-    """Add the lines at which the fit lies below the radius, and fit again; return them too."""
-    best, p = _raised(bound, omega, y, weight), bound.p
+    """Return a bound refitted with the lines that it violates, and the extended lines."""
+    best, p = _raise_bound(bound, omega, y, weight), bound.p
     for _ in range(_EXCHANGES):
         excess = _model(p, bound.order, omega)[0] - y
         if excess.min() > -_BELOW:
@@ -347,7 +317,7 @@ def _polished(
         above = np.concatenate([above, y[lowest]])[first]
         few = every, above, np.concatenate([share, np.zeros(len(lowest))])[first]
         p, _ = _descend(p, bound.order, *few, _STEPS)
-        now = _raised(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
+        now = _raise_bound(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
         if now.mean < best.mean:
             best = now
     return best, few
@@ -356,9 +326,9 @@ def _polished(
 def _descend(
     p: _Real, order: int, omega: _Real, y: _Real, weight: _Real, steps: int
 ) -> tuple[_Real, float]:
-    """Reduce the excess by linear programs in a trust region."""
+    """Reduce the excess by linear programs in a trust region; return parameters and cost."""
     lower, upper = _bounds(order, omega)
-    p, f, J, cost = _lifted(np.clip(p, lower, upper), order, omega, y, weight)
+    p, f, J, cost = _lift_above(np.clip(p, lower, upper), order, omega, y, weight)
     n, box = len(p), 1.0
     for _ in range(steps):
         reach = box * _reach(p, order)
@@ -373,7 +343,7 @@ def _descend(
         if program.status != 0:
             break
         promised = cost - (program.fun + weight @ (f - y))
-        q, g, K, now = _lifted(p + program.x[:n], order, omega, y, weight)
+        q, g, K, now = _lift_above(p + program.x[:n], order, omega, y, weight)
         if now < cost:
             gained = cost - now
             p, f, J, cost = q, g, K, now
@@ -389,20 +359,20 @@ def _descend(
 
 
 def _reach(p: _Real, order: int) -> _Real:
-    """Return how far a step may go: a sharp section is moved by some of its widths, else by e."""
+    """Return the largest step: a few widths of a sharp section, else a factor of e."""
     reach = np.ones(len(p))
     first = 3 if order % 2 else 1
     reach[first::2] = np.minimum(1.0, 4.0 * np.exp(p[first + 1 :: 2]))
     return reach
 
 
-def _lifted(
+def _lift_above(
     p: _Real, order: int, omega: _Real, y: _Real, weight: _Real
 ) -> tuple[_Real, _Real, _Real, float]:
-    """Return the numbers with the gain that just lies above, log |W|, its slopes, and the cost.
+    """Return the parameters with the lowest gain above all lines, log |W|, slopes, and cost.
 
-    No section is sharper than the lines are dense where it is: it could peak between them for
-    nothing.
+    The damping of a section is limited by the spacing of the lines, between which a sharper one
+    could peak.
     """
     first = 3 if order % 2 else 1
     p = p.copy()

@@ -213,7 +213,9 @@ def test_data_that_have_changed_are_seen(folder: Path, capsys: pytest.CaptureFix
     changed = updyn.FRF(frf.freq, 1.01 * frf.values, frf.responses, frf.references, frf.quantity)
     updyn.write_frf(changed, folder / "chain.uff")
     assert main(["plant", str(folder / "job.toml")]) == 2
-    assert "the measurement differs from that of the run" in " ".join(capsys.readouterr().err.split())
+    assert "the measurement differs from that of the run" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_folders_and_jobs_that_cannot_be(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -102,7 +102,11 @@ def test_a_band_beyond_the_data_is_said(job):
             9,
             "weights without a name",
         ),
-        ('inputs = [{ name = "a" }]\noutputs = ["5:X"]\n', 9, "expected either dof or weights by DOF"),
+        (
+            'inputs = [{ name = "a" }]\noutputs = ["5:X"]\n',
+            9,
+            "expected either dof or weights by DOF",
+        ),
         ('inputs = ["12:X"]\noutputs = ["5:X",\n"5:X"]\n', 11, "two outputs are named '5:X'"),
         (PORTS + 'quantity = "mobilty"\n', 11, "did you mean 'mobility'"),
         (

@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 import updyn.demos
-from updyn.control.antiresonances import raised
+from updyn.control.antiresonances import raised_magnitude
 from updyn.errors import DataError, DofError, OptionError
 
 BEAM = Path(updyn.demos.__file__).parent / "data/ladisk_beam.uff"
@@ -54,7 +54,7 @@ def test_the_measured_beam() -> None:
         plant.C @ np.linalg.solve(s * eye - plant.A, plant.B) + plant.D
         for s in 2j * np.pi * data.freq
     ]
-    level = raised(data.freq, data.values)
+    level = raised_magnitude(data.freq, data.values)
     assert (np.abs(np.array(own) - data.values) / level).max() <= 0.05
     modes = updyn.identify_modes(frf, band=band)
     largest = np.argsort(np.linalg.norm(modes.shapes[:2], axis=0))[-3:]  # of the two responses
@@ -97,7 +97,7 @@ def test_beside_the_plant_of_the_model() -> None:
         ({"outputs": ["4:X"]}, DofError, r"port '4:X' of the measurement: output 4:X is not"),
         ({"inputs": ["2:X"]}, DofError, r"port '2:X' of the measurement: input 2:X is not"),
         ({"band": (70.0, 80.0)}, DataError, r"0 lines of the measurement .*800 from 5 to 60 Hz"),
-        ({"route": "modal"}, OptionError, r"of a measurement there is route 'rational'"),
+        ({"route": "modal"}, OptionError, r"a measurement requires route 'rational'"),
         ({"tolerance": 0.0}, OptionError, r"tolerance 0\.0; expected a share"),
     ],
 )

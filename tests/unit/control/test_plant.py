@@ -135,7 +135,7 @@ class TestConversions:
     @pytest.mark.parametrize("route", ["single-frequency", "diagonal"])
     def test_refused_as_a_plant(self, chain: updyn.Model, route: str) -> None:
         with pytest.raises(
-            OptionError, match=rf"route '{route}' is refused: .* wrong by \d+.*use route='modal'"
+            OptionError, match=rf"route '{route}' is refused: .* error is \d+.*use route='modal'"
         ):
             updyn.plant(chain, ["2:X"], ["1:X"], (0.5, 45.0), route=route)
 
@@ -385,7 +385,7 @@ class TestPlantItself:
         ("change", "said"),
         [
             ({"A": np.eye(3)}, r"B has shape \(2, 1\); expected \(3, 1\)"),
-            ({"C": np.full((1, 2), np.nan)}, r"C holds a number that is not finite"),
+            ({"C": np.full((1, 2), np.nan)}, r"C contains a number that is not finite"),
             ({"quantities": ()}, r"0 quantities for 1 outputs"),
             ({"quantities": ("mobilty",)}, r"mobility"),
             ({"dt": 0.0}, r"sampling interval 0\.0 s; expected a finite number above 0"),
@@ -417,9 +417,9 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("given", "said"),
         [
-            ({"band": (5.0, 1.0)}, r"expected the lower line first"),
-            ({"band": (0.0, 50.0)}, r"begins at 0 Hz, where the 1 rigid-body motions"),
-            ({"band": (1.0,)}, r"expected two lines in Hz"),
+            ({"band": (5.0, 1.0)}, r"expected 0 <= low < high"),
+            ({"band": (0.0, 50.0)}, r"starts at 0 Hz, where the 1 rigid-body motions"),
+            ({"band": (1.0,)}, r"expected two frequencies in Hz"),
             ({"tolerance": 0.0}, r"tolerance 0\.0; expected a share"),
             ({"route": "modl"}, r"no route 'modl'; did you mean 'modal'"),
             ({"quantity": ["mobility", "mobility"]}, r"2 quantities for 1 outputs"),

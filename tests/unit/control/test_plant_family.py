@@ -257,7 +257,7 @@ def test_what_is_not_understood_is_refused(unsure) -> None:
         plant_family(unsure, **PORTS, n=0)
     with pytest.raises(OptionError, match="seed = -1"):
         plant_family(unsure, **PORTS, seed=-1)
-    with pytest.raises(OptionError, match="band None; expected two lines"):
+    with pytest.raises(OptionError, match="band None; expected two frequencies"):
         plant_family(unsure, **PORTS | {"band": None})
     with pytest.raises(OptionError, match="expected the result of an update, found Model"):
         plant_family(unsure.model, **PORTS)

@@ -116,7 +116,7 @@ def test_scipy() -> None:
 
 def test_two_names_that_are_one_to_it() -> None:
     ports = (Port.at("1:RZ", "a.b"), Port.at("2:RZ", "a_b"), Port.at("1:RZ", "c"))
-    with pytest.raises(OptionError, match=r"'a\.b' and 'a_b' are one name"):
+    with pytest.raises(OptionError, match=r"'a\.b' and 'a_b' become the same name"):
         updyn.to_control(two_masses(output_ports=ports))
 
 

@@ -246,19 +246,19 @@ def test_a_prewarping_that_is_none(prewarp: object) -> None:
 
 def test_what_cannot_be_sampled() -> None:
     one = double_integrator()
-    with pytest.raises(OptionError, match=r"sampled already, every 0\.1 s"):
+    with pytest.raises(OptionError, match=r"already sampled, every 0\.1 s"):
         sampled(sampled(one, 0.1), 0.1)
     with pytest.raises(
-        OptionError, match=r"reaches to 2 Hz, but half the sampling rate is 1\.66667 Hz"
+        OptionError, match=r"extends to 2 Hz, but half the sampling rate is 1\.66667 Hz"
     ):
         sampled(one, 0.3)
     with pytest.raises(OptionError, match="did you mean 'tustin'"):
         sampled(one, 0.1, "tustn")
-    with pytest.raises(OptionError, match="is of method 'tustin'"):
+    with pytest.raises(OptionError, match="belongs to method 'tustin'"):
         sampled(one, 0.1, prewarp=1.0)
     with pytest.raises(OptionError, match=r"1\.7 intervals of 0\.1 s.*nearest 0\.2 s"):
         sampled(one, 0.1, "tustin", delay=0.17)
-    with pytest.raises(OptionError, match="is the delay in s"):
+    with pytest.raises(OptionError, match="expected a delay in s"):
         sampled(one, 1e-4, delay=5.0)
     with pytest.raises(OptionError, match="a pole at s = 20 rad/s"):
         sampled(plant([[20.0]], [[1.0]], [[1.0]]), 0.1, "tustin")

@@ -75,7 +75,7 @@ def test_it_is_that_of_the_model(options: dict[str, float], decomposed: bool) ->
     assert (spectrum.modes is not None) == decomposed
     exact = updyn.response(model, LINES, ["1:X", "4:X", "8:X"], ["1:X", "5:X"]).values
     np.testing.assert_allclose(spectrum.receptance(LINES), exact, rtol=1e-7)
-    np.testing.assert_allclose(spectrum.solved(LINES), exact, rtol=1e-9)
+    np.testing.assert_allclose(spectrum.solve_lines(LINES), exact, rtol=1e-9)
 
 
 def test_it_is_that_of_another_state() -> None:

@@ -409,7 +409,7 @@ def test_a_loop_has_its_margins_where_they_are_read_off():
     assert bar.get_ydata()[0] == -180.0
     inner = plots.plant(quick(two_masses(), NOTCHED, **NAMES).velocity_loop)
     assert "velocity loop" in labelled(inner.axes[0])
-    with pytest.raises(OptionError, match="a loop has its own lines"):
+    with pytest.raises(OptionError, match="a loop has its lines already"):
         plots.plant(servo, [1.0])
     with pytest.raises(OptionError, match="found Model"):
         plots.plant(chain())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.antiresonances import raised, resolved
+from updyn.control.antiresonances import raised_magnitude, resolve_antiresonances
 from updyn.control.build import plant
 from updyn.control.conversions import ConversionError, conversions
 from updyn.control.family import PlantFamily, plant_family
@@ -142,7 +142,7 @@ class PlantResult:
         assert self.answer is not None
         level = np.abs(self.exact).max(axis=0, keepdims=True)
         if measure == "relative":
-            level = np.maximum(raised(self.freq, self.exact), _UNCOUPLED * level)
+            level = np.maximum(raised_magnitude(self.freq, self.exact), _UNCOUPLED * level)
         return np.asarray(np.abs(self.answer - self.exact) / np.where(level > 0, level, 1.0))
 
 
@@ -298,7 +298,7 @@ def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
         H = response(model, lines, model.dofs[rows], model.dofs[columns], **how).values
         return np.asarray((out @ H @ into.T) * ((2j * np.pi * lines)[:, None] ** power)[:, :, None])
 
-    freq, exact = resolved(answer, freq, answer(freq))
+    freq, exact = resolve_antiresonances(answer, freq, answer(freq))
     return {"freq": freq, "exact": exact, "answer": made.response(freq).values}
 
 

@@ -100,7 +100,7 @@ class Bandwidth:
 class DriveFigures:
     """Figures of a drive of motor, train and load; for linear DOFs in kg and N/m.
 
-    Frequencies are undamped. A figure is None if the model lacks the data for it (a rigid-body
+    Frequencies are undamped. Figures are None if the model lacks the data for them (a rigid-body
     motion, a stated ratio); `notes` give the reason.
 
     Attributes

@@ -252,7 +252,7 @@ class Servo:
     controller : Controller
         Its settings.
     torque, velocity, position, disturbance, pointing : str or None
-        Names of the plant's input and outputs. `position` is None without a position loop, and
+        Names of the plant's input and outputs. Without a position loop `position` is None; it
         equals `velocity` if one of them is derived from the other.
     plant : dict
         Facts of the nominal plant: ``states``, ``modes`` (Hz), ``rigid``, ``band`` (Hz), ``error``,
