@@ -374,7 +374,7 @@ def overloads(records: Records) -> int:
         channels = records.values[:, row]
         found += len(list(hits.clipped_alike(channels, name)))
         for number, channel in enumerate(channels, 1):
-            found += len(list(hits.clipped(channel, name, number)))
+            found += len(list(hits.clipped_run(channel, name, number)))
             found += len(list(hits.clipped_pair(channel, name, number)))
     return found
 

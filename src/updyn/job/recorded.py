@@ -13,12 +13,12 @@ from updyn.io import read_records
 from updyn.job.base import Document
 from updyn.job.files import existing_file
 from updyn.job.records_table import RecordsTable, SetupTable
-from updyn.signals.cutting import cut
+from updyn.signals.cutting import cut_records
 from updyn.signals.estimate import estimate_frf
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.joining import joined_frfs
 from updyn.signals.quality import RecordFinding, check_records
-from updyn.signals.records import Records, chained, records_of
+from updyn.signals.records import Records, chain_records, records_of
 from updyn.signals.windows import ImpactWindow
 
 __all__ = ["Recorded", "RecordedSetup", "recorded"]
@@ -113,12 +113,12 @@ def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSet
         with key_path("reader"):
             found = read_records(path, **_reader_options(setup))
         parts.append(records_of(found).calibrated(setup.units, setup.factors))
-    records = chained(parts)
+    records = chain_records(parts)
     if table.cut is not None:
         before = table.cut.length / 20.0 if table.cut.before is None else table.cut.before
         force = _names(setup.excitation)[0]
         with key_path("cut"):
-            records = cut(records, force, table.cut.length, before, table.cut.level)
+            records = cut_records(records, force, table.cut.length, before, table.cut.level)
     segment = table.segment
     if segment is None and ESTIMATORS[table.estimator].is_local:  # the force lasts
         segment = records.values.shape[2] * records.step

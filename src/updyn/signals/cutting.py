@@ -1,4 +1,4 @@
-"""`cut_hits`: records that run on over several hits, cut into one record a hit."""
+"""`cut_hits`: cut records with several hits into one record per hit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from updyn.signals.records import Records, records_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["cut", "cut_hits"]
+__all__ = ["cut_hits", "cut_records"]
 
 
 def cut_hits(
@@ -24,36 +24,37 @@ def cut_hits(
     before: float | None = None,
     level: float = 0.2,
 ) -> xarray.DataArray:
-    """Cut records that run on over several hits into one record a hit.
+    """Cut records with several hits into one record per hit.
 
-    A hit begins where the force exceeds the level; the next one is sought after the end of its
-    record, so that a second hit within one stays in it, for `check_records` to find.
+    A hit starts when the force exceeds the level; the search for the next one starts after the end
+    of the hit's record, so a second hit within it remains there, for `check_records` to find.
 
     Parameters
     ----------
     records : xarray.DataArray
-        Of `read_records`, such as those of a WAV file.
+        From `read_records`, such as those of a WAV file.
     excitation : str
-        The channel of the force.
+        Channel of the force.
     length : float
-        Of each new record, in s.
+        Length of each new record, in s.
     before : float, optional
-        How much of that is before the hit, in s; by default a twentieth.
+        Time of each record before the hit, in s; by default a twentieth of the length.
     level : float
+        Share of the largest force that starts a hit, above 0 and below 1.
         Share of the largest force that a hit exceeds, above 0 and below 1.
 
     Returns
     -------
     xarray.DataArray
-        As of `read_records`; records are the hits in their order.
+        As from `read_records`; the records are the hits in order.
 
     Raises
     ------
     DataError
-        If there is no such channel, it is zero throughout, or a record begins too late or ends too
-        early for one of its hits.
+        If the channel is missing or zero throughout, or a record starts too late or ends too early
+        for one of its hits.
     OptionError
-        If a length or the level has a value that it cannot have.
+        If a length or the level is invalid.
 
     Examples
     --------
@@ -74,23 +75,13 @@ def cut_hits(
     (3, 2, 512)
     """
     lead = length / 20.0 if before is None else before
-    return cut(records_of(records), excitation, length, lead, level).to_xarray()
+    return cut_records(records_of(records), excitation, length, lead, level).to_xarray()
 
 
-def cut(records: Records, excitation: str, length: float, before: float, level: float) -> Records:
-    """Return one record a hit; as `cut_hits`.
-
-    Parameters
-    ----------
-    records : Records
-        The records.
-    excitation, length, before, level
-        As of `cut_hits`.
-
-    Returns
-    -------
-    Records
-    """
+def cut_records(
+    records: Records, excitation: str, length: float, before: float, level: float
+) -> Records:
+    """Return one record per hit; as `cut_hits`."""
     step, n = records.step, records.values.shape[2]
     if not 2.0 * step <= length <= n * step:
         raise OptionError(
@@ -119,8 +110,8 @@ def cut(records: Records, excitation: str, length: float, before: float, level: 
             if start < 0 or start + width > n:
                 raise DataError(
                     f"record {number}: the hit at {begin * step:g} s has {begin * step:g} s before"
-                    f" it and {(n - begin) * step:g} s from it on; expected {before:g} and"
-                    f" {length - before:g} s: shorten before or length",
+                    f" it and {(n - begin) * step:g} s after it; expected {before:g} and"
+                    f" {length - before:g} s: reduce before or length",
                     key=("length",),
                 )
             parts.append(record[:, start : start + width])
@@ -128,7 +119,7 @@ def cut(records: Records, excitation: str, length: float, before: float, level: 
 
 
 def _hits(above: NDArray[np.bool_], rest: int) -> list[int]:
-    """Return where hits begin: the first samples above the level, the rest of a record apart."""
+    """Return the first samples of hits, at least the rest of a record apart."""
     begins: list[int] = []
     for at in np.flatnonzero(above).tolist():
         if not begins or at >= begins[-1] + rest:

@@ -27,30 +27,31 @@ if TYPE_CHECKING:
 __all__ = ["FRFEstimate", "estimate_frf", "frf_estimate"]
 
 _Real = NDArray[np.float64]
-#: A force with 90 % of its energy in this share of a record is a pulse to LRM. True over stated
-#: variance is 1.2 to 1.4 of random bursts of 2 %, and 1.5 to 1.6 of 1 %, in records of three decay
-#: times (`benchmarks/records.py`); of a hit it is 3 to 500, depending on where in the record it is.
+#: Largest share of a record with 90 % of the energy of a force for which LRM treats it as a pulse.
+#: True over stated variance is 1.2 to 1.4 for random bursts of 2 %, and 1.5 to 1.6 for 1 %, in
+#: records of three decay times (`benchmarks/records.py`); for a hit it is 3 to 500, depending on
+#: its place in the record.
 _PULSE = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FRFEstimate:
-    """FRFs from records, with what they were estimated from.
+    """FRFs from records, with their coherences and spectra.
 
     Attributes
     ----------
     frf : FRF
-        The estimate over all records that were kept.
+        The estimate over all records used.
     ordinary : ndarray of float, shape (n_f, n_responses, n_references), or None
         Ordinary coherence of each response with each force. All three are None for LRM and
         H1-LRM, which average no spectra.
     multiple : ndarray of float, shape (n_f, n_responses), or None
-        Coherence of each response with all forces together: 1 less the share of it that none of
-        them explains.
+        Coherence of each response with all forces together: 1 less the share of the response that
+        no force explains.
     partial : ndarray of float, shape (n_f, n_responses, n_references), or None
-        Coherence of each response with each force, the other forces taken out of both.
+        Coherence of each response with each force, after removal of the other forces from both.
     records : tuple of int
-        Numbers of the records that were kept, from 1.
+        Numbers of the records used, from 1.
 
     Examples
     --------
@@ -81,34 +82,34 @@ class FRFEstimate:
     _setting: _Setting
 
     def of_record(self, number: int) -> FRF:
-        """Return the FRFs of one record alone.
+        """Return the FRFs of one record.
 
         Parameters
         ----------
         number : int
-            Of `records`.
+            One of `records`.
 
         Returns
         -------
         FRF
-            On the same lines; of a record that is one segment without coherence and variance, but
-            for LRM and H1-LRM, which give the variance.
-            `updyn.average` makes the mean of several, with the variance from their scatter.
+            On the same lines. If the record is a single segment, without coherence, and with
+            variance only for LRM and H1-LRM. `updyn.average` gives the mean of several, with the
+            variance from their scatter.
 
         Raises
         ------
         DataError
-            If the record was not kept, or has fewer segments than there are forces.
+            If the record was not used, or has fewer segments than forces.
         """
         if number not in self.records:
             kept = ", ".join(map(str, self.records))
-            raise DataError(f"record {number!r} is not among those that were kept: {kept}")
+            raise DataError(f"record {number!r} was not used; expected one of {kept}")
         at, each = self.records.index(number), self._setting.segments
         is_local = ESTIMATORS[self._setting.estimator].is_local
         if each < len(self.frf.references) and not is_local:
             raise DataError(
                 f"record {number}: {each} segment for {len(self.frf.references)} forces; FRFs of"
-                " a single record take as many segments as forces"
+                " a single record require as many segments as forces"
             )
         part = self._spectra.part(slice(at * each, (at + 1) * each), self._setting.independent)
         source = f"record {number} of {self.frf.source}" if self.frf.source else f"record {number}"
@@ -117,7 +118,7 @@ class FRFEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Setting:
-    """How spectra become FRFs, whatever records they come from.
+    """Parameters of the conversion of spectra to FRFs.
 
     Attributes
     ----------
@@ -128,15 +129,15 @@ class _Setting:
     responses : dict of str to str
         Labels of the responses by channel.
     quantity : str
-        Of the FRF.
+        Quantity of the FRF.
     estimator : str
-        Of `ESTIMATORS`.
+        One of `ESTIMATORS`.
     decay : float
-        Of an exponential window whose damping is to be taken out, in 1/s.
+        Decay of an exponential window whose damping is to be removed, in 1/s.
     segments : int
-        Segments of each record.
+        Number of segments of each record.
     independent : float
-        How many of these are independent.
+        Number of these that are independent.
     """
 
     freq: _Real
@@ -149,7 +150,7 @@ class _Setting:
     independent: float
 
     def frf(self, spectra: Spectra, source: str) -> FRF:
-        """Return the FRFs that spectra give."""
+        """Return the FRFs of spectra."""
         found = ESTIMATORS[self.estimator].estimate(spectra, self.freq, tuple(self.forces))
         frf = FRF(
             self.freq,
@@ -186,53 +187,53 @@ def estimate_frf(
     records : xarray.DataArray
         Of `read_records`: dimensions ``record``, ``channel``, ``time`` (s).
     excitation : str, iterable of str, or mapping of str to str
-        The channel of the force, or those of several forces that act at once; with the DOFs at
-        which they act, ``{"Force": "3:-Z"}``, where the names of channels are no DOF labels.
+        Channel of the force, or those of several simultaneous forces; with the DOFs of the forces,
+        ``{"Force": "3:-Z"}``, if the names of channels are not DOF labels.
     responses : iterable of str, or mapping of str to str, optional
-        Channels of the responses, with their DOFs where their names are no DOF labels; by default
-        all but the forces.
+        Channels of the responses, with their DOFs if their names are not DOF labels; by default all
+        but the forces.
     estimator : {"H1", "H2", "Hv", "LRM", "H1-LRM"}
         H1 for noise on the responses, H2 for noise on the forces, Hv for both. LRM, the local
-        rational method, is for noise on the responses and a lasting force that varies from line to
-        line: it estimates leakage with the FRFs, from a single record if need be, and its errors
-        are correlated over neighbouring lines. H1-LRM is H1 of records whose transients LRM has
-        taken out: its errors are larger, and independent, as an update expects them.
+        rational method, is for noise on the responses and a continuous force that varies from line
+        to line: it estimates leakage together with the FRFs, also from a single record, and its
+        errors are correlated over neighbouring lines. H1-LRM is H1 of records from which LRM has
+        removed the transients: its errors are larger and independent, as an update assumes.
     window : str or ImpactWindow, optional
-        Name of a window of `scipy.signal.get_window`, or those for hits. By default none on whole
-        records, "hann" on segments of them. LRM and H1-LRM take none.
+        Name of a window of `scipy.signal.get_window`, or the windows for hits. By default none for
+        whole records, "hann" for segments. Not for LRM and H1-LRM.
     segment : float, optional
-        Length in s of the segments that each record is cut into, for a lasting force; the mean is
-        taken off each (Welch, 1967). By default each record is one segment, a hit, and the median,
-        which the hit does not move, is taken off. LRM takes whole records best.
+        Length in s of the segments of each record, for a continuous force; the mean of each is
+        removed (Welch, 1967). By default each record is one segment, a hit, and its median, which
+        the hit does not affect, is removed. LRM is most accurate for whole records.
     overlap : float, optional
-        Share of a segment that the next one repeats, from 0 to below 1; by default a half. LRM
-        and H1-LRM take none.
+        Share of a segment that the next one repeats, from 0 to below 1; by default a half. Not for
+        LRM and H1-LRM.
     reject : mapping of int to str, optional
-        Records to leave out, counted from 1, and why: ``{1: "clipped"}``. The reasons are kept in
-        `FRF.source`.
+        Records to omit, counted from 1, with the reason: ``{1: "clipped"}``. `FRF.source` states
+        the reasons.
     band : (float, float), optional
-        Lowest and highest line in Hz; by default all but 0 Hz, of which the offset was taken off.
+        Lowest and highest line in Hz; by default all except 0 Hz, as the offset is removed.
     units : mapping of str to str, optional
-        Units of channels where the records do not say; a contradiction is an error.
+        Units of channels for which the records have none; a contradiction is an error.
 
     Returns
     -------
     FRF
-        In SI units, with the number of averages. LRM and H1-LRM give the variance from the
-        residual of local models, and no coherence. The others give, of more averages than forces,
-        coherence and variance: |H|^2 (1 - gamma^2) / (gamma^2 (n - n_r)) of n averages and n_r
-        forces, for H1 that of least squares (Bendat and Piersol, Random Data, 4th ed. 2010, eq.
-        9.90, for n segments less the unknowns). The coherence is the ordinary one, of several
-        forces the partial one: with the other forces taken out.
+        In SI units, with the number of averages. LRM and H1-LRM give the variance from the residual
+        of local models, and no coherence. The others give, for more averages than forces, coherence
+        and variance: |H|^2 (1 - gamma^2) / (gamma^2 (n - n_r)) for n averages and n_r forces; for
+        H1 that of least squares (Bendat and Piersol, Random Data, 4th ed. 2010, eq. 9.90, for n
+        segments less the unknowns). The coherence is the ordinary one, for several forces the
+        partial one.
 
     Raises
     ------
     DataError
-        If a channel is missing or has no unit that is known, responses are of several quantities,
-        no record is left, a force is zero at a line, or forces cannot be told apart; of LRM also
-        if the force is a pulse, or there are too few lines.
+        If a channel is missing or has no known unit, responses are of several quantities, no record
+        remains, a force is zero at a line, or forces are linearly dependent; for LRM also if the
+        force is a pulse, or there are too few lines.
     OptionError
-        If an option has a value that it cannot have, or does not apply to the estimator.
+        If an option is invalid, or does not apply to the estimator.
 
     Examples
     --------
@@ -280,7 +281,7 @@ def frf_estimate(
     band: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> FRFEstimate:
-    """Estimate FRFs from records, and keep all coherences and the FRFs of each record.
+    """Return FRFs from records, with all coherences and the FRFs of each record.
 
     Parameters
     ----------
@@ -290,8 +291,8 @@ def frf_estimate(
     Returns
     -------
     FRFEstimate
-        The FRFs, their ordinary, multiple and partial coherence, and by its `of_record` those of
-        each hit.
+        The FRFs, their ordinary, multiple and partial coherence, and with `of_record` those of each
+        record.
 
     Raises
     ------
@@ -335,7 +336,7 @@ def frf_estimate(
         given, others if responses is None else responses, "responses"
     )
     rows = force_rows + response_rows
-    kept = _kept(given, reject or {})
+    kept = _kept_numbers(given, reject or {})
     quantity, scales = _scales(given, forces, labels, units or {})
     values = given.values[np.array(kept) - 1][:, rows] * scales[:, None]
     if is_local:
@@ -368,26 +369,26 @@ def frf_estimate(
 def _check_unwindowed(
     estimator: str, window: str | ImpactWindow | None, overlap: float | None
 ) -> None:
-    """Refuse windows and overlap of an estimator that takes records as they are."""
+    """Raise OptionError for a window or an overlap with an estimator that permits none."""
     for key, value in (("window", window), ("overlap", overlap)):
         if value is not None:
             raise OptionError(
-                f"{key} {value!r}: estimator {estimator} takes records without windows, and"
-                f" segments without overlap; leave {key} out",
+                f"{key} {value!r}: estimator {estimator} uses records without windows, and"
+                f" segments without overlap; omit {key}",
                 key=(key,),
             )
 
 
 def _check_lasting(forces: _Real, step: float, names: tuple[str, ...], estimator: str) -> None:
-    """Refuse forces that are pulses: their spectra are as smooth as those of transients."""
+    """Raise DataError for forces that are pulses, with spectra as smooth as those of transients."""
     duration = forces.shape[2] * step
     for name, force in zip(names, np.swapaxes(forces, 0, 1), strict=True):
         lasts = float(np.median(time_of_energy(force))) * step
         if lasts < _PULSE * duration:
             raise DataError(
                 f"channel {name!r}: the force is a pulse of {lasts:.2g} s in records of"
-                f" {duration:.3g} s; {estimator} cannot tell the response to it from a transient."
-                " Take estimator H1, with ImpactWindow if the response is cut off",
+                f" {duration:.3g} s; {estimator} cannot separate its response from a transient."
+                " Use estimator H1, with ImpactWindow if the response is cut off",
                 key=("estimator",),
             )
 
@@ -395,7 +396,7 @@ def _check_lasting(forces: _Real, step: float, names: tuple[str, ...], estimator
 def _channels(
     records: Records, given: Iterable[str] | Mapping[str, str], key: str
 ) -> tuple[dict[str, str], list[int]]:
-    """Return the DOF labels of channels, and their places in the records."""
+    """Return the DOF labels of channels, and their indices in the records."""
     named = dict(given) if isinstance(given, Mapping) else {name: name for name in given}
     if not named:
         raise DataError(f"{key}: no channel", key=(key,))
@@ -408,7 +409,7 @@ def _channels(
 
 
 def _check_label(name: str, label: str) -> None:
-    """Refuse a channel whose label is none of a DOF."""
+    """Raise DataError for a channel whose label is not that of a DOF."""
     try:
         Dof.parse(label)
     except DofError as error:
@@ -418,7 +419,7 @@ def _check_label(name: str, label: str) -> None:
         raise DataError(f"channel {name!r}: {error}{hint}") from error
 
 
-def _kept(records: Records, reject: Mapping[int, str]) -> tuple[int, ...]:
+def _kept_numbers(records: Records, reject: Mapping[int, str]) -> tuple[int, ...]:
     """Return the numbers of the records that are not rejected."""
     n = len(records.values)
     for number in reject:
@@ -438,7 +439,7 @@ def _scales(
     labels: Mapping[str, str],
     units: Mapping[str, str],
 ) -> tuple[str, _Real]:
-    """Return the quantity of the FRF, and what makes SI units of the forces and the responses."""
+    """Return the quantity of the FRF, and the factors from channel units to SI units."""
 
     def of(channel: str) -> Unit:
         said = records.units[records.index(channel)]
@@ -477,14 +478,14 @@ def _scales(
 
 
 def _check_angular(name: str, label: str, unit: Unit, key: str) -> None:
-    """Refuse a unit of a translation or a force for a rotation or a moment, or the reverse."""
+    """Raise DataError for a unit of a translation at a rotation, or vice versa."""
     if unit.angular != Dof.parse(label).direction.startswith("R"):
         what = "an angle or a moment" if unit.angular else "a translation or a force"
-        raise DataError(f"channel {name!r} at {label}: its unit is one of {what}", key=(key, name))
+        raise DataError(f"channel {name!r} at {label}: its unit is that of {what}", key=(key, name))
 
 
 def _in_band(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]:
-    """Return which lines are wanted; never that at 0 Hz."""
+    """Return a mask of the lines in the band, without 0 Hz."""
     chosen = freq > 0.0
     if band is not None:
         with key_path("band"):
@@ -512,7 +513,7 @@ def _pieces(
         shape = np.ones(n_samples) if window is None else _window(window, n_samples)
         return values * shape, 0.0, shape
     if isinstance(window, ImpactWindow):
-        raise OptionError("windows for hits take whole records; leave segment out", key=("window",))
+        raise OptionError("windows for hits need whole records; omit segment", key=("window",))
     size = round(segment / step)
     if not 2 <= size <= n_samples:
         raise OptionError(
@@ -529,7 +530,7 @@ def _pieces(
 def _hits(
     values: _Real, n_forces: int, step: float, window: ImpactWindow
 ) -> tuple[_Real, float, _Real]:
-    """Return records of hits under their windows; as `_pieces`."""
+    """Return records of hits with their windows applied, as `_pieces`."""
     n_samples = values.shape[2]
     decay = window.decay(n_samples * step)
     values = values.copy()
@@ -541,13 +542,13 @@ def _hits(
 
 
 def _window(name: str, size: int) -> _Real:
-    """Return a window of scipy by its name."""
+    """Return a window of scipy by name."""
     try:
         return np.asarray(get_window(name, size), dtype=np.float64)
     except ValueError as error:
         raise OptionError(
-            f"window {name!r}: {error}; expected one of scipy.signal.get_window that takes no"
-            " parameter, such as 'hann' or 'flattop'",
+            f"window {name!r}: {error}; expected one of scipy.signal.get_window without"
+            " parameters, such as 'hann' or 'flattop'",
             key=("window",),
         ) from error
 
@@ -567,5 +568,5 @@ def _independent(n: int, shape: _Real, overlap: float) -> float:
 
 
 def _source(records: Records, reject: Mapping[int, str]) -> str:
-    left = ", ".join(f"record {number} left out: {why}" for number, why in sorted(reject.items()))
+    left = ", ".join(f"record {number} omitted: {why}" for number, why in sorted(reject.items()))
     return "; ".join(filter(None, (records.source, left)))

@@ -12,22 +12,22 @@ from updyn.errors import DataError
 from updyn.signals.local import local_rational, without_transients
 from updyn.signals.spectra import Spectra
 
-__all__ = ["ESTIMATORS", "Estimated", "Estimator"]
+__all__ = ["ESTIMATORS", "Estimate", "Estimator"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimated:
-    """FRFs, and how uncertain they are.
+class Estimate:
+    """FRFs and their uncertainty.
 
     Attributes
     ----------
     values : ndarray of complex, shape (n_f, n_i, n_r)
         H.
     coherence : ndarray of float, shape (n_f, n_i, n_r), or None
-        Ordinary coherence, of several forces the partial one.
+        Ordinary coherence, for several forces the partial one.
     variance : ndarray of float, shape (n_f, n_i, n_r), or None
         E|dH|^2.
     """
@@ -39,38 +39,38 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """How spectra become FRFs.
+    """A conversion of spectra to FRFs.
 
     Attributes
     ----------
     estimate : callable
-        Takes `Spectra`, lines in Hz and the channels of the forces, and returns `Estimated`.
+        Function of `Spectra`, lines in Hz and the channels of the forces that returns `Estimated`.
     is_local : bool
-        Whether it takes the lines about each line together. It then needs spectra without a window
-        of records or segments that do not overlap, and a single one may do for several forces.
+        Whether it combines neighbouring lines. It then needs spectra without a window, of records
+        or of segments without overlap, and a single one may suffice for several forces.
     """
 
-    estimate: Callable[[Spectra, _Real, Sequence[str]], Estimated]
+    estimate: Callable[[Spectra, _Real, Sequence[str]], Estimate]
     is_local: bool = False
 
 
 def _of_averages(values_of: Callable[[Spectra], _Complex]) -> Estimator:
-    """Return an estimator by averaged spectra, with the variance that follows from coherence."""
+    """Return an estimator from averaged spectra, with the variance from the coherence."""
 
-    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimated:
+    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimate:
         spectra.check_forces(freq, names)
         H = values_of(spectra)
         n = len(names)
-        if max(1, int(spectra.averages)) <= n:  # the forces explain anything: all coherences are 1
-            return Estimated(H, None, None)
+        if max(1, int(spectra.averages)) <= n:  # all coherences are 1
+            return Estimate(H, None, None)
         coherence = spectra.partial
-        return Estimated(H, coherence, _variance(H, coherence, max(spectra.averages - n, 1.0)))
+        return Estimate(H, coherence, _variance(H, coherence, max(spectra.averages - n, 1.0)))
 
     return Estimator(estimate)
 
 
 def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
-    """Return E|dH|^2 of so many averages less unknowns."""
+    """Return E|dH|^2 for a number of averages less unknowns."""
     least = np.maximum(coherence, np.finfo(float).eps)
     return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * freedom))
 
@@ -78,27 +78,27 @@ def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
 def _local(
     values_of: Callable[[Spectra, _Real, Sequence[str]], tuple[_Complex, _Real]],
 ) -> Estimator:
-    """Return an estimator by local models, which give the variance, and no coherence."""
+    """Return an estimator from local models, with variance and without coherence."""
 
-    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimated:
+    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimate:
         values, variance = values_of(spectra, freq, names)
-        return Estimated(values, None, variance)
+        return Estimate(values, None, variance)
 
     return Estimator(estimate, is_local=True)
 
 
 def _h1(spectra: Spectra) -> _Complex:
-    """Noise on the responses: least squares of each response on the forces."""
+    """Return H1: least squares of each response on the forces, for noise on the responses."""
     return spectra.least_squares
 
 
 def _h2(spectra: Spectra) -> _Complex:
-    """Noise on the forces: least squares of the forces on the responses.
+    """Return H2: least squares of the forces on the responses, for noise on the forces.
 
-    Of one force, each response by itself (Mitchell, 1982). Of several it is S_xx S_fx^-1, which
-    takes all responses together and at least as many as there are forces; of more, the
-    pseudo-inverse (Allemang and Brown, A unified matrix polynomial approach to modal
-    identification, J. Sound Vib. 211, 1998, for the estimator; Moore and Penrose for more).
+    For one force, each response separately (Mitchell, 1982). For several it is S_xx S_fx^-1, of all
+    responses together, at least as many as forces; with more, the pseudo-inverse (Allemang and
+    Brown, A unified matrix polynomial approach to modal identification, J. Sound Vib. 211, 1998,
+    for the estimator; Moore and Penrose for more).
     """
     n_i, n_r = spectra.xf.shape[1:]
     if n_r == 1:
@@ -107,7 +107,7 @@ def _h2(spectra: Spectra) -> _Complex:
         return np.asarray(xx / np.where(across != 0.0, across, np.inf))
     if n_i < n_r:
         raise DataError(
-            f"H2 of {n_r} forces takes at least {n_r} responses, found {n_i}; use H1",
+            f"H2 of {n_r} forces requires at least {n_r} responses, found {n_i}; use H1",
             key=("estimator",),
         )
     # S_xf = Q R: the pseudo-inverse of S_fx = R^H Q^H is Q R^-H.
@@ -119,11 +119,11 @@ def _h2(spectra: Spectra) -> _Complex:
 
 
 def _hv(spectra: Spectra) -> _Complex:
-    """Noise on all channels, in proportion to their levels: total least squares.
+    """Return Hv: total least squares, for noise on all channels in proportion to their levels.
 
     Each channel is divided by its level; the smallest eigenvector of the spectral matrix of the
-    forces and one response is the plane in which they lie: Rocklin, Crowley and Vold (1985). Of one
-    force that is the geometric mean of H1 and H2.
+    forces and one response is normal to their plane: Rocklin, Crowley and Vold (1985). For one
+    force this is the geometric mean of H1 and H2.
     """
     n_i, n_r = spectra.xf.shape[1:]
     if n_r == 1:

@@ -1,4 +1,4 @@
-"""FRFs of several setups, such as those of a hammer or a sensor that roves, as one matrix."""
+"""FRFs of several setups, such as those of a roving hammer or sensor, as one matrix."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from updyn.geometry import Geometry
 
 __all__ = ["joined_frfs"]
 
-#: Lines of two setups are the same where they differ by this share at most.
+#: Largest relative difference between equal lines of two setups.
 _SAME_LINE = 1e-9
-#: Positions (in m) and directions of a node are the same where they differ by this at most, or by
-#: this share.
+#: Largest absolute (in m) or relative difference between equal positions and directions of a node.
 _SAME_PLACE = 1e-6
 _Unsigned = tuple[int, str]
 _Real = NDArray[np.float64]
@@ -27,7 +26,7 @@ _Real = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where one pair of response and reference was measured."""
+    """Setup and indices of one pair of response and reference."""
 
     setup: int
     row: int
@@ -35,22 +34,22 @@ class _Place:
 
 
 def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
-    """Return the FRFs of several setups as one, each pair of DOFs where its labels say.
+    """Return the FRFs of several setups as one, with pairs of DOFs by their labels.
 
     Parameters
     ----------
     frfs : sequence of FRF
-        Each of its own setup.
+        One per setup.
     names : sequence of str
-        What the setups are called in messages: their files.
+        Names of the setups in messages: their files.
 
     Returns
     -------
     FRF
-        Responses and references in the order in which they are met. Where a DOF was measured with
-        both senses (5:Z and 5:-Z), the first is taken, and values of the other change sign. With
-        variance where all setups have it, and the number of averages where it is one. Geometry is
-        that of all setups that have one.
+        Responses and references in order of appearance. If a DOF was measured in both senses (5:Z
+        and 5:-Z), the first is used, and values of the other change sign. With variance if all
+        setups have it, and the number of averages if it is the same. The geometry is that of all
+        setups with one.
 
     Raises
     ------
@@ -71,17 +70,17 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
     first = frfs[0]
     for other, name in zip(frfs[1:], names[1:], strict=True):
         _check_alike(first, other, names[0], name)
-    responses = _merged([frf.responses for frf in frfs])
-    references = _merged([frf.references for frf in frfs])
+    responses = _merge_dofs([frf.responses for frf in frfs])
+    references = _merge_dofs([frf.references for frf in frfs])
     places = _places(frfs, names)
     shape = (len(first.freq), len(responses), len(references))
     values = np.empty(shape, dtype=np.complex128)
     extras = {name: np.empty(shape) for name in _common(frfs, names)}
     for i, response in enumerate(responses):
         for j, reference in enumerate(references):
-            place = places.get((_unsigned(response), _unsigned(reference)))
+            place = places.get((_unsigned_dof(response), _unsigned_dof(reference)))
             if place is None:
-                raise DataError(_missing(response, reference, frfs, names))
+                raise DataError(_missing_pair(response, reference, frfs, names))
             frf = frfs[place.setup]
             sense = response.sign * frf.responses[place.row].sign
             sense *= reference.sign * frf.references[place.column].sign
@@ -105,28 +104,28 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
 
 
 def _check_alike(first: FRF, other: FRF, name: str, its: str) -> None:
-    """Refuse setups that are not of one quantity and on the same lines."""
+    """Raise DataError for setups with different quantities or lines."""
     if other.decay != first.decay:
         raise DataError(
-            f"{its} has the decay of a window of {other.decay:g} 1/s left, {name} of"
-            f" {first.decay:g} 1/s; write them to files of their own"
+            f"{its} contains the decay of a window of {other.decay:g} 1/s, {name} of"
+            f" {first.decay:g} 1/s; write them to separate files"
         )
     if other.quantity != first.quantity:
         raise DataError(
-            f"{its} gives {other.quantity}, {name} {first.quantity}; write them to files of their"
-            " own"
+            f"{its} contains {other.quantity}, {name} {first.quantity}; write them to separate"
+            " files"
         )
     if len(other.freq) != len(first.freq) or not np.allclose(
         other.freq, first.freq, rtol=_SAME_LINE, atol=0.0
     ):
         raise DataError(
-            f"{its} has {_lines(other)}, {name} {_lines(first)}; records to be joined need one"
-            " length and one step in time. Lines are not interpolated"
+            f"{its} has {_lines(other)}, {name} {_lines(first)}; records to be joined need equal"
+            " lengths and time steps. Lines are not interpolated"
         )
 
 
 def _common(frfs: Sequence[FRF], names: Sequence[str]) -> list[str]:
-    """Return which of coherence and variance all setups have; warn where only some have."""
+    """Return which of coherence and variance all setups have; warn if only some have one."""
     found = []
     for what in ("coherence", "variance"):
         without = [n for n, f in zip(names, frfs, strict=True) if getattr(f, what) is None]
@@ -134,8 +133,8 @@ def _common(frfs: Sequence[FRF], names: Sequence[str]) -> list[str]:
             found.append(what)
         elif len(without) < len(frfs):
             warnings.warn(
-                f"{', '.join(without)}: a single record, which has no {what}; the joined FRFs are"
-                " without it",
+                f"{', '.join(without)}: a single record, which has no {what}; the joined FRFs have"
+                " none",
                 UpdynWarning,
                 stacklevel=3,
             )
@@ -143,7 +142,7 @@ def _common(frfs: Sequence[FRF], names: Sequence[str]) -> list[str]:
 
 
 def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | None:
-    """Return the nodes, lines and faces of all setups that have some; None where none has."""
+    """Return the nodes, lines and faces of all setups with a geometry; None without any."""
     known = [(n, f.geometry) for n, f in zip(names, frfs, strict=True) if f.geometry is not None]
     if not known:
         return None
@@ -158,7 +157,7 @@ def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | No
                 if not np.allclose(one, other, rtol=_SAME_PLACE, atol=_SAME_PLACE):
                     raise DataError(
                         f"{name} gives node {node} the {what} {one.tolist()}, {before}"
-                        f" {other.tolist()}; a node stands in one place"
+                        f" {other.tolist()}; expected one for each node"
                     )
     has_axes = any(geometry.axes is not None for _, geometry in known)
     return Geometry(
@@ -174,47 +173,47 @@ def _lines(frf: FRF) -> str:
     return f"{len(frf.freq)} lines from {frf.freq[0]:g} to {frf.freq[-1]:g} Hz"
 
 
-def _unsigned(dof: Dof) -> _Unsigned:
+def _unsigned_dof(dof: Dof) -> _Unsigned:
     return dof.node, dof.direction
 
 
-def _merged(sets: Sequence[DofSet]) -> DofSet:
-    """Return the DOFs of several sets, each once and with the sense met first."""
+def _merge_dofs(sets: Sequence[DofSet]) -> DofSet:
+    """Return the DOFs of several sets, each once and in the first sense."""
     found: dict[_Unsigned, Dof] = {}
     for dofs in sets:
         for dof in dofs:
-            found.setdefault(_unsigned(dof), dof)
+            found.setdefault(_unsigned_dof(dof), dof)
     return DofSet(found.values())
 
 
 def _places(frfs: Sequence[FRF], names: Sequence[str]) -> dict[tuple[_Unsigned, _Unsigned], _Place]:
-    """Return where each pair was measured, once."""
+    """Return the setup and indices of each pair, which must be unique."""
     found: dict[tuple[_Unsigned, _Unsigned], _Place] = {}
     for setup, frf in enumerate(frfs):
         for row, response in enumerate(frf.responses):
             for column, reference in enumerate(frf.references):
-                pair = (_unsigned(response), _unsigned(reference))
+                pair = (_unsigned_dof(response), _unsigned_dof(reference))
                 before = found.setdefault(pair, _Place(setup, row, column))
                 if before.setup != setup:
                     raise DataError(
                         f"response {response} to reference {reference} was measured twice: in"
-                        f" {names[before.setup]} and in {names[setup]}; leave it out of one, or"
-                        " name both files in one setup if they are hits of the same",
+                        f" {names[before.setup]} and in {names[setup]}; omit it in one, or"
+                        " name both files in one setup if they are hits of the same pair",
                         key=("setup", setup),
                     )
     return found
 
 
-def _missing(response: Dof, reference: Dof, frfs: Sequence[FRF], names: Sequence[str]) -> str:
-    """Say which pair was not measured, and where its DOFs were."""
+def _missing_pair(response: Dof, reference: Dof, frfs: Sequence[FRF], names: Sequence[str]) -> str:
+    """Return a message on the pair that was not measured, and the setups of its DOFs."""
     with_response = [n for n, f in zip(names, frfs, strict=True) if _has(f.responses, response)]
     with_reference = [n for n, f in zip(names, frfs, strict=True) if _has(f.references, reference)]
     return (
-        f"response {response} to reference {reference} was not measured: {response} stands in"
+        f"response {response} to reference {reference} was not measured: {response} is in"
         f" {', '.join(with_response)}, {reference} in {', '.join(with_reference)}; FRFs are a"
-        " complete matrix, so leave out what is not in all of them"
+        " complete matrix, so omit DOFs that are not in all setups"
     )
 
 
 def _has(dofs: DofSet, dof: Dof) -> bool:
-    return any(_unsigned(dof) == _unsigned(other) for other in dofs)
+    return any(_unsigned_dof(dof) == _unsigned_dof(other) for other in dofs)

@@ -1,4 +1,4 @@
-"""FRFs by the local rational method: leakage is estimated, not windowed away."""
+"""FRFs by the local rational method, which estimates leakage instead of windowing."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = ["local_rational", "without_transients"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Local models among which each line has one. Polynomials are for lines far from resonances, where
-#: two poles would follow the noise. Degrees are such that neither shows a bias beyond its standard
-#: deviation on lightly damped modes that are one window apart (`benchmarks/records.py`).
+#: Candidate local models of each line. Polynomials are for lines far from resonances, where two
+#: poles would follow the noise. Degrees are such that the bias stays below the standard deviation
+#: for lightly damped modes that are one window apart (`benchmarks/records.py`).
 _MODELS = (
     LocalModel(poles=0, half=8, degree=2),
     LocalModel(poles=0, half=16, degree=2),
@@ -32,52 +32,34 @@ _MODELS = (
     LocalModel(poles=2, half=16, degree=3),
     LocalModel(poles=2, half=32, degree=4),
 )
-#: A model serves the lines within an eighth of its half width from its centre, which takes half the
-#: time of a sixteenth; the errors are the same.
+#: A model is used for lines within an eighth of its half width from its centre, in half the time of
+#: a sixteenth, with equal errors.
 _SERVED = 4
-#: Degrees of freedom of a residual from which its variance is known to 40 %, 1 / sqrt(6).
+#: Degrees of freedom of a residual for which its variance is known to 40 %, 1 / sqrt(6).
 _FREEDOM = 6
-#: Lines over which models are compared: about two windows of the narrowest.
+#: Number of lines over which models are compared: about two windows of the narrowest.
 _COMPARED = 33
-#: Share of the force that is left without what a transient or another force could be. Below it,
-#: what the polynomials of a window do not follow counts ten times (1 / sqrt(share)) in the FRF.
+#: Least share of the force outside transients and other forces. Below it, errors of the polynomials
+#: of a window count ten times (1 / sqrt(share)) in the FRF.
 _SEPARABLE = 0.01
-#: Complex numbers in the largest array of a batch of windows, 5 MB: larger ones are no faster.
+#: Complex numbers in the largest array of a batch of windows, 5 MB; larger ones are no faster.
 _BATCH = 300_000
 
 
 def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple[_Complex, _Real]:
     """Return FRFs by the local rational method, and the variance of each value.
 
-    About each line the responses are (B F + C) / A with polynomials in the frequency: A is that of
-    all responses and records, C, the transient that a record begins and ends with, that of each
+    Around each line the responses are (B F + C) / A with polynomials in the frequency: A is common
+    to all responses and records; C, the transient at the ends of a record, is separate for each
     record. McKelvey and Guerin, Non-parametric frequency response estimation using a local rational
     model, IFAC SYSID (2012); without A it is the local polynomial method of Pintelon, Schoukens,
     Vandersteen and Barbe, Mech. Syst. Signal Process. 24 (2010) 573. The model of each line is
-    chosen by cross-validation (Stone, J. R. Stat. Soc. B 36, 1974): the mean square error at lines
-    that are left out, over neighbouring lines, its logarithm averaged over the responses.
+    selected by cross-validation (Stone, J. R. Stat. Soc. B 36, 1974): the mean square error at
+    omitted lines, over neighbouring lines, with the logarithm averaged over the responses.
 
-    Parameters
-    ----------
-    spectra : Spectra
-        Of records without a window, at evenly spaced lines.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, for messages.
-    names : sequence of str
-        Channels of the forces, for messages.
-
-    Returns
-    -------
-    values : ndarray of complex, shape (n_f, n_i, n_r)
-        B / A. Errors of lines in one window are correlated.
-    variance : ndarray of float, shape (n_f, n_i, n_r)
-        E|dH|^2 of each, from the residual of its model over its degrees of freedom.
-
-    Raises
-    ------
-    DataError
-        If there are too few lines, a force is zero at a line, or is not distinct from a transient
-        or the other forces.
+    The spectra are those of records without a window, at evenly spaced lines. Errors of lines in
+    one window are correlated. Raises DataError if there are too few lines, a force is zero at a
+    line, or is not distinct from a transient or the other forces.
     """
     spectra.check_power(freq, names)
     found = _local_values(spectra, freq, names)
@@ -87,27 +69,13 @@ def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple
 def without_transients(
     spectra: Spectra, freq: _Real, names: Sequence[str]
 ) -> tuple[_Complex, _Real]:
-    """Return H1 of records whose transients are taken out, and the variance of each value.
+    """Return H1 of records without their transients, and the variance of each value.
 
-    The transients C / A are those of `local_rational`. What is left is noise from line to line,
-    independent except for the errors of the transients: a fit to all lines loses nothing.
-
-    Parameters
-    ----------
-    spectra, freq, names
-        As of `local_rational`.
-
-    Returns
-    -------
-    values : ndarray of complex, shape (n_f, n_i, n_r)
-        (X - C / A) F^H (F F^H)^-1 over the records.
-    variance : ndarray of float, shape (n_f, n_i, n_r)
-        E|dH|^2 of each: the noise of the local model over the power of the force at the line.
-
-    Raises
-    ------
-    DataError
-        As `local_rational`; also if there are fewer records or segments than forces.
+    The transients C / A are those of `local_rational`. The remaining noise is independent from line
+    to line except for the errors of the transients, so a fit to all lines loses no information. H
+    is (X - C / A) F^H (F F^H)^-1 over the records; the variance is the noise of the local model
+    over the power of the force at the line. Raises DataError as `local_rational`, and for fewer
+    records or segments than forces.
     """
     spectra.check_forces(freq, names)
     found = _local_values(spectra, freq, names)
@@ -121,7 +89,7 @@ def without_transients(
 
 
 def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalValues:
-    """Return of each line the values of the model that predicts the lines about it best."""
+    """Return for each line the values of the model with the best prediction of its neighbours."""
     F, X = spectra.force, spectra.motion
     records, lines, forces = F.shape
     models = [
@@ -150,18 +118,18 @@ def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalV
 
 
 def _too_few(lines: int, records: int, forces: int) -> str:
-    """Say how many lines or records would do."""
+    """Return a message with the sufficient number of lines."""
     narrowest = next(one for one in _MODELS if one.freedom(records, forces) >= _FREEDOM)
     return (
-        f"{lines} lines of {records} records or segments; LRM of {forces} forces takes at least"
-        f" {narrowest.width} lines. Widen the band, or take longer records"
+        f"{lines} lines of {records} records or segments; LRM of {forces} forces requires at least"
+        f" {narrowest.width} lines. Widen the band, or use longer records"
     )
 
 
 def _left_out(found: LocalValues) -> _Real:
-    """Return the mean logarithm of the error at left-out lines, shape (n_f,).
+    """Return the mean logarithm of the error at omitted lines, shape (n_f,).
 
-    It is infinite at lines at which the forces cannot be distinguished from transients.
+    Infinite at lines at which the forces cannot be distinguished from transients.
     """
     smooth = uniform_filter1d(found.left_out, _COMPARED, axis=0, mode="nearest")
     error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)
@@ -169,7 +137,7 @@ def _left_out(found: LocalValues) -> _Real:
 
 
 def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> None:
-    """Refuse lines at which no model can tell a force from a transient or from other forces."""
+    """Raise DataError for lines at which a force is not distinct from a transient."""
     unknown = separable < _SEPARABLE
     if not unknown.any():
         return
@@ -178,9 +146,9 @@ def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> Non
     count = np.count_nonzero(unknown.any(axis=1))
     raise DataError(
         f"channel {names[force]!r}: at {freq[at]:g} Hz ({count} of {len(freq)} lines in all) the"
-        f" response to it cannot be told from a transient{others}; expected a force that varies"
-        " from line to line, such as independent random forces over most of the record. Narrow the"
-        " band, or take estimator H1",
+        f" response to it cannot be distinguished from a transient{others}; expected a force that"
+        " varies from line to line, such as independent random forces over most of the record."
+        " Narrow the band, or use estimator H1",
         key=("excitation",),
     )
 
@@ -198,9 +166,9 @@ def _over_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalVa
         for at in range(0, len(centres), size)
     ]
 
-    def joined(name: str) -> Any:
+    def concatenate(name: str) -> Any:
         """Return an attribute of all parts, by line."""
         whole = np.concatenate([getattr(part, name) for part in parts])
         return whole.reshape(-1, *whole.shape[2:])[:lines]
 
-    return LocalValues(*(joined(one.name) for one in fields(LocalValues)))
+    return LocalValues(*(concatenate(one.name) for one in fields(LocalValues)))

@@ -14,17 +14,17 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _Index = NDArray[np.intp]
 
-#: Steps of Gauss-Newton. The first is linear least squares, and near the optimum already if the
-#: noise is small; each later one takes most of the rest.
+#: Gauss-Newton steps. The first is linear least squares, already near the optimum for small noise;
+#: each later one removes most of the remaining error.
 _STEPS = 4
-#: Least share of a residual that a line keeps in its own fit; a line that the model follows
-#: whatever its value does not test the model.
+#: Smallest share of a residual in the fit without its line; a line that the model follows
+#: regardless of its value does not test the model.
 _LEAST_REST = 0.02
-#: What a diagonal of R is raised by, over its largest: forces that are combinations of one another.
+#: Relative increase of small diagonals of R, for forces that are linearly dependent.
 _SINGULAR = 1e-14
 _TINY = float(np.finfo(float).tiny) ** 0.25
-#: Least noise over the mean square of a response over the band, below that of a converter of 24
-#: bits (3e-15). A response that follows the force exactly would decide alone for all others.
+#: Least noise relative to the mean square of a response over the band, below that of a 24-bit
+#: converter (3e-15). A response that follows the force exactly would otherwise dominate the others.
 ROUNDING = 1e-16
 
 
@@ -35,11 +35,11 @@ class LocalModel:
     Attributes
     ----------
     poles : int
-        Degree of A, which all responses share; 0 is the local polynomial method.
+        Degree of A, which is common to all responses; 0 is the local polynomial method.
     half : int
-        Lines on either side of the centre that it is fitted to.
+        Number of lines on either side of the centre.
     degree : int
-        Of B and C, at least 1.
+        Degree of B and C, at least 1.
     """
 
     poles: int
@@ -48,24 +48,18 @@ class LocalModel:
 
     @property
     def width(self) -> int:
-        """Number of lines that it is fitted to."""
+        """Number of lines of the fit."""
         return 2 * self.half + 1
 
     def freedom(self, records: int, forces: int) -> int:
-        """Return the least number of complex degrees of freedom of the residual of a response.
-
-        Parameters
-        ----------
-        records, forces : int
-            Their numbers.
-        """
+        """Return the least number of complex degrees of freedom of the residual of a response."""
         coefficients = self.degree + 1
         return records * (self.width - coefficients) - forces * coefficients - self.poles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalValues:
-    """Values of local models at lines about their centres.
+    """Values of local models at lines around their centres.
 
     Attributes
     ----------
@@ -74,13 +68,13 @@ class LocalValues:
     variance : ndarray of float, shape (n, n_lines, n_i, n_r)
         E|dH|^2 of each.
     noise : ndarray of float, shape (n, n_lines, n_i)
-        Variance of the responses about the model.
+        Variance of the responses around the model.
     unexplained : ndarray of complex, shape (n, n_lines, n_i, n_r)
         Sum over the records of the residual at the line times the conjugate of the forces.
     left_out : ndarray of float, shape (n, n_lines, n_i)
-        Mean square error at a line of the model that is fitted without that line.
+        Mean square error at a line of the model fitted without this line.
     separable : ndarray of float, shape (n, n_lines, n_r)
-        Share of the power of each force that no polynomial transient and no other force could be.
+        Share of the power of each force outside polynomial transients and the other forces.
     """
 
     values: _Complex
@@ -91,15 +85,7 @@ class LocalValues:
     separable: _Real
 
     def better(self, closer: NDArray[np.bool_], other: LocalValues) -> LocalValues:
-        """Return the values of another model where it is closer, else these.
-
-        Parameters
-        ----------
-        closer : ndarray of bool, shape (n,)
-            Where the other model is closer.
-        other : LocalValues
-            Its values.
-        """
+        """Return the values of another model where `closer` is true, else these."""
 
         def of(name: str) -> Any:
             mine, its = getattr(self, name), getattr(other, name)
@@ -110,14 +96,14 @@ class LocalValues:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Spectra of the lines about some centres.
+    """Spectra of the lines around some centres.
 
     Attributes
     ----------
     model : LocalModel
-        What is fitted to them.
+        The model that is fitted to them.
     centre : ndarray of int, shape (n,)
-        Position of the centre in its window, which is not in the middle at the ends of the band.
+        Index of the centre in its window, which is not the middle at the ends of the band.
     powers : ndarray of float, shape (n, width, powers)
         Powers of the distance from the centre over the half width.
     force : ndarray of complex, shape (n, records, width, n_r (degree + 1))
@@ -134,17 +120,7 @@ class Windows:
 
     @classmethod
     def of(cls, force: _Complex, motion: _Complex, centres: _Index, model: LocalModel) -> Windows:
-        """Cut windows out of spectra.
-
-        Parameters
-        ----------
-        force, motion : ndarray of complex, shape (records, n_f, n_r or n_i)
-            Spectra at evenly spaced lines, of rms 1 over the band.
-        centres : ndarray of int, shape (n,)
-            Lines.
-        model : LocalModel
-            The model; it is no wider than the spectra.
-        """
+        """Return the windows of spectra of rms 1, shape (records, n_f, n_r or n_i)."""
         begin = np.clip(centres - model.half, 0, force.shape[1] - model.width)
         at = begin[:, None] + np.arange(model.width)
         away = (at - centres[:, None]) / model.half
@@ -154,52 +130,45 @@ class Windows:
         return cls(model, centres - begin, powers, F.reshape(*F.shape[:3], -1), X)
 
     def values_at(self, offsets: _Index) -> LocalValues:
-        """Return the values of the fitted models at lines about their centres.
+        """Return the values of the fitted models at some lines from their centres."""
+        start = _FittedModels.of(
+            self, np.zeros((len(self.powers), self.model.poles), dtype=complex)
+        )
+        return _Solution.of(self._fit(start), offsets).values(start.separable)
 
-        Parameters
-        ----------
-        offsets : ndarray of int, shape (n_lines,)
-            Lines from the centre.
-
-        Returns
-        -------
-        LocalValues
-        """
-        start = _Fitted.of(self, np.zeros((len(self.powers), self.model.poles), dtype=complex))
-        return _Solution.of(self._fitted(start), offsets).values(start.separable)
-
-    def _fitted(self, fit: _Fitted) -> _Fitted:
+    def _fit(self, fit: _FittedModels) -> _FittedModels:
         """Return the fitted models.
 
-        With A given, B and C are linear (variable projection: Golub and Pereyra, SIAM J. Numer.
-        Anal. 10, 1973). A is sought by Gauss-Newton from A = 1, each response over its residual.
+        For a given A, B and C are linear (variable projection: Golub and Pereyra, SIAM J. Numer.
+        Anal. 10, 1973). A follows from Gauss-Newton steps from A = 1, with each response relative
+        to its residual.
         """
         for step in range(_STEPS if self.model.poles else 0):
             moved = fit.poles + fit.change(is_first=step == 0)
-            fit = fit.better(_Fitted.of(self, moved))
+            fit = fit.better(_FittedModels.of(self, moved))
         return fit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
-    """Local models with poles that are given, all else by least squares.
+class _FittedModels:
+    """Local models with given poles; other coefficients by least squares.
 
     Attributes
     ----------
     windows : Windows
-        What they are fitted to.
+        The spectra.
     poles : ndarray of complex, shape (n, poles)
-        Coefficients of A but the constant, which is 1.
+        Coefficients of A, except the constant 1.
     inverse : ndarray of complex, shape (n, width)
         1 / A.
     transient : ndarray of complex, shape (n, width, degree + 1)
         Orthonormal basis of C / A.
     Q, R : ndarray of complex
-        Of B F / A without its part in that basis.
+        QR factors of F / A projected off this basis.
     along : ndarray of complex, shape (n, n_r (degree + 1), n_i)
         Q^H X.
     residual : ndarray of complex, shape (n, records width, n_i)
-        Of the responses.
+        Residual of the responses.
     """
 
     windows: Windows
@@ -212,19 +181,19 @@ class _Fitted:
     residual: _Complex
 
     @classmethod
-    def of(cls, windows: Windows, poles: _Complex) -> _Fitted:
+    def of(cls, windows: Windows, poles: _Complex) -> _FittedModels:
         model, powers = windows.model, windows.powers
         denominator = np.einsum("fwm,fm->fw", powers[..., 1 : model.poles + 1], poles)
         inverse = 1.0 / (1.0 + denominator)
         transient = np.linalg.qr(powers[..., : model.degree + 1] * inverse[..., None])[0]
-        force = _stacked(_without(transient, windows.force * inverse[:, None, :, None]))
-        motion = _stacked(_without(transient, windows.motion))
+        force = _stack_records(_without(transient, windows.force * inverse[:, None, :, None]))
+        motion = _stack_records(_without(transient, windows.motion))
         Q, R = np.linalg.qr(force)
         along = _herm(Q) @ motion
         return cls(windows, poles, inverse, transient, Q, R, along, motion - Q @ along)
 
-    def better(self, other: _Fitted) -> _Fitted:
-        """Return of each window the fit with the smaller residual."""
+    def better(self, other: _FittedModels) -> _FittedModels:
+        """Return for each window the fit with the smaller residual."""
         closer = np.log(other.power).sum(axis=1) < np.log(self.power).sum(axis=1)
 
         def of(name: str) -> Any:
@@ -236,12 +205,12 @@ class _Fitted:
 
     @property
     def power(self) -> _Real:
-        """Sum of squares of the residual, shape (n, n_i); no less than rounding."""
+        """Sum of squares of the residual, shape (n, n_i), at least that of rounding."""
         squares = np.sum(np.abs(self.residual) ** 2, axis=1)
         return np.asarray(np.maximum(squares, ROUNDING * self.residual.shape[1]))
 
     @property
-    def explained(self) -> _Complex:
+    def fitted_motion(self) -> _Complex:
         """Responses without their residual, shape (n, records, width, n_i)."""
         motion = self.windows.motion
         return motion - self.residual.reshape(motion.shape)
@@ -249,16 +218,16 @@ class _Fitted:
     def change(self, *, is_first: bool) -> _Complex:
         """Return the Gauss-Newton step of the poles, shape (n, poles).
 
-        The first takes the measured response in place of the model's, which is linear least squares
-        of A X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
+        The first step uses the measured response instead of the model's, which is linear least
+        squares of A X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
         """
-        J, _ = self._slopes(self.windows.motion if is_first else self.explained)
+        J, _ = self._slopes(self.windows.motion if is_first else self.fitted_motion)
         error = (self.residual / np.sqrt(self.power)[:, None]).reshape(len(J), -1, 1)
-        Q, R = np.linalg.qr(self._weighted(J))
-        return -_solved(R, _herm(Q) @ error)[..., 0]
+        Q, R = np.linalg.qr(self._weigh_slopes(J))
+        return -_solve_triangular(R, _herm(Q) @ error)[..., 0]
 
     def _slopes(self, motion: _Complex) -> tuple[_Complex, _Complex]:
-        """Return the derivative of the residual by the poles, and Q^H of that before projection.
+        """Return the derivative of the residual by the poles, and Q^H of it before projection.
 
         Shapes (n, records width, poles, n_i) and (n, n_r (degree + 1), poles, n_i).
         """
@@ -266,19 +235,19 @@ class _Fitted:
         poles = self.windows.model.poles
         bent = self.windows.powers[..., 1 : poles + 1] * self.inverse[..., None]
         J = (bent[:, None, :, :, None] * motion[:, :, :, None]).reshape(n, records, width, -1)
-        J = _stacked(_without(self.transient, J))
+        J = _stack_records(_without(self.transient, J))
         along = _herm(self.Q) @ J
         shape = (n, -1, poles, responses)
         return (J - self.Q @ along).reshape(shape), along.reshape(shape)
 
-    def _weighted(self, J: _Complex) -> _Complex:
-        """Return slopes of all responses over the size of their residuals, one below another."""
+    def _weigh_slopes(self, J: _Complex) -> _Complex:
+        """Return the slopes of all responses relative to their residuals, stacked."""
         weighted = J / np.sqrt(self.power)[:, None, None, :]
         return np.moveaxis(weighted, 2, 3).reshape(len(J), -1, J.shape[2])
 
     @property
     def separable(self) -> _Real:
-        """Share of the power of each force that C and the other forces leave, shape (n, n_r)."""
+        """Share of the power of each force outside C and the other forces, shape (n, n_r)."""
         force = self.windows.force[..., :: self.windows.model.degree + 1]
         power = np.sum(np.abs(force) ** 2, axis=(1, 2))
         row = np.sum(np.abs(self.weights[:, :: self.windows.model.degree + 1]) ** 2, axis=2)
@@ -287,21 +256,21 @@ class _Fitted:
     @property
     def weights(self) -> _Complex:
         """R^-1: the weights of Q^H X in B, shape (n, n_r (degree + 1), n_r (degree + 1))."""
-        return _solved(self.R, np.broadcast_to(np.eye(self.R.shape[1]), self.R.shape))
+        return _solve_triangular(self.R, np.broadcast_to(np.eye(self.R.shape[1]), self.R.shape))
 
     def poles_basis(self) -> tuple[_Complex, _Complex, _Complex]:
         """Return Q and R of the weighted slopes by the poles, and the slopes along `Q`.
 
         Shapes (n, records width, n_i, poles), (n, poles, poles), (n, n_r (degree + 1), poles, n_i).
         """
-        J, along = self._slopes(self.explained)
-        Q, R = np.linalg.qr(self._weighted(J))
+        J, along = self._slopes(self.fitted_motion)
+        Q, R = np.linalg.qr(self._weigh_slopes(J))
         return Q.reshape(*self.residual.shape, -1), R, along
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """Values of fitted models at lines about their centres, and their derivatives.
+    """Values of fitted models at lines around their centres, and their derivatives.
 
     Attributes
     ----------
@@ -314,15 +283,15 @@ class _Solution:
     rows : ndarray of complex, shape (n, n_lines, n_r, n_r (degree + 1))
         Derivative of H by Q^H X.
     of_poles : ndarray of complex, shape (n, n_lines, n_i, n_r, poles)
-        Derivative of H by the poles, over R of the poles.
+        Derivative of H by the poles, times the inverse of their R.
     leverage : ndarray of float, shape (n, records width, n_i)
-        Share of each measured value in the value that the model has there.
+        Derivative of each fitted value by its measured value.
     freedom : ndarray of float, shape (n, n_i)
-        Complex degrees of freedom of the residuals: each response pays for the poles by its share
-        in them.
+        Complex degrees of freedom of the residuals; the poles are divided among the responses by
+        their share in them.
     """
 
-    fit: _Fitted
+    fit: _FittedModels
     offsets: _Index
     H: _Complex
     rows: _Complex
@@ -331,7 +300,7 @@ class _Solution:
     freedom: _Real
 
     @classmethod
-    def of(cls, fit: _Fitted, offsets: _Index) -> _Solution:
+    def of(cls, fit: _FittedModels, offsets: _Index) -> _Solution:
         model = fit.windows.model
         n, records, width, responses = fit.windows.motion.shape
         terms = model.degree + 1
@@ -356,12 +325,12 @@ class _Solution:
             slope = np.einsum("forp,fpmi->foirm", rows, along)
             slope -= H[..., None] * (bent / A[..., None])[:, :, None, None]
             flat = np.moveaxis(slope.reshape(n, -1, model.poles), 2, 1)
-            across = _solved(np.swapaxes(R, 1, 2), flat)
+            across = _solve_triangular(np.swapaxes(R, 1, 2), flat)
             of_poles = np.moveaxis(across, 1, 2).reshape(slope.shape)
         return cls(fit, offsets, H, rows, of_poles, leverage, np.maximum(freedom, 1.0))
 
     def values(self, separable: _Real) -> LocalValues:
-        """Return the values, with the share of the forces that is separable, shape (n, n_r)."""
+        """Return the values, with the separable share of the forces, shape (n, n_r)."""
         n, lines = len(separable), len(self.offsets)
         noise = self._noise[:, None]
         force = self._at_lines(self.fit.windows.force[..., :: self.fit.windows.model.degree + 1])
@@ -376,29 +345,29 @@ class _Solution:
         )
 
     def _at_lines(self, of_windows: _Complex) -> _Complex:
-        """Return what the windows, shape (n, records, width, ...), have at the lines."""
+        """Return values of the windows, shape (n, records, width, ...), at the lines."""
         width = of_windows.shape[2]
-        # Lines beyond the last one belong to no window; their values are not used.
+        # Lines beyond the last one are outside all windows; their values are not used.
         place = np.clip(self.fit.windows.centre[:, None] + self.offsets, 0, width - 1)
         return np.take_along_axis(of_windows, place[:, None, :, None], axis=2)
 
     @property
     def _noise(self) -> _Real:
-        """Variance of the responses about the model, shape (n, n_i)."""
+        """Variance of the responses around the model, shape (n, n_i)."""
         return np.asarray(self.fit.power / self.freedom)
 
     @property
     def _variance(self) -> _Real:
-        """E|dH|^2: noise of the response itself, and that of all responses by the poles."""
+        """E|dH|^2 from the noise of the response, and from that of all through the poles."""
         own = np.sum(np.abs(self.rows) ** 2, axis=3)[:, :, None]
         shared = np.sum(np.abs(self.of_poles) ** 2, axis=4)
-        # The poles were weighted by residuals, which are their noise times the freedom.
+        # The poles were weighted by residuals, which are the noise times the freedom.
         shared = shared / self.freedom.mean(axis=1)[:, None, None, None]
         return np.asarray(self._noise[:, None, :, None] * own + shared)
 
     @property
     def _left_out(self) -> _Real:
-        """Mean square error at lines that are left out, by the leverage (Allen, 1974)."""
+        """Mean square error at omitted lines, by the leverage (Allen, 1974)."""
         rest = np.maximum(1.0 - self.leverage, _LEAST_REST)
         error = (self.fit.residual / rest).reshape(self.fit.windows.motion.shape)
         return np.asarray(np.mean(np.abs(self._at_lines(error)) ** 2, axis=1))
@@ -408,18 +377,18 @@ def _herm(x: _Complex) -> _Complex:
     return np.swapaxes(x, -1, -2).conj()
 
 
-def _stacked(x: _Complex) -> _Complex:
-    """Return the lines of all records one below another."""
+def _stack_records(x: _Complex) -> _Complex:
+    """Return the lines of all records, stacked."""
     return x.reshape(len(x), -1, x.shape[-1])
 
 
 def _without(Q: _Complex, x: _Complex) -> _Complex:
-    """Return x, shape (n, records, width, ...), without its part in Q, shape (n, width, ...)."""
+    """Return x, shape (n, records, width, ...), projected off Q, shape (n, width, ...)."""
     return x - Q[:, None] @ (_herm(Q)[:, None] @ x)
 
 
-def _solved(R: _Complex, b: _Complex) -> _Complex:
-    """Return R^-1 b for triangular R; of an R that is singular, something large."""
+def _solve_triangular(R: _Complex, b: _Complex) -> _Complex:
+    """Return R^-1 b for triangular R, with large values for a singular R."""
     diagonal = np.abs(np.einsum("...ii->...i", R))
     least = _SINGULAR * diagonal.max(axis=-1, keepdims=True) + _TINY
     short = np.where(diagonal < least, least, 0.0)

@@ -1,4 +1,4 @@
-"""`Records`: what was recorded in time, by record (a hit, a run) and channel."""
+"""`Records`: time records by record (a hit, a run) and channel."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from updyn.units import find_unit, merge_units, suggest_unit
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records", "chained", "records_of", "seconds", "step_of"]
+__all__ = ["Records", "chain_records", "records_of", "seconds", "step_of"]
 
-#: Steps of several files are one where they differ by this share at most: times are rounded.
+#: Largest relative difference between the sampling steps of several files: times are rounded.
 _SAME_STEP = 1e-6
-#: Sizes of the steps in time may differ by this share, as times are written with few digits.
+#: Largest relative variation of the steps in time, as times are written with few digits.
 _EVEN = 1e-3
-#: Printed times may be uneven by the rounding of their last digit if that digit is below this share
-#: of the step; a coarser digit could hide a missing sample.
+#: Printed times may vary by the rounding of their last digit if that digit is below this share of
+#: the step; a coarser digit could hide a missing sample.
 _FINE = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Records:
-    """Records of the same channels, all of one length.
+    """Records of the same channels, all of equal length.
 
     Attributes
     ----------
@@ -38,11 +38,11 @@ class Records:
     step : float
         Time between two samples, in s.
     channels : tuple of str
-        Names, each once.
+        Unique names.
     units : tuple of str
-        Of the channels, as the file writes them; empty where it does not say.
+        Units of the channels as in the file; empty if unknown.
     source : str
-        Where the records came from.
+        Source of the records.
     """
 
     values: NDArray[np.float64]
@@ -60,24 +60,11 @@ class Records:
         units: Sequence[str],
         source: str = "",
     ) -> Records:
-        """Check records and make them immutable.
+        """Return immutable records after a check.
 
-        Parameters
-        ----------
-        values : array_like of float, shape (n_records, n_channels, n_samples)
-            In the units of the channels. They are copied unless the array is immutable and owns
-            its memory.
-        step : float
-            Time between two samples, in s.
-        channels, units : sequence of str
-            Of each channel; see the class.
-        source : str
-            Where the records came from.
-
-        Raises
-        ------
-        DataError
-            If shapes disagree, a value is not finite, or a name stands twice.
+        `values` has shape (n_records, n_channels, n_samples), in the units of the channels, and is
+        copied unless it is immutable and owns its memory. Raises DataError if shapes disagree, a
+        value is not finite, or a name is not unique.
         """
         array = np.asarray(values)
         is_shared = array.flags.writeable or array.base is not None
@@ -88,7 +75,7 @@ class Records:
                 " units; expected (records, channels, samples)"
             )
         if 0 in array.shape or array.shape[2] < 2:
-            raise DataError(f"records of shape {array.shape}: nothing was recorded")
+            raise DataError(f"records of shape {array.shape}; expected at least two samples")
         if not np.isfinite(array).all():
             record, channel, sample = np.argwhere(~np.isfinite(array))[0]
             raise DataError(
@@ -96,10 +83,10 @@ class Records:
                 f" {array[record, channel, sample]}; expected a number"
             )
         if not (np.isfinite(step) and step > 0.0):
-            raise DataError(f"a time of {step} s between samples; expected a positive number")
+            raise DataError(f"time between samples is {step} s; expected a positive number")
         twice = next((name for name, count in Counter(channels).items() if count > 1), None)
         if twice is not None:
-            raise DataError(f"two channels are called {twice!r}")
+            raise DataError(f"two channels are named {twice!r}")
         array.setflags(write=False)
         return cls(array, float(step), tuple(channels), tuple(units), source)
 
@@ -107,20 +94,12 @@ class Records:
     def from_xarray(cls, given: xarray.DataArray) -> Records:
         """Return the records of a labelled array.
 
-        Parameters
-        ----------
-        given : xarray.DataArray
-            As `to_xarray` makes it: dimensions ``record``, ``channel``, ``time`` in any order, the
-            coordinates ``channel`` and ``time``, and ``unit`` along ``channel`` if known.
-            Without ``record`` it is one record. Times are in s, in the unit of their attribute
-            ``units``, or timedelta64 or datetime64. An attribute ``units`` of the array is the unit
-            of all channels.
-
-        Raises
-        ------
-        DataError
-            If a dimension or coordinate is missing, the times are not evenly spaced or in an
-            unknown unit, or two units of a channel differ.
+        As made by `to_xarray`: dimensions ``record``, ``channel``, ``time`` in any order,
+        coordinates ``channel`` and ``time``, and ``unit`` along ``channel`` if known. An array
+        without ``record`` is one record. Times are in s, in the unit of their attribute ``units``,
+        or timedelta64 or datetime64. An attribute ``units`` of the array is the unit of all
+        channels. Raises DataError if a dimension or coordinate is missing, the times are not evenly
+        spaced or in an unknown unit, or two units of a channel differ.
         """
         if "record" not in given.dims:
             given = given.expand_dims("record")
@@ -147,13 +126,10 @@ class Records:
         return cls.of(values, step, channels, units, str(given.attrs.get("source", "")))
 
     def to_xarray(self) -> xarray.DataArray:
-        """Return them as a labelled array.
+        """Return the records as a labelled array.
 
-        Returns
-        -------
-        xarray.DataArray
-            Dimensions ``record`` (from 1), ``channel``, ``time`` (s, from 0 in each record), with
-            ``unit`` along ``channel``.
+        Dimensions ``record`` (from 1), ``channel``, ``time`` (s, from 0 in each record), with
+        ``unit`` along ``channel``.
         """
         import xarray
 
@@ -175,24 +151,10 @@ class Records:
         units: Mapping[str, str] | None = None,
         factors: Mapping[str, float] | None = None,
     ) -> Records:
-        """Return the records in units that are stated, their values multiplied by factors.
+        """Return the records in given units, with their values multiplied by factors.
 
-        Parameters
-        ----------
-        units : mapping of str to str, optional
-            Unit by channel, after the factor. Without a factor, one that contradicts the records is
-            an error.
-        factors : mapping of str to float, optional
-            What the values of a channel are multiplied by: the inverse of a sensitivity.
-
-        Returns
-        -------
-        Records
-
-        Raises
-        ------
-        DataError
-            If there is no such channel, a factor is zero or not finite, or units contradict.
+        `units` are those after the factor; without a factor, one that contradicts the records is an
+        error. A factor is the inverse of a sensitivity.
         """
         told, multiplied = dict(units or {}), dict(factors or {})
         values, names = self.values, list(self.units)
@@ -200,11 +162,11 @@ class Records:
             with key_path("factors", name):
                 at = self.index(name)
                 if not np.isfinite(factor) or factor == 0.0:
-                    raise DataError(f"channel {name!r}: factor {factor}; expected a number, not 0")
+                    raise DataError(f"channel {name!r}: factor {factor}; expected a nonzero number")
             scale = np.ones(len(self.channels))
             scale[at] = factor
             values = values * scale[:, None]
-            names[at] = ""  # what the file says is the unit before the factor
+            names[at] = ""  # the unit in the file is that before the factor
         for name, told_unit in told.items():
             with key_path("units", name):
                 at = self.index(name)
@@ -213,54 +175,28 @@ class Records:
         return replace(self, values=values, units=tuple(names))
 
     def index(self, channel: str) -> int:
-        """Return the place of a channel.
-
-        Parameters
-        ----------
-        channel : str
-            Its name.
-
-        Returns
-        -------
-        int
-
-        Raises
-        ------
-        DataError
-            If there is none of that name; the nearest is named.
-        """
+        """Return the index of a channel; raises DataError with the nearest name if unknown."""
         if channel not in self.channels:
             raise DataError(f"no channel {channel!r}; {suggest(channel, self.channels)}")
         return self.channels.index(channel)
 
 
 def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) -> None:
-    """Refuse a unit of all channels that contradicts the unit of one of them."""
+    """Raise DataError for a common unit that contradicts the unit of a channel."""
     if not common:
         return
     expected = find_unit(common)
     for name, unit in zip(channels, units, strict=True):
         is_same = unit == common or (expected is not None and find_unit(unit) == expected)
         if not is_same:
-            raise DataError(f"channel {name!r}: unit {unit!r}, and the records are in {common!r}")
+            raise DataError(f"channel {name!r}: unit {unit!r}, but the records are in {common!r}")
 
 
 def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.float64]:
-    """Return times in s, the first at 0.
+    """Return times in s, from 0.
 
-    Parameters
-    ----------
-    times : ndarray, shape (n_samples,)
-        Numbers, timedelta64 or datetime64.
-    label : str
-        Unit of numbers, such as ``"ms"`` or ``"ms since 2020-01-01"``; s if empty.
-    name : str
-        Name of the array, for messages.
-
-    Raises
-    ------
-    DataError
-        If the unit is not known, or the times are of another type.
+    `times` are numbers, timedelta64 or datetime64; `label` is the unit of numbers, such as ``"ms"``
+    or ``"ms since 2020-01-01"``, s if empty. Raises DataError for an unknown unit or another type.
     """
     stated = label.partition(" since ")[0].strip()
     unit = find_unit(stated or "s", "time")
@@ -270,7 +206,7 @@ def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.f
         raise DataError(f"{name}: found {times.dtype}; expected numbers, timedelta64 or datetime64")
     if times.dtype.kind == "u":
         times = times.astype(np.int64)
-    # From the first one: counts of ns since 1970 have more digits than a double.
+    # Relative to the first time: counts of ns since 1970 have more digits than a double.
     passed = times - times[:1]
     if times.dtype.kind in "mM":
         return np.asarray(passed / np.timedelta64(1, "s"), dtype=np.float64)
@@ -278,24 +214,9 @@ def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.f
 
 
 def step_of(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = None) -> float:
-    """Return the step of times, from the first to the last.
+    """Return the step of times in s; raises DataError if they do not ascend in even steps.
 
-    Parameters
-    ----------
-    times : ndarray of float, shape (n_samples,)
-        In s.
-    rounding : ndarray of float, shape (n_samples,), optional
-        Place value of the last digit of each time, as it was printed.
-
-    Returns
-    -------
-    float
-        In s.
-
-    Raises
-    ------
-    DataError
-        If they do not ascend in even steps.
+    `rounding` is the place value of the last printed digit of each time.
     """
     steps = np.diff(times)
     if len(times) >= 2:
@@ -304,7 +225,7 @@ def step_of(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = N
         if is_even or (rounding is not None and _is_rounded(times, mean, rounding)):
             return mean
     found = f"{steps.min():g} to {steps.max():g} s apart" if len(steps) else f"{len(times)} of them"
-    raise DataError(f"times of the records: {found}; expected them to ascend in even steps")
+    raise DataError(f"times of the records: {found}; expected ascending times in even steps")
 
 
 def _is_rounded(times: NDArray[np.float64], step: float, rounding: NDArray[np.float64]) -> bool:
@@ -312,47 +233,20 @@ def _is_rounded(times: NDArray[np.float64], step: float, rounding: NDArray[np.fl
     if not rounding.max() < _FINE * step:
         return False
     away = np.abs(times - times[0] - step * np.arange(len(times)))
-    # Each may be wrong by half a digit, and the line is through the first and the last.
+    # Each may be off by half a digit, and the line is drawn through the first and the last.
     allowed = 0.5 * (rounding + max(rounding[0], rounding[-1]))
     return bool((away <= (1.0 + _EVEN) * allowed).all())
 
 
 def records_of(given: Any) -> Records:
-    """Return records, given as such or as a labelled array.
-
-    Parameters
-    ----------
-    given : Records or xarray.DataArray
-        The records.
-
-    Returns
-    -------
-    Records
-
-    Raises
-    ------
-    DataError
-        As `Records.from_xarray`.
-    """
+    """Return records from records or a labelled array."""
     return given if isinstance(given, Records) else Records.from_xarray(given)
 
 
-def chained(parts: Sequence[Records]) -> Records:
-    """Return records of several files as those of one, in their order.
+def chain_records(parts: Sequence[Records]) -> Records:
+    """Return records of several files as one, in their order.
 
-    Parameters
-    ----------
-    parts : sequence of Records
-        With their sources.
-
-    Returns
-    -------
-    Records
-
-    Raises
-    ------
-    DataError
-        If channels, units, steps or lengths of two differ; both sources are named.
+    Raises DataError with both sources if channels, units, steps or lengths differ.
     """
     first = parts[0]
     for other in parts[1:]:
@@ -364,12 +258,12 @@ def chained(parts: Sequence[Records]) -> Records:
             if mine != its:
                 raise DataError(
                     f"{other.source} has {what} {its!r}, {first.source} {mine!r}; records of one"
-                    " setup have to be alike"
+                    " setup must agree"
                 )
         if abs(other.step - first.step) > _SAME_STEP * first.step:
             raise DataError(
                 f"{other.source} has {other.step:g} s between samples, {first.source}"
-                f" {first.step:g} s; records of one setup have to be alike"
+                f" {first.step:g} s; records of one setup must agree"
             )
     values = np.concatenate([part.values for part in parts])
     values.setflags(write=False)

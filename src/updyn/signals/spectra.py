@@ -14,25 +14,25 @@ __all__ = ["Spectra"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-#: A force below this share of its largest line says nothing of the response.
+#: Share of the largest line below which a force is zero.
 _NOTHING = 1e-12
-#: Forces are combinations of one another where the smallest eigenvalue of their coherence matrix,
-#: which is rounding then, is below this.
+#: Smallest eigenvalue of the coherence matrix of forces that are linearly independent; below it is
+#: rounding.
 _DEPENDENT = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """Spectra of segments, and their averages.
+    """Spectra of segments and their averages.
 
     Attributes
     ----------
     force : ndarray of complex, shape (n, n_f, n_r)
-        Of each segment.
+        Forces of each segment.
     motion : ndarray of complex, shape (n, n_f, n_i)
-        Of each segment.
+        Responses of each segment.
     averages : float
-        How many of the segments are independent.
+        Number of independent segments.
     ff : ndarray of complex, shape (n_f, n_r, n_r)
         E F F^H.
     xx : ndarray of float, shape (n_f, n_i)
@@ -50,13 +50,7 @@ class Spectra:
 
     @classmethod
     def of(cls, force: _Complex, motion: _Complex, averages: float) -> Spectra:
-        """Average the spectra of segments.
-
-        Parameters
-        ----------
-        force, motion, averages
-            As of the class.
-        """
+        """Return the averages of the spectra of segments."""
         n = len(force)
         ff = np.einsum("nfr,nfs->frs", force, force.conj()) / n
         xf = np.einsum("nfi,nfr->fir", motion, force.conj()) / n
@@ -79,20 +73,20 @@ class Spectra:
     def multiple(self) -> _Real:
         """Multiple coherence S_xf S_ff^-1 S_fx / S_xx, shape (n_f, n_i).
 
-        Bendat and Piersol (2010), sections 7.2 and 7.3. Of one force it is the ordinary one.
+        Bendat and Piersol (2010), sections 7.2 and 7.3. Equal to the ordinary one for one force.
         """
         if self.ff.shape[1] == 1:
             return self.ordinary[:, :, 0]
-        return _share(self._explained, self.xx)
+        return _share(self._explained_power, self.xx)
 
     @property
     def partial(self) -> _Real:
-        """Partial coherence of a response and a force, the other forces taken out of both.
+        """Partial coherence of a response and a force, without the other forces.
 
-        Shape (n_f, n_i, n_r). It is |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of what
-        no force explains: the squared partial correlation by the coefficients of a regression, and
-        the conditioned spectra of Bendat and Piersol (2010), section 7.3, in one step. Of one force
-        it is the ordinary one.
+        Shape (n_f, n_i, n_r). |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of the
+        response that no force explains: the squared partial correlation by the coefficients of a
+        regression, and the conditioned spectra of Bendat and Piersol (2010), section 7.3, in one
+        step. Equal to the ordinary one for one force.
         """
         if self.ff.shape[1] == 1:
             return self.ordinary
@@ -110,9 +104,9 @@ class Spectra:
 
     @property
     def spread(self) -> _Real:
-        """Spectrum of what no force explains times diag(S_ff^-1), shape (n_f, n_i, n_r).
+        """Unexplained spectrum of the responses times diag(S_ff^-1), shape (n_f, n_i, n_r).
 
-        Over the number of averages, less that of the forces, it is the variance of H1.
+        Divided by the number of averages less that of the forces, it is the variance of H1.
         """
         left = np.maximum(self.xx * (1.0 - self.multiple), 0.0)
         if self.ff.shape[1] == 1:
@@ -122,25 +116,12 @@ class Spectra:
         return np.asarray(left[:, :, None] * inverse[:, None, :])
 
     @property
-    def _explained(self) -> _Real:
-        """Spectra of what the forces explain, shape (n_f, n_i)."""
+    def _explained_power(self) -> _Real:
+        """Spectra of the responses that the forces explain, shape (n_f, n_i)."""
         return np.asarray(np.einsum("fir,fir->fi", self.least_squares, self.xf.conj()).real)
 
     def check_power(self, freq: _Real, names: Sequence[str]) -> None:
-        """Refuse lines at which a force is zero.
-
-        Parameters
-        ----------
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz, for the message.
-        names : sequence of str
-            Channels of the forces, for the message.
-
-        Raises
-        ------
-        DataError
-            If there is such a line.
-        """
+        """Raise DataError for a line at which a force is zero."""
         for name, column in zip(names, self.power.T, strict=True):
             silent = column <= _NOTHING**2 * column.max()
             if silent.any():
@@ -150,18 +131,7 @@ class Spectra:
                 )
 
     def check_forces(self, freq: _Real, names: Sequence[str]) -> None:
-        """Refuse lines at which a force is zero, or forces cannot be told apart.
-
-        Parameters
-        ----------
-        freq, names
-            As of `check_power`.
-
-        Raises
-        ------
-        DataError
-            If there is such a line.
-        """
+        """Raise DataError for a line at which a force is zero, or forces are linearly dependent."""
         self.check_power(freq, names)
         if len(names) == 1:
             return
@@ -177,26 +147,18 @@ class Spectra:
         if (least < _DEPENDENT).any():
             at = freq[least < _DEPENDENT][0]
             raise DataError(
-                f"the forces {' and '.join(map(repr, names))} cannot be told apart at {at:g} Hz:"
-                " one is a fixed combination of the others in all records; expected forces that"
-                " are independent",
+                f"the forces {' and '.join(map(repr, names))} are linearly dependent at {at:g} Hz:"
+                " one is a fixed combination of the others in all records; expected independent"
+                " forces",
                 key=("excitation",),
             )
 
     def part(self, chosen: slice | NDArray[np.bool_], averages: float) -> Spectra:
-        """Return the average of some of the segments.
-
-        Parameters
-        ----------
-        chosen : slice or ndarray of bool, shape (n,)
-            Which.
-        averages : float
-            How many of them are independent.
-        """
+        """Return the averages over some of the segments; `averages` of them are independent."""
         return Spectra.of(self.force[chosen], self.motion[chosen], averages)
 
 
 def _share(part: _Real, whole: _Real) -> _Real:
-    """Return a share of 0 to 1; zero where nothing was measured, and no more than 1 by rounding."""
+    """Return a ratio limited to 0 to 1; zero if nothing was measured."""
     found = part / np.where(whole > 0.0, whole, np.inf)
     return np.asarray(np.clip(found, 0.0, 1.0))

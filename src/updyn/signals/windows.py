@@ -1,4 +1,4 @@
-"""Windows on records of hits: on the force a box that ends soon, on all a decay."""
+"""Windows for records of hits: a short box for the force, a decay for all channels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from updyn.errors import OptionError
 
 __all__ = ["ImpactWindow"]
 
-#: Share of the force's window at which it falls to zero, as half a cosine.
+#: Share of the force window over which it falls to zero, as half a cosine.
 _TAPER = 0.1
 
 
@@ -22,13 +22,13 @@ class ImpactWindow:
     Parameters
     ----------
     force : float, optional
-        Time in s from the largest force on after which the force counts as zero: what is then left
-        of it is noise. What lies before by as much counts, too.
+        Time in s after the largest force at which the force is set to zero, as the remainder is
+        noise. The same time before it is kept, too.
     exponential : float, optional
-        Value between 0 and 1 to which exp(-a t) decays at the end of the record. All channels are
-        multiplied by it, so that no response is cut off.
+        Value between 0 and 1 of exp(-a t) at the end of the record. All channels are multiplied by
+        it, which prevents truncation of the responses.
     remove_damping : bool
-        Whether the damping that the decay adds is taken out of the FRF again.
+        Whether the damping that the decay adds is removed from the FRF.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class ImpactWindow:
         Parameters
         ----------
         duration : float
-            Of the record, in s.
+            Length of the record, in s.
 
         Returns
         -------
@@ -70,14 +70,14 @@ class ImpactWindow:
         return 0.0 if self.exponential is None else -float(np.log(self.exponential)) / duration
 
     def on_force(self, force: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-        """Return the box about the hit.
+        """Return the window of the force.
 
         Parameters
         ----------
         force : ndarray of float, shape (n_samples,)
             Without its offset.
         step : float
-            In s.
+            Sampling interval in s.
 
         Returns
         -------

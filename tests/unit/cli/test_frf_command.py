@@ -85,7 +85,7 @@ def test_it_writes_what_the_library_estimates(folder, capsys):
     wanted = estimated(folder, "a.lvm", reject={2: "late"}, estimator="Hv")
     np.testing.assert_array_equal(found.values, wanted.values)
     np.testing.assert_array_equal(found.variance, wanted.variance)
-    assert found.source == wanted.source == "a.lvm; record 2 left out: late"
+    assert found.source == wanted.source == "a.lvm; record 2 omitted: late"
     lowest = f"{wanted.coherence[:, 0, 0].min():.3f}"
     assert any(line.startswith("1:Z") and lowest in line for line in out.splitlines())
 
@@ -132,7 +132,7 @@ def test_hits_in_several_files_are_counted_on(folder):
     assert main(["frf", put(folder, text)]) == 0
     found = updyn.read_frf(folder / "test.nc")
     assert found.averages == 5
-    assert found.source == "a.lvm, b.lvm; record 4 left out: first of b"
+    assert found.source == "a.lvm, b.lvm; record 4 omitted: first of b"
 
 
 def test_a_hammer_that_roves_over_files(folder):
@@ -260,7 +260,7 @@ file = "b.lvm"
         ("band", 'reject = { one = "x" }\nband', 6, "record 'one'; expected whole numbers"),
         ("band", 'units = { hammer = "m" }\nband', 6, "unit 'm' given, the records say 'N'"),
         ("band", "factors = { hamer = 2 }\nband", 6, "no channel 'hamer'"),
-        ("band", "segment = 0.5\nband", 1, "windows for hits take whole records"),
+        ("band", "segment = 0.5\nband", 1, "windows for hits need whole records"),
         ("band", "reader = { rate = 3 }\nband", 6, "has no option 'rate'"),
         ("band", 'format = "lvn"\nband', 6, "format 'lvn' cannot read_records; did you mean 'lvm'"),
         ("band", 'estimator = "H4"\nband', 6, "records.estimator = 'H4': valid: 'H1', 'H2', 'Hv'"),

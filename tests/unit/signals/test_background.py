@@ -166,7 +166,7 @@ def test_segments_that_are_too_short(lasting):
     assert {one.channel for one in rows} == {"1:Z", "2:Z"}
     for one in rows:
         assert one.record is None
-        assert one.remedy == "Take segments of 2 s or more."
+        assert one.remedy == "Use segments of 2 s or more."
         assert one.value > 0.1
     frf, longer = (
         updyn.estimate_frf(lasting, {"hammer": "1:Z"}, segment=size) for size in (1.0, 2.0)

@@ -162,7 +162,7 @@ def test_a_rejected_hit_is_left_out_and_kept_in_mind():
     frf = updyn.estimate_frf(given, FORCE, reject={2: "double hit"})
     assert frf.values == pytest.approx(updyn.estimate_frf(part, FORCE).values, rel=1e-12)
     assert frf.averages == 3
-    assert frf.source == "record 2 left out: double hit"
+    assert frf.source == "record 2 omitted: double hit"
 
 
 def test_labelled_arrays_are_records():
@@ -175,7 +175,7 @@ def test_labelled_arrays_are_records():
     with pytest.raises(DataError, match="expected the dimension 'channel'"):
         updyn.estimate_frf(labelled.rename(channel="sensor"), FORCE)
     uneven = labelled.assign_coords(time=labelled["time"].values ** 1.01)
-    with pytest.raises(DataError, match="ascend in even steps"):
+    with pytest.raises(DataError, match="in even steps"):
         updyn.estimate_frf(uneven, FORCE)
 
 
@@ -192,7 +192,7 @@ def test_labelled_arrays_are_records():
         ({"estimator": "H3"}, "estimator 'H3'"),
         ({"segment": 99.0}, "segment 99.0 s; expected"),
         ({"overlap": 1.0}, "overlap 1.0"),
-        ({"segment": 1.0, "window": updyn.ImpactWindow()}, "leave segment out"),
+        ({"segment": 1.0, "window": updyn.ImpactWindow()}, "omit segment"),
     ],
 )
 def test_what_cannot_be_estimated_is_refused(options, message):
@@ -203,9 +203,9 @@ def test_what_cannot_be_estimated_is_refused(options, message):
 @pytest.mark.parametrize(
     ("force", "response", "units", "message"),
     [
-        ("1:Z", "2:RZ", ("N", "g"), "'2:RZ' at 2:RZ: its unit is one of a translation or a force"),
-        ("1:RZ", "2:Z", ("N", "m"), "'1:RZ' at 1:RZ: its unit is one of a translation or a force"),
-        ("1:Z", "2:Z", ("N", "rad/s"), "'2:Z' at 2:Z: its unit is one of an angle or a moment"),
+        ("1:Z", "2:RZ", ("N", "g"), "'2:RZ' at 2:RZ: its unit is that of a translation or a force"),
+        ("1:RZ", "2:Z", ("N", "m"), "'1:RZ' at 1:RZ: its unit is that of a translation or a force"),
+        ("1:Z", "2:Z", ("N", "rad/s"), "'2:Z' at 2:Z: its unit is that of an angle or a moment"),
         ("1:RZ", "2:RZ", ("N m", "rad"), ""),
     ],
 )

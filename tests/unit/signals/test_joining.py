@@ -75,11 +75,11 @@ def test_a_setup_without_variance_is_told():
         ),
         (
             measured(["4:Z"], ["2:X"]),
-            "response 3:Z to reference 2:X was not measured: 3:Z stands in a.lvm, 2:X in b.lvm",
+            "response 3:Z to reference 2:X was not measured: 3:Z is in a.lvm, 2:X in b.lvm",
         ),
         (
             replace(measured(["4:Z"], ["1:X"]), quantity="accelerance"),
-            "b.lvm gives accelerance, a.lvm mobility",
+            "b.lvm contains accelerance, a.lvm mobility",
         ),
         (
             replace(measured(["4:Z"], ["1:X"]), freq=FREQ * 1.001),

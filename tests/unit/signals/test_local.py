@@ -305,12 +305,12 @@ def test_a_response_without_noise_leaves_the_others_as_they_are(channel):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"window": "hann"}, "window 'hann': estimator H1?-?LRM takes records without windows"),
-        ({"window": updyn.ImpactWindow(force=0.1)}, "takes records without windows"),
-        ({"overlap": 0.5}, "overlap 0.5: estimator .*LRM .*leave overlap out"),
+        ({"window": "hann"}, "window 'hann': estimator H1?-?LRM uses records without windows"),
+        ({"window": updyn.ImpactWindow(force=0.1)}, "uses records without windows"),
+        ({"overlap": 0.5}, "overlap 0.5: estimator .*LRM .*omit overlap"),
         (
             {"band": (20.0, 20.5)},
-            r"9 lines of 1 records or segments; LRM of 1 forces takes at least 17",
+            r"9 lines of 1 records or segments; LRM of 1 forces requires at least 17",
         ),
     ],
 )
@@ -347,7 +347,7 @@ def test_a_burst_is_no_pulse_from_some_length_on(share, is_pulse):
 def test_more_forces_take_more_lines():
     rng = np.random.default_rng(0)
     spectra = Spectra.of(complex_normal(rng, 1, 20, 3), complex_normal(rng, 1, 20, 2), 1.0)
-    with pytest.raises(DataError, match="LRM of 3 forces takes at least 33 lines"):
+    with pytest.raises(DataError, match="LRM of 3 forces requires at least 33 lines"):
         local_rational(spectra, np.arange(20.0), ["a", "b", "c"])
 
 
@@ -368,7 +368,9 @@ def test_forces_that_cannot_be_told_apart_are_refused(rest):
     records = shaken.records(24.0, forces=2, n=2)
     values = records.values.copy()
     values[:, 1] = 2.0 * values[:, 0] + rest * values[:, 1]
-    with pytest.raises(DataError, match="cannot be told from a transient or the other forces"):
+    with pytest.raises(
+        DataError, match="cannot be distinguished from a transient or the other forces"
+    ):
         estimated(replace(records, values=values), forces=2)
 
 
@@ -382,7 +384,9 @@ def test_a_force_as_smooth_as_a_transient_is_refused():
     records = Records.of(
         np.vstack([force, motion])[None], shaken.STEP, ["a", "p", "q"], ["N", "g", "g"]
     )
-    with pytest.raises(DataError, match="cannot be told from a transient; expected a force that"):
+    with pytest.raises(
+        DataError, match="cannot be distinguished from a transient; expected a force that"
+    ):
         estimated(records)
 
 

@@ -158,7 +158,7 @@ def test_a_ringing_sensor_named_as_the_force_is_questioned(seed, wrong, quantity
     (one,) = updyn.check_records(replace(sound, values=values), wrong, band=(1.0, 80.0))
     assert (one.kind, one.channel, one.record) == ("no-pulse", wrong, None)
     assert one.value > 20.0
-    assert f"{wrong}: the force is no pulse; it swings for" in one.statement
+    assert f"{wrong}: the force is not a pulse; it oscillates for" in one.statement
     assert "Channel hammer is a pulse of" in one.statement
     assert one.remedy.startswith("Name hammer as the excitation if it is the hammer")
 
@@ -167,7 +167,9 @@ def test_a_real_sensor_named_as_the_force_is_questioned(impact):
     (one,) = updyn.check_records(impact, "Acceleration (Trigger)")
     assert one.kind == "no-pulse"
     # Its hits last for about 10 samples of 19.5 us, its sensor rings for 26 ms.
-    assert "it swings for 26.3 ms. Channel Force (Trigger) is a pulse of 0.195 ms" in one.statement
+    assert (
+        "it oscillates for 26.3 ms. Channel Force (Trigger) is a pulse of 0.195 ms" in one.statement
+    )
 
 
 @pytest.mark.parametrize("after", [10, 40, 200])

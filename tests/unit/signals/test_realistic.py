@@ -90,7 +90,7 @@ def test_a_record_that_ends_before_rest(case, seed, before):
     found = updyn.check_records(short, "hammer")
     cut = {(one.channel, one.record) for one in found if one.kind == "cut-off"}
     assert cut == {(name, record) for name in NAMES[1:] for record in (1, 2, 3)}
-    assert all("Record for longer" in one.remedy for one in found if one.kind == "cut-off")
+    assert all("Use longer records" in one.remedy for one in found if one.kind == "cut-off")
 
 
 @pytest.mark.parametrize("before", [BEFORE, 4])

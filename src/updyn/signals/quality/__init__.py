@@ -1,4 +1,4 @@
-"""Quality of records: what is wrong with which channel of which record, told before an estimate."""
+"""Quality of records: faults by channel and record, before an estimate."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.hits import (
     REACH,
     about_the_hit,
-    clipped,
     clipped_alike,
     clipped_pair,
+    clipped_run,
     cut_off,
     ringing_before,
     second_hits,
@@ -35,7 +35,7 @@ __all__ = ["RecordFinding", "check_records"]
 
 _Real = NDArray[np.float64]
 _Band = tuple[float, float]
-#: Hits with these are not compared with others.
+#: Hits with these faults are not compared with others.
 _SPOILT = ("clipped", "double-hit", "cut-off", "leakage")
 
 
@@ -46,34 +46,34 @@ def check_records(
     band: tuple[float, float] | None = None,
     segment: float | None = None,
 ) -> tuple[RecordFinding, ...]:
-    """Look for faults of records.
+    """Return the faults of records.
 
     Parameters
     ----------
     records : xarray.DataArray
-        Of `read_records`.
+        From `read_records`.
     excitation : str or iterable of str
-        The channel of the force, or those of several.
+        Channel of the force, or those of several forces.
     band : (float, float), optional
-        Lines in Hz that are wanted. Without it nobody knows whether force and response reach far
-        enough: ``"short-force"`` and ``"noise-floor"`` are not looked for, and levels are compared
-        where the force is within 20 dB of its largest line.
+        Frequency range in Hz. Without it the required range of force and response is unknown:
+        ``"short-force"`` and ``"noise-floor"`` are not checked, and levels are compared at the
+        lines with a force within 20 dB of its largest.
     segment : float, optional
-        As of `estimate_frf`, in s: the force lasts, and faults of hits are not looked for.
+        As for `estimate_frf`, in s: the force is continuous, and faults of hits are not checked.
 
     Returns
     -------
     tuple of RecordFinding
         By record, then by channel. ``"no-pulse"`` (the channel named as the force is not a force)
-        is returned alone, as all others depend on the force. Those of several records together come
-        last, ``"leakage"`` of segments and ``"level-dependence"`` of a single force alone.
-        `estimate_frf` leaves out nothing by itself: pass ``reject={finding.record: finding.kind}``
-        for those that are to go.
+        is returned alone, as all others depend on the force. Those of several records together are
+        last; ``"leakage"`` of segments and ``"level-dependence"`` require a single force.
+        `estimate_frf` omits no record by itself: pass ``reject={finding.record: finding.kind}`` for
+        those to omit.
 
     Raises
     ------
     DataError
-        If there is no such channel, it is zero throughout, or the band is none.
+        If a channel is missing or zero throughout, or the band is invalid.
 
     Examples
     --------
@@ -141,12 +141,12 @@ def _of_hit(
     band: _Band | None,
     alike: list[RecordFinding],
 ) -> Iterator[RecordFinding]:
-    """Yield the faults of one hit, with those that it has alike with others."""
+    """Yield the faults of one hit, including those in common with other hits."""
     record, step = records.values[number - 1], records.step
     force = record[rows[0]]
     begin = start_of_hit(force)
     for row, (name, channel) in enumerate(zip(records.channels, record, strict=True)):
-        found = [*clipped(channel, name, number), *clipped_pair(channel, name, number)]
+        found = [*clipped_run(channel, name, number), *clipped_pair(channel, name, number)]
         found += [one for one in alike if (one.record, one.channel) == (number, name)]
         if row in rows:
             found += second_hits(channel, step, name, number)
@@ -162,19 +162,19 @@ def _of_hit(
 
 
 def _of_lasting(records: Records, number: int) -> Iterator[RecordFinding]:
-    """Yield the faults of one record of a lasting force."""
+    """Yield the faults of one record of a continuous force."""
     for name, channel in zip(records.channels, records.values[number - 1], strict=True):
-        yield from clipped(channel, name, number)
+        yield from clipped_run(channel, name, number)
         yield from drift(channel, None, name, number)
 
 
 def _of_hits(
     records: Records, force: int, row: int, band: _Band | None, found: list[RecordFinding]
 ) -> Iterator[RecordFinding]:
-    """Yield the faults of a channel that all hits show together."""
+    """Yield the faults of a channel over all hits."""
     name = records.channels[row]
     if any(one.kind == "mains" and one.channel == name for one in found):
-        return  # a line that is the same in all hits is a larger share of the weak ones
+        return  # a line that is equal in all hits is a larger share of the weak ones
     spoilt = {
         one.record
         for one in found
@@ -194,7 +194,7 @@ def _of_hits(
 
 
 def _lines(force: _Real, step: float, band: _Band | None) -> NDArray[np.bool_]:
-    """Return the lines in the band that a force reaches."""
+    """Return a mask of the lines in the band with sufficient force."""
     level = np.abs(np.fft.rfft(force - np.median(force)))
     freq = np.fft.rfftfreq(len(force), step)
     lines = (level > 10.0 ** (REACH / 20.0) * level[1:].max()) & (freq > 0.0)

@@ -1,4 +1,4 @@
-"""What lies under a signal all along a record: drift of its offset, lines of the mains, noise."""
+"""Background of a signal along a record: drift of its offset, lines of the mains, noise."""
 
 from __future__ import annotations
 
@@ -15,51 +15,37 @@ __all__ = ["drift", "mains", "noise_floor"]
 
 _Real = NDArray[np.float64]
 
-#: Offsets are means of so many pieces of a record; a drift is at least this share of the largest
-#: value. It shows as a slope of the offsets, by its t, or as an offset that differs from that
-#: before the hit by so many times their spread and the error of the latter.
+#: Number of pieces of a record whose means are offsets; least drift as a share of the largest
+#: value; least t value of the slope of the offsets, or least difference from the offset before the
+#: hit as multiples of their spread and of its error.
 _PIECES, _DRIFT, _SLOPE, _ABOVE_SPREAD, _ABOVE_ERROR = 20, 0.01, 12.0, 4.0, 8.0
-#: Samples before the hit that give an offset.
+#: Number of samples before the hit that give an offset.
 _BEFORE = 64
-#: Frequencies of mains in Hz and how far they wander; harmonics that are looked at.
+#: Frequencies of mains in Hz and their variation; number of harmonics evaluated.
 _MAINS, _WANDER, _HARMONICS = (50.0, 60.0), 0.15, 3
-#: A line of mains is this many times the power beside it, keeps its amplitude to this share from
-#: one half to the next, and is at least this share of the spectrum of the whole record there.
+#: Least ratio of a line of mains to the adjacent power, largest relative change of its amplitude
+#: from one half to the next, and its least share of the spectrum of the whole record.
 _ABOVE_BESIDE, _STEADY, _SHARE = 30.0, 0.25, 0.05
-#: Least length of a half, in s: in shorter ones a mode decays too little to be told from a line.
+#: Least length of a half, in s: in shorter ones a mode decays too little to be distinguished.
 _LEAST = 0.2
-#: Lines between the lines that are looked at.
+#: Factor by which lines are interpolated.
 _FINER = 4
-#: Lines beside, on either side: from the first to the last of these.
+#: First and last adjacent line, on either side.
 _BESIDE = (3, 8)
-#: Response over noise, in dB, that FRFs need; share of lines without it from which it is told.
+#: Required ratio of response to noise in FRFs, in dB; largest share of lines without it.
 _ENOUGH, _WITHOUT = 3.0, 0.45
-#: Samples from which the noise at the end of a record is known.
+#: Least number of samples for the noise at the end of a record.
 _SHORTEST = 256
 
 
 def drift(channel: _Real, begin: int | None, name: str, record: int) -> Iterator[RecordFinding]:
-    """Find an offset that moves along the record.
-
-    Parameters
-    ----------
-    channel : ndarray of float, shape (n_samples,)
-        The record.
-    begin : int or None
-        Sample at which the hit begins; None: the signal lasts.
-    name, record
-        Of the finding.
-
-    Yields
-    ------
-    RecordFinding
-    """
+    """Yield an offset that changes along the record, for a hit from sample `begin` on."""
     if len(channel) < 2 * _PIECES:
         return
     offsets = np.array([piece.mean() for piece in np.array_split(channel, _PIECES)])
     size = float(np.abs(channel - np.median(channel)).max())
     if begin is not None:
-        offsets = offsets[_PIECES // 2 :]  # in the second half little is left of a response
+        offsets = offsets[_PIECES // 2 :]  # in the second half the response is small
     moved = _trend(offsets)
     if begin is not None and begin >= _BEFORE:
         moved = max(moved, _offset_after(offsets, channel[:begin]))
@@ -71,13 +57,13 @@ def drift(channel: _Real, begin: int | None, name: str, record: int) -> Iterator
             moved,
             f"Record {record}, {name}: the offset drifts by {moved:.3g},"
             f" {100.0 * moved / size:.2g} % of the largest value.",
-            "Let sensor and amplifier settle, or take a high-pass filter; leave the lowest lines"
-            " out of the band.",
+            "Let sensor and amplifier settle, or use a high-pass filter; exclude the lowest lines"
+            " from the band.",
         )
 
 
 def _trend(offsets: _Real) -> float:
-    """Return how far a straight line through offsets goes in a record; 0 if that may be chance."""
+    """Return the change of a straight line through offsets in a record; 0 if insignificant."""
     at = np.arange(len(offsets)) - 0.5 * (len(offsets) - 1)
     slope = float(at @ offsets / (at @ at))
     left = offsets - offsets.mean() - slope * at
@@ -86,7 +72,7 @@ def _trend(offsets: _Real) -> float:
 
 
 def _offset_after(offsets: _Real, before: _Real) -> float:
-    """Return how far offsets are from that before the hit; 0 if that may be chance."""
+    """Return the difference of offsets from that before the hit; 0 if insignificant."""
     apart = abs(float(offsets.mean() - before.mean()))
     spread = float(offsets.std(ddof=1))
     error = float(before.std()) / np.sqrt(len(before))
@@ -100,25 +86,9 @@ def mains(
     band: tuple[float, float] | None,
     name: str,
 ) -> Iterator[RecordFinding]:
-    """Find lines of the mains, which are there all along most records.
+    """Yield the largest line of the mains that is present throughout most records.
 
-    Parameters
-    ----------
-    channel : ndarray of float, shape (n_records, n_samples)
-        All records of it.
-    step : float
-        Between samples, in s.
-    lasting : bool
-        Whether the force lasts; of hits the second half of a record is looked at.
-    band : (float, float) or None
-        Lines in Hz that are wanted.
-    name : str
-        Of the finding.
-
-    Yields
-    ------
-    RecordFinding
-        Of the largest line.
+    For hits, the second half of a record is evaluated.
     """
     found: list[tuple[float, float, float]] = []
     for f in (base * harmonic for base in _MAINS for harmonic in range(1, _HARMONICS + 1)):
@@ -135,16 +105,16 @@ def mains(
             name,
             None,
             amplitude,
-            f"All records, {name}: a line of the mains at {f:g} Hz, {amplitude:.3g} from beginning"
-            f" to end, {100.0 * share:.0f} % of the spectrum there.",
-            "Break the ground loop or run the sensor from batteries; leave the lines about"
-            f" {f:g} Hz out of the fit.",
+            f"All records, {name}: a line of the mains at {f:g} Hz, {amplitude:.3g} throughout,"
+            f" {100.0 * share:.0f} % of the spectrum at this line.",
+            "Break the ground loop or run the sensor from batteries; exclude the lines around"
+            f" {f:g} Hz from the fit.",
             (f - 1.0, f + 1.0),
         )
 
 
 def _of_record(record: _Real, step: float, lasting: bool, f: float) -> tuple[float, float]:
-    """Return the amplitude of a steady sine near f, and its share of the spectrum there."""
+    """Return the amplitude of a steady sine near f, and its share of the spectrum."""
     n = len(record)
     part = record if lasting else record[n // 2 :]
     amplitude = _steady_line(np.array_split(part - part.mean(), 2), step, f)
@@ -155,13 +125,13 @@ def _of_record(record: _Real, step: float, lasting: bool, f: float) -> tuple[flo
 
 
 def _about(spectrum: _Real, line: float) -> float:
-    """Return the largest of a spectrum within a line of a place."""
+    """Return the largest value of a spectrum within a line of a position."""
     at = round(line)
     return float(spectrum[max(at - 1, 0) : at + 2].max(initial=np.finfo(float).tiny))
 
 
 def _steady_line(halves: list[_Real], step: float, f: float) -> float:
-    """Return the amplitude of a sine near f that is the same in both halves; 0 if there is none."""
+    """Return the amplitude of a sine near f with equal amplitudes in both halves; else 0."""
     found = [_line(half, step, f) for half in halves]
     if any(line is None for line in found):
         return 0.0
@@ -172,13 +142,13 @@ def _steady_line(halves: list[_Real], step: float, f: float) -> float:
 
 
 def _line(half: _Real, step: float, f: float) -> tuple[float, float] | None:
-    """Return amplitude and error of a sine near f that stands out of its surroundings."""
+    """Return amplitude and error of a sine near f that exceeds its surroundings; else None."""
     n = len(half)
     if n * step < _LEAST or f * n * step < _BESIDE[1] + 1:
         return None
     window, resolution = np.hanning(n), 1.0 / (n * step)
     spectrum = np.abs(np.fft.rfft(half * window, _FINER * n)) * 2.0 / window.sum()
-    # The mains wander; a record that resolves that is searched.
+    # The frequency of the mains varies; a record that resolves this is searched.
     lines = _FINER * n * step * np.array([f - _WANDER, f + _WANDER])
     amplitude = float(spectrum[int(lines[0]) : int(np.ceil(lines[1])) + 1].max())
     apart = np.arange(_BESIDE[0], _BESIDE[1] + 1) * resolution
@@ -196,22 +166,9 @@ def noise_floor(
     name: str,
     record: int,
 ) -> Iterator[RecordFinding]:
-    """Find a response that is noise at many lines.
+    """Yield a response to a hit that is noise at many lines.
 
-    Parameters
-    ----------
-    channel : ndarray of float, shape (n_samples,)
-        The response to a hit, which has decayed in the last quarter.
-    step : float
-        Between samples, in s.
-    lines : ndarray of bool, shape (n_samples // 2 + 1,)
-        Which lines are looked at.
-    name, record
-        Of the finding.
-
-    Yields
-    ------
-    RecordFinding
+    The response must have decayed in the last quarter; `lines` is a mask of the lines to evaluate.
     """
     n = len(channel)
     freq = np.fft.rfftfreq(n, step)
@@ -219,11 +176,11 @@ def noise_floor(
         return
     tail = channel[-(n // 4) :]
     at, density = welch(tail, fs=1.0 / step, nperseg=max(16, len(tail) // 4))
-    # The response that is left rings at narrow lines, which the median takes away.
+    # The remaining response has narrow lines, which the median removes.
     floor = median_filter(density, size=min(15, len(density)), mode="nearest")
     power = np.abs(np.fft.rfft(channel - np.median(channel))) ** 2 * 2.0 * step / n
     noise = np.interp(freq, at, floor)
-    # Of the response, smoothed: a single line of noise may be ten times its mean.
+    # Smoothed, as a single line of noise may be ten times its mean.
     smooth = np.convolve(power, np.ones(5) / 5.0, mode="same")
     faint = lines & (smooth < 10.0 ** (_ENOUGH / 10.0) * noise)
     share = float(faint.sum() / lines.sum())

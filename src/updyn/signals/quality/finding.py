@@ -1,4 +1,4 @@
-"""`RecordFinding`: something that is wrong with time records."""
+"""`RecordFinding`: a fault of time records."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["RecordFinding"]
 
 @dataclass(frozen=True, slots=True)
 class RecordFinding:
-    """Something that is wrong with a record, or with several as a whole.
+    """A fault of a record, or of several as a whole.
 
     Attributes
     ----------
@@ -17,17 +17,17 @@ class RecordFinding:
         ``"no-pulse"``, ``"clipped"``, ``"double-hit"``, ``"short-force"``, ``"cut-off"``,
         ``"leakage"``, ``"drift"``, ``"mains"``, ``"noise-floor"`` or ``"level-dependence"``.
     channel : str
-        Which channel.
+        The channel.
     record : int or None
-        Which record, from 1; None: all of them together.
+        The number of the record, from 1. None: all records together.
     value : float
-        By how much, in the unit that the statement names.
+        Size of the fault, in the unit that the statement names.
     statement : str
-        What is wrong, in a sentence.
+        The fault, in a sentence.
     remedy : str
-        What to do.
+        The remedy, in a sentence.
     band : (float, float) or None
-        The lines in Hz that it concerns; None: all.
+        The affected lines in Hz. None: all.
 
     Examples
     --------

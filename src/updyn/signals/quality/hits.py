@@ -1,4 +1,4 @@
-"""Faults of single hits: overloads, second hits, forces that end too early, responses cut off."""
+"""Faults of single hits: overloads, second hits, forces that end too early, truncated responses."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from updyn.signals.quality.finding import RecordFinding
 __all__ = [
     "REACH",
     "about_the_hit",
-    "clipped",
     "clipped_alike",
     "clipped_pair",
+    "clipped_run",
     "cut_off",
     "ringing_before",
     "second_hits",
@@ -25,40 +25,39 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: Samples in a row at the largest value from which a channel was overloaded; and how far it has to
-#: jump onto them, in steps of its converter: a slow signal dwells at its peak, too.
+#: Number of consecutive samples at the largest value that indicates an overload; and the least jump
+#: onto them, in steps of the converter: a slow signal also stays at its peak.
 _FLAT, _JUMP = 3, 5.0
-#: In steps of a converter that is fine, samples at the largest value need not be neighbours.
+#: Size in steps of the converter above which samples at the largest value need not be consecutive.
 _FINE = 2.0**14
-#: Two neighbours at the largest value: how far they have to be jumped at, in steps of the
-#: converter, for such a pair to be no chance; and by how many steps, and which share, the jumps on
-#: either side differ at least: those of a computed pulse that is symmetric are the same.
+#: For two consecutive samples at the largest value: the least jump, in steps of the converter, for
+#: which such a pair is not chance; and the least difference of the jumps on either side, in steps
+#: and as a share: those of a computed symmetric pulse are equal.
 _CERTAIN, _UNEVEN = 1e4, (10.0, 1e-6)
-#: The same largest value in two hits: how large it has to be, in steps of the converter and for
-#: each pair of hits, for that to be no chance among hits whose levels differ by 1 %.
+#: For equal largest values in two hits: the least value, in steps of the converter and per pair of
+#: hits, for which this is not chance among hits whose levels differ by 1 %.
 _REPEATED = 1e5
-#: A second hit: a force this share of the largest, and so many times its noise.
+#: Least force of a second hit, as a share of the largest, and as a multiple of the noise.
 _SECOND, _ABOVE_NOISE = 0.05, 20.0
-#: A hit is over where its force stays below this share for as long as it took to get there.
+#: A hit ends when its force stays below this share for as long as it rose.
 _OVER = 0.02
-#: Level of the force at a line over its largest one, in dB, from which noise takes its place.
+#: Level of the force in dB, relative to its largest line, below which it is noise.
 REACH = -20.0
-#: A response whose last twentieth is above this share of its first has been cut off.
+#: Least level of the last twentieth of a response, as a share of its first, if truncated.
 _CUT, _LAST = 0.02, 20
-#: Samples before the hit, and how much more than at the end of the record there has to be, for a
-#: response to have been there before; samples in which the filters of converters ring ahead of it.
+#: Least number of samples before the hit, and least ratio to the level at the end of the record,
+#: for a response before the hit; number of samples in which filters of converters ring before it.
 _REST, _MORE, _FILTER = 16, 3.0, 64
-#: A response is noise where this share of its power, or more, is not a linear combination of so
-#: many samples before: of white noise that is all but 1 / 8, of half white and half slow noise a
-#: half, of modes nothing.
+#: Least share of the power of noise that is not a linear combination of this number of earlier
+#: samples: 7/8 for white noise, a half for half white and half slow noise, 0 for modes.
 _UNPREDICTED, _ORDER = 0.3, 8
-#: Rms in the third quarter of a response over that in the last, below which it does not decay: that
-#: of a steady wave is 1, of a mode that loses a third of its motion in the record 1.1.
+#: Ratio of the rms in the third quarter of a response to that in the last, below which it does not
+#: decay: 1 for a steady wave, 1.1 for a mode that loses a third of its motion in the record.
 _DECAYS = 1.1
 
 
-def clipped(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
-    """Find an overload: neighbouring samples all at the extreme value, jumped at."""
+def clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+    """Yield an overload of consecutive samples at the extreme value after a jump."""
     quantum, rest = _smallest_step(channel), np.median(channel)
     for extreme in _extremes(channel):
         at = np.flatnonzero(channel == extreme)
@@ -82,10 +81,10 @@ def clipped(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
 
 
 def clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
-    """Find an overload of two samples of a hit, told by their equal values.
+    """Yield an overload of two samples of a hit with equal values.
 
-    The two samples about a sound peak differ by anything up to the jump beside them; the chance
-    that they are equal is a step of the converter over that jump.
+    The two samples at a regular peak differ by up to the adjacent jump; the probability of equal
+    values is a step of the converter over that jump.
     """
     quantum = _smallest_step(channel)
     for extreme in _extremes(channel):
@@ -107,15 +106,7 @@ def clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFindi
 
 
 def clipped_alike(channels: _Real, name: str) -> Iterator[RecordFinding]:
-    """Find an overload of single samples, told by the same largest value of several hits.
-
-    Parameters
-    ----------
-    channels : ndarray of float, shape (records, samples)
-        A channel in all hits.
-    name : str
-        Its name.
-    """
+    """Yield an overload of single samples with the same largest value in several hits."""
     quantum = min(_smallest_step(channel) for channel in channels)
     found: dict[float, list[int]] = {}
     for number, channel in enumerate(channels, 1):
@@ -125,7 +116,7 @@ def clipped_alike(channels: _Real, name: str) -> Iterator[RecordFinding]:
         hits = [channels[number - 1] for number in numbers]
         places = [np.flatnonzero(hit == extreme) for hit in hits]
         if len(numbers) < 2 or any(len(at) > 1 for at in places):
-            continue  # more than one sample of a hit is told by that hit alone
+            continue  # `clipped` and `clipped_pair` find several samples of one hit
         around = [hit[max(at[0] - 1, 0) : at[0] + 2] for hit, at in zip(hits, places, strict=True)]
         is_copy = any(np.array_equal(around[0], other) for other in around[1:])
         pairs = 0.5 * len(channels) * (len(channels) - 1)
@@ -144,7 +135,7 @@ def clipped_alike(channels: _Real, name: str) -> Iterator[RecordFinding]:
 
 
 def _extremes(channel: _Real) -> list[float]:
-    """Return the largest and the smallest value, but for that at which the channel rests."""
+    """Return the largest and the smallest value, except the value at rest."""
     rest = np.median(channel)
     least = 0.5 * np.abs(channel - rest).max()
     both = (float(channel.max()), float(channel.min()))
@@ -152,17 +143,17 @@ def _extremes(channel: _Real) -> list[float]:
 
 
 def _smallest_step(channel: _Real) -> float:
-    """Return the smallest step between two samples: that of the converter, or of the digits."""
+    """Return the smallest step between two samples: that of the converter or of the digits."""
     steps = np.abs(np.diff(channel))
     return float(steps[steps > 0.0].min(initial=np.inf))
 
 
 def second_hits(channel: _Real, step: float, name: str, record: int) -> Iterator[RecordFinding]:
-    """Find a force that comes back after the hit is over."""
+    """Yield a force that returns after the end of the hit."""
     force = np.abs(channel - np.median(channel))
     noise = float(np.median(force))
     begin = start_of_hit(channel) - _FILTER
-    if begin >= _REST:  # a window on the record takes the noise after the hit away
+    if begin >= _REST:  # a window on the record removes the noise after the hit
         noise = max(noise, float(np.median(force[:begin])))
     first = int(np.argmax(force))
     for part, when in ((force[first:], "after"), (force[first::-1], "before")):
@@ -189,7 +180,7 @@ def second_hits(channel: _Real, step: float, name: str, record: int) -> Iterator
 def short_force(
     channel: _Real, step: float, band: tuple[float, float], name: str, record: int
 ) -> Iterator[RecordFinding]:
-    """Find lines of the band that the hit does not reach."""
+    """Yield the lines of the band without sufficient force."""
     begin = start_of_hit(channel)
     offset = channel[:begin].mean() if begin >= _REST else np.median(channel)
     force = np.where(about_the_hit(channel), channel - offset, 0.0)
@@ -206,23 +197,13 @@ def short_force(
             down,
             f"Record {record}, {name}: from {low:g} to {high:g} Hz the force falls to {down:.0f} dB"
             " of its largest line.",
-            f"Take a harder tip, or end the band below {low:g} Hz.",
+            f"Use a harder tip, or end the band below {low:g} Hz.",
             (low, high),
         )
 
 
 def about_the_hit(channel: _Real) -> NDArray[np.bool_]:
-    """Return the samples about the largest force up to where it is over, and as far again.
-
-    Parameters
-    ----------
-    channel : ndarray of float, shape (n_samples,)
-        The force of one record.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_samples,)
-    """
+    """Return a mask of the samples around the largest force, to twice the distance of its end."""
     force = _from_rest(channel)
     first = int(np.argmax(force))
     below = np.abs(np.arange(len(force)) - first)[force < _OVER * force[first]]
@@ -231,7 +212,7 @@ def about_the_hit(channel: _Real) -> NDArray[np.bool_]:
 
 
 def cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[RecordFinding]:
-    """Find a response that goes on at the end of the record."""
+    """Yield a response that continues at the end of the record."""
     free = channel - np.median(channel)
     begin = int(np.argmax(np.abs(force - np.median(force))))
     n = max(2, len(channel) // _LAST)
@@ -242,18 +223,17 @@ def cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[Re
             name,
             record,
             late / early,
-            f"Record {record}, {name}: at its end {100.0 * late / early:.2g} % of the response are"
-            " left.",
-            "Record for longer, or use ImpactWindow(exponential=0.05).",
+            f"Record {record}, {name}: at its end, {100.0 * late / early:.2g} % of the response"
+            " remain.",
+            "Use longer records, or ImpactWindow(exponential=0.05).",
         )
 
 
 def _is_noise(free: _Real, begin: int, n: int) -> bool:
-    """Return whether the last n samples of a response that begins somewhere are noise.
+    """Return whether the last n samples of a response are noise.
 
-    If nothing was recorded before the hit, noise is recognised by its prediction error: n modes
-    follow a recursion over 2 n samples, and noise follows none. So does a line of the mains, which
-    does not decay.
+    Without samples before the hit, noise is recognised by its prediction error: n modes follow a
+    recursion over 2 n samples, noise follows none. A line of the mains does, but does not decay.
     """
     if begin - _FILTER >= _REST:
         return _rms(free[-n:]) <= 2.0 * _rms(free[: begin - _FILTER])
@@ -273,7 +253,7 @@ def _rms(part: _Real) -> float:
 
 
 def ringing_before(channel: _Real, force: _Real, name: str, record: int) -> Iterator[RecordFinding]:
-    """Find a response that was not at rest when the hit came: it leaks into that of this one."""
+    """Yield a response that was not at rest before the hit and adds to that of the hit."""
     begin = start_of_hit(force)
     if begin - _FILTER < _REST:
         return
@@ -282,7 +262,7 @@ def ringing_before(channel: _Real, force: _Real, name: str, record: int) -> Iter
     before = detrend(free[: begin - _FILTER])
     early, late = _rms(free[begin : begin + n]), _rms(detrend(free[-n:]))
     share = _rms(before) / early if early > 0.0 else 0.0
-    # Under an exponential window noise decays, too: that of the force by as much.
+    # With an exponential window noise decays, too: that of the force by the same factor.
     quiet = [_rms(detrend(part)) for part in (force[: begin - _FILTER], force[-n:])]
     windowed = max(quiet[0] / quiet[1], 1.0) if quiet[1] > 0.0 else 1.0
     if share > _CUT and _rms(before) > _MORE * late * windowed:
@@ -291,25 +271,15 @@ def ringing_before(channel: _Real, force: _Real, name: str, record: int) -> Iter
             name,
             record,
             share,
-            f"Record {record}, {name}: before the hit there is already {100.0 * share:.2g} % of"
-            " the response, which decays: the structure was not at rest.",
+            f"Record {record}, {name}: {100.0 * share:.2g} % of the response are present before"
+            " the hit and decay: the structure was not at rest.",
             "Wait between hits until the structure is at rest, or until its response has fallen to"
             " the noise.",
         )
 
 
 def start_of_hit(force: _Real) -> int:
-    """Return the sample at which the hit begins.
-
-    Parameters
-    ----------
-    force : ndarray of float, shape (n_samples,)
-        The force of one record.
-
-    Returns
-    -------
-    int
-    """
+    """Return the first sample of the hit."""
     free = _from_rest(force)
     largest = int(np.argmax(free))
     below = np.flatnonzero(free[: largest + 1] < _OVER * free[largest])
@@ -317,7 +287,7 @@ def start_of_hit(force: _Real) -> int:
 
 
 def _from_rest(force: _Real) -> _Real:
-    """Return how far a force is from where it was before the hit, which may not be its median."""
+    """Return the absolute force relative to its value before the hit."""
     free = force - np.median(force)
     largest = int(np.argmax(np.abs(free)))
     if largest >= _FILTER:

@@ -1,4 +1,4 @@
-"""The channel named as the force of hits, which has to be a pulse."""
+"""Check that the channel named as the force of hits is a pulse."""
 
 from __future__ import annotations
 
@@ -13,40 +13,23 @@ __all__ = ["no_pulse", "time_of_energy"]
 
 _Real = NDArray[np.float64]
 
-#: A signal lasts for the shortest time with this share of its energy, of samples above this share
-#: of the largest: the rest is noise.
+#: Share of the energy that defines the duration of a signal, of samples above this share of the
+#: largest; the rest is noise.
 _ENERGY, _LOUD = 0.9, 0.05
-#: |sum| over the sum of sizes in that time, from which a signal is of one sign and below which it
-#: swings: of half a sine it is 1, of a free vibration 0.
+#: |sum| over the sum of absolute values in this time: least for a signal of one sign, and largest
+#: for an oscillation; 1 for half a sine, 0 for a free vibration.
 _ONE_SIGN, _SWINGS = 0.8, 0.5
-#: A pulse is shorter than what rings by this factor.
+#: Least ratio of the durations of an oscillation and of a pulse.
 _SHORTER = 4.0
 
 
 def no_pulse(
     values: _Real, step: float, names: Sequence[str], force: int, others: Sequence[int]
 ) -> RecordFinding | None:
-    """Return a finding if the force swings for long, and another channel is a pulse.
+    """Return a finding if the force oscillates and another channel is a pulse; else None.
 
-    A response to a hit cannot be shorter than the hit, and a shaker makes no pulse in a response.
-
-    Parameters
-    ----------
-    values : ndarray of float, shape (n_records, n_channels, n_samples)
-        The records.
-    step : float
-        Between samples, in s.
-    names : sequence of str
-        Of the channels.
-    force : int
-        Position of the channel named as the force.
-    others : sequence of int
-        Positions of the channels that are not named as forces.
-
-    Returns
-    -------
-    RecordFinding or None
-        Of all records together; None if fewer than half of them show it.
+    A response to a hit cannot be shorter than the hit, and a shaker causes no pulse in a response.
+    At least half of the records must show it.
     """
     lasts, sign = _shape(values[:, force])
     for row in others:
@@ -60,7 +43,8 @@ def no_pulse(
             names[force],
             None,
             times[0] / times[1],
-            f"All records, {names[force]}: the force is no pulse; it swings for {times[0]:.3g} ms."
+            f"All records, {names[force]}: the force is not a pulse; it oscillates for"
+            f" {times[0]:.3g} ms."
             f" Channel {names[row]} is a pulse of {times[1]:.3g} ms.",
             f"Name {names[row]} as the excitation if it is the hammer; for a lasting force give"
             " segment.",
@@ -69,29 +53,19 @@ def no_pulse(
 
 
 def time_of_energy(channel: _Real) -> _Real:
-    """Return by record the fewest samples in a row with 90 % of the energy.
-
-    Parameters
-    ----------
-    channel : ndarray of float, shape (n_records, n_samples)
-        The records of a channel.
-
-    Returns
-    -------
-    ndarray of float, shape (n_records,)
-    """
+    """Return for each record the fewest consecutive samples with 90 % of the energy."""
     return _shape(channel)[0]
 
 
 def _shape(channel: _Real) -> tuple[_Real, _Real]:
-    """Return by record the samples that a channel lasts, and |sum| over sum of sizes in them."""
+    """Return the duration of each record in samples, and |sum| over sum of absolute values."""
     found = [_of_record(record - np.median(record)) for record in channel]
     lasts, sign = np.array(found).T
     return lasts, sign
 
 
 def _of_record(record: _Real) -> tuple[float, float]:
-    """Return the shortest number of samples with most of the energy, and |sum| over sum of sizes.
+    """Return the duration in samples, and |sum| over sum of absolute values in it.
 
     A channel that is zero throughout has all samples, and 0.
     """

@@ -1,4 +1,4 @@
-"""Faults that records show together: FRFs that change with the level, leakage of segments."""
+"""Faults of several records together: FRFs that depend on the level, leakage of segments."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ __all__ = ["leakage", "level_dependence"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Hits, and how much larger the strongest has to be than the weakest, for a level to show.
+#: Least number of hits, and least ratio of the strongest to the weakest, for a level dependence.
 _HITS, _RANGE = 4, 1.25
-#: Peaks that are looked at; their lines are those above this share of the peak, at most so many to
-#: a side; one stands out by half of its height.
+#: Number of peaks evaluated; their lines are those above this share of the peak, at most so many on
+#: a side; the prominence of a peak is at least half of its height.
 _PEAKS, _FLANK, _MOST = 5, 0.35, 200
-#: Change of the shape of a peak that matters, and how rarely chance makes it.
+#: Least relevant change of the shape of a peak, and the probability of a larger one by chance.
 _CHANGE, _CHANCE = 0.03, 0.005
-#: A record is cut into so many blocks; a response is there where one is this many times the noise.
+#: Number of blocks of a record; least ratio of a block to the noise for a response.
 _BLOCKS, _LOUD = 200, 2.0
-#: Loss of a peak to leakage that matters, beyond so many standard deviations of it; these are from
-#: so many parts of the records, of so many segments each at least.
+#: Least relevant loss of a peak to leakage, and number of standard deviations that it must exceed;
+#: these are from so many parts of the records, of at least so many segments each.
 _LOSS, _ERRORS, _PARTS, _LEAST_SEGMENTS = 0.1, 2.0, 5, 3
 
 
@@ -38,29 +38,13 @@ def level_dependence(
     name: str,
     records: Sequence[int],
 ) -> Iterator[RecordFinding]:
-    """Find peaks whose shape changes with the level of the hits: the structure is not linear.
+    """Yield the peak whose shape changes most with the level of the hits: a nonlinear structure.
 
-    About each peak the FRF of a hit is divided by the complex factor that brings it closest to the
-    mean: a hit beside the point changes that factor. What is left of the shape is regressed on the
-    level, and what the level explains is compared with chance (F test).
-
-    Parameters
-    ----------
-    force, motion : ndarray of float, shape (n, n_samples)
-        Of the hits, without offset; of the motion, one channel.
-    step : float
-        Between samples, in s.
-    lines : ndarray of bool, shape (n_samples // 2 + 1,)
-        Which lines are looked at.
-    name : str
-        Channel of the motion.
-    records : sequence of int
-        Numbers of the hits.
-
-    Yields
-    ------
-    RecordFinding
-        Of the peak that changes most.
+    Around each peak the FRF of a hit is divided by the complex factor that brings it closest to the
+    mean, which removes the effect of a hit away from the point. The remaining shape is regressed on
+    the level, and the explained part is compared with chance (F test). `force` and `motion` are
+    without offset, shape (n, n_samples); `lines` is a mask of the lines to evaluate; `records` are
+    the numbers of the hits.
     """
     levels = np.abs(force).max(axis=1)
     n = len(levels)
@@ -75,7 +59,7 @@ def level_dependence(
     least = (n - 2) * (_CHANCE ** (-1.0 / (n - 2)) - 1.0)
     found: list[tuple[float, float]] = []
     for peak, about in _peaks(np.abs(H.mean(axis=0)), lines):
-        change, F_ratio = _explained(H[:, about], levels)
+        change, F_ratio = _shape_change(H[:, about], levels)
         if change > _CHANGE and F_ratio > least:
             found.append((change, float(freq[peak])))
     if found:
@@ -89,14 +73,14 @@ def level_dependence(
             f"Records {', '.join(map(str, records))}, {name}: from the weakest hit ({low:.3g}) to"
             f" the strongest ({high:.3g}) the peak at {f:g} Hz changes its shape by"
             f" {100.0 * change:.0f} %: the structure is not linear.",
-            "Hit with one level, or fit the FRFs of one level; look for joints that slip or"
+            "Use hits of one level, or fit the FRFs of one level; look for joints that slip or"
             " rattle.",
             (0.95 * f, 1.05 * f),
         )
 
 
 def _gate(motion: _Real) -> _Real:
-    """Return a window that ends where the responses have fallen to their noise."""
+    """Return a window that ends when the responses have decayed to their noise."""
     n = motion.shape[1]
     size = max(1, n // _BLOCKS)
     blocks = motion[:, : n // size * size].reshape(len(motion), -1, size)
@@ -111,7 +95,7 @@ def _gate(motion: _Real) -> _Real:
 
 
 def _peaks(size: _Real, lines: NDArray[np.bool_]) -> Iterator[tuple[int, slice]]:
-    """Yield the places of the largest peaks, and the lines about each."""
+    """Yield the indices of the largest peaks, and the lines around each."""
     places, known = find_peaks(np.where(lines, size, 0.0), prominence=0.0)
     high = known["prominences"] > 0.5 * size[places]
     places = places[high]
@@ -130,17 +114,10 @@ def _peaks(size: _Real, lines: NDArray[np.bool_]) -> Iterator[tuple[int, slice]]
             yield peak, slice(low, high_end + 1)
 
 
-def _explained(H: _Complex, levels: _Real) -> tuple[float, float]:
-    """Return how far a shape changes from the lowest level to the highest, and F of that change.
+def _shape_change(H: _Complex, levels: _Real) -> tuple[float, float]:
+    """Return the change of a shape from the lowest level to the highest, and F of that change.
 
-    The noise of an FRF is inverse to the level of its hit, so that the levels are the weights.
-
-    Parameters
-    ----------
-    H : ndarray of complex, shape (n, lines)
-        FRFs of the hits about a peak.
-    levels : ndarray of float, shape (n,)
-        Of the hits.
+    The noise of an FRF is inverse to the level of its hit, so the levels are the weights.
     """
     mean = levels**2 @ H / np.sum(levels**2)
     power = float(np.vdot(mean, mean).real)
@@ -158,22 +135,7 @@ def _explained(H: _Complex, levels: _Real) -> tuple[float, float]:
 def leakage(
     force: _Real, motion: _Real, step: float, segment: float, names: tuple[str, str]
 ) -> Iterator[RecordFinding]:
-    """Find peaks that segments are too short for: in segments twice as long they are higher.
-
-    Parameters
-    ----------
-    force, motion : ndarray of float, shape (n, n_samples)
-        Of the records; one channel each.
-    step, segment : float
-        Between samples, and length of the segments, in s.
-    names : (str, str)
-        Channels of the force and of the motion.
-
-    Yields
-    ------
-    RecordFinding
-        Of the peak that loses most.
-    """
+    """Yield the peak that loses most relative to segments twice as long."""
     size = round(segment / step)
     if size < 16 or 2 * size > force.shape[1]:
         return
@@ -189,7 +151,7 @@ def leakage(
         about = np.abs(long.h1(slice(None))[2 * peak - 1 : 2 * peak + 2])
         lost = 1.0 - whole[peak] / about.max()
         at = 2 * peak - 1 + int(np.argmax(about))
-        # The two estimates share their noise: its part in the loss shows in parts of the records.
+        # The two estimates share their noise; its effect on the loss follows from parts of records.
         parts = []
         for part in range(_PARTS):
             pair = (one.h1(slice(part, None, _PARTS)) for one in (short, long))
@@ -208,14 +170,14 @@ def leakage(
             lost,
             f"All records, {force_name} to {name}: in segments of {segment:g} s the peak at {f:g}"
             f" Hz is {100.0 * lost:.0f} % lower than in segments twice as long.",
-            f"Take segments of {2.0 * segment:g} s or more.",
+            f"Use segments of {2.0 * segment:g} s or more.",
             (f - 2.0 / segment, f + 2.0 / segment),
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Averages:
-    """Spectra of segments that overlap by half.
+    """Spectra of segments with an overlap of a half.
 
     Attributes
     ----------
