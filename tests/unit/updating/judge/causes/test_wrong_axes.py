@@ -10,7 +10,8 @@ from updyn.elements.beam import beam
 from updyn.elements.structure import Beam, rectangle, structure
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.other_model import OtherModel
-from updyn.updating.judge.causes.promising import other_models
+from updyn.updating.judge.causes.promising import other_models, promising_variants
+from updyn.updating.judge.causes.trial import Trial, damped
 from updyn.updating.judge.counterparts import find_counterparts
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
@@ -152,6 +153,21 @@ def test_a_reduced_variant_answers_as_the_variant_does(frf):
     assert (np.abs(there.responses(home) - data.values) < 2e-3 * largest).all()
     np.testing.assert_allclose(other.instead(part).responses(home), data.values, rtol=1e-9)
     np.testing.assert_array_equal(part.responses(home), as_it_is)
+
+
+@pytest.mark.parametrize(
+    ("power", "far", "expected"),
+    [(0.01**2, 1.0, []), (0.01**2, 30.0, [("girder",)]), (0.3**2, 1.0, [("girder",)])],
+)
+def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
+    """Noise alone near the start needs no other model: half of `far` has to outweigh the odds."""
+    start = portal(("girder",), OFF)
+    data = with_variance(frf, choose_noise({"relative": 0.01}, frf))
+    part = Part.build(start, data, unknowns(start))
+    home = part.coordinates.home
+    without = Trial(None, home, power, far, 0.0, 2 * part.n_values)
+    found = promising_variants(part, other_models(part), without, damped(part, home))
+    assert [one.channels for one in found] == expected
 
 
 def test_none_are_tried_of_a_large_model(monkeypatch, frf):
