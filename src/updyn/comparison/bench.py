@@ -30,6 +30,7 @@ from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.run import RunOptions, run
 from updyn.updating.update import update, update_jointly
 
 if TYPE_CHECKING:
@@ -318,22 +319,43 @@ class Bench:
     def _fit(
         self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
     ) -> _Result:
-        held = []
-        left_out = {}
-        for parameter in self.parameters:
-            if parameter not in unknowns:
-                held.append(parameter)
-                left_out[parameter.name] = f"{name} cannot update it"
-        selection = Selection(unknowns, left_out=left_out, held=tuple(held))
-        keywords = {**self.running, **self.options.by_method.get(name, {}), "callback": counter}
-        if not self._regularises(name):
-            del keywords["regularise"]
+        selection = self._selection(name, unknowns)
+        keywords = {**self._running(name), **self._own_options(name), "callback": counter}
         if len(tests) > 1 or tests[0].name:
             return update_jointly(tests, selection, name, **keywords)
         (t,) = tests
         return update(
             t.model, t.frf, selection, name, t.lines, t.noise, validation=t.validation, **keywords
         )
+
+    def _fit_few(
+        self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
+    ) -> UpdateResult:
+        """Fit on few lines; no causes of the residual are sought, as only the values are used."""
+        own, running = self._own_options(name), self._running(name)
+        options = RunOptions(name, own, callback=counter, seek_causes=False, **running)
+        return run(tests, self._selection(name, unknowns), options)[0]
+
+    def _selection(self, name: str, unknowns: ParameterSet) -> Selection:
+        """Return the unknowns of a fit, with those that the method cannot update held."""
+        held = []
+        left_out = {}
+        for parameter in self.parameters:
+            if parameter not in unknowns:
+                held.append(parameter)
+                left_out[parameter.name] = f"{name} cannot update it"
+        return Selection(unknowns, left_out=left_out, held=tuple(held))
+
+    def _own_options(self, name: str) -> Mapping[str, Any]:
+        """Return the options that were given for one method."""
+        return self.options.by_method.get(name, {})
+
+    def _running(self, name: str) -> dict[str, Any]:
+        """Return the options of every fit that a method accepts."""
+        running = dict(self.running)
+        if not self._regularises(name):
+            del running["regularise"]
+        return running
 
     def _regularises(self, name: str) -> bool:
         """Return whether a method accepts the regularisation that is asked for, if any."""
@@ -364,7 +386,7 @@ class Bench:
                 return distance_of(row)
             counter.stage = f"{stage}, {count} of {n_lines} lines"
             try:
-                result = self._fit(row.method, unknowns, counter, self._subset(count))
+                result = self._fit_few(row.method, unknowns, counter, self._subset(count))
             except InputError:  # too few lines for the method
                 return np.inf
             finally:

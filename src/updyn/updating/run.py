@@ -78,7 +78,7 @@ _ASIDE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How an update is run; the fields are the arguments of `updyn.update` of the same name.
+    """How an update is run; most fields are the arguments of `updyn.update` of the same name.
 
     Attributes
     ----------
@@ -104,6 +104,8 @@ class RunOptions:
         Whether the run that `checkpoint` holds goes on.
     regularise : None, str or float
         How the unknowns are regularised.
+    seek_causes : bool
+        Whether the causes of the residual are sought after the fit.
     """
 
     method: str = "maximum-likelihood"
@@ -117,6 +119,7 @@ class RunOptions:
     checkpoint: str | Path | None = None
     resume: bool = False
     regularise: str | float | None = None
+    seek_causes: bool = True
 
 
 def run(
@@ -231,7 +234,7 @@ def run(
         found = OwnNoise(problem, driver, noises, chosen, monitor, reduced).tried(found, judged)
         if reduced is not None:
             reduced.release()
-        causes = looked.after(found)
+        causes = looked.after(found) if options.seek_causes else Causes()
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):

@@ -18,6 +18,7 @@ from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.store.comparison import comparison_to_json
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.methods.least_squares import LogMethod
+from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
 from updyn.updating.problem.selection import Selection
 
 OURS = ["maximum-likelihood", "log", "output-error", "equation-error"]
@@ -43,6 +44,12 @@ def bench(start, data, unknowns):
     return updyn.compare(
         start, data, unknowns, OURS, truth=true_values(), fewest=True, title="Gear train"
     )
+
+
+@pytest.fixture
+def no_causes(monkeypatch):
+    """No causes are sought in residuals that a test leaves on purpose: seconds for each fit."""
+    monkeypatch.setattr(CausesOfRun, "after", lambda self, found: Causes())
 
 
 # -- rows --------------------------------------------------------------------------------------------------
@@ -149,6 +156,21 @@ def test_even_lines(start, data, unknowns):
     assert list(at) == [0, 10, 20, 29, 39]
 
 
+def test_causes_are_sought_with_all_lines_only(start, data, unknowns, monkeypatch):
+    sought = []
+
+    def after(looked, found):
+        sought.append(found)
+        return Causes()
+
+    monkeypatch.setattr(CausesOfRun, "after", after)
+    (row,) = updyn.compare(
+        start, data, unknowns, ["equation-error"], truth=true_values(), fewest=True
+    )
+    assert len(row.fewest.tried) > 1
+    assert len(sought) == 1
+
+
 def test_never_enough(start, data, unknowns):
     few = data.select(lines=data.freq[::13])
     found = updyn.compare(
@@ -194,7 +216,7 @@ def more(monkeypatch):
     monkeypatch.setitem(METHODS._entries, "picky", Picky)
 
 
-def test_what_a_method_cannot_update_stays_at_its_start(start, data, more):
+def test_what_a_method_cannot_update_stays_at_its_start(start, data, more, no_causes):
     unknowns = updyn.parameters(start, stiffness="all", loss_factor=["unit 2", "unit 4"])
     moved = unknowns.with_start({"unit 4.loss_factor": 0.05})
     (row,) = updyn.compare(
@@ -226,7 +248,7 @@ def test_a_selection_of_unknowns(start, data):
     assert "unit 2.stiffness" not in found[0].values
 
 
-def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more):
+def test_a_method_that_does_not_apply_is_a_row_that_says_why(start, data, more, no_causes):
     damping = updyn.parameters(start, loss_factor="all")
     found = updyn.compare(start, data, damping, ["log", "blind", "picky"])
     assert found["log"].applies
@@ -419,7 +441,7 @@ def test_it_is_immutable(bench):
     assert repr(bench) == "Comparison(4 methods, 4 of them run, 18 unknowns)"
 
 
-def test_calibration_is_left_out_of_methods_that_know_none(start, data):
+def test_calibration_is_left_out_of_methods_that_know_none(start, data, no_causes):
     unknowns = updyn.parameters(start, stiffness=["unit 2"]) + updyn.calibration(
         data, responses=["3:RZ"]
     )
