@@ -76,7 +76,7 @@ def test_bad_input_in_a_process(tmp_path: Path) -> None:
 @pytest.fixture
 def long_job(chain_folder: Path) -> Path:
     """A job whose steps take long enough to be interrupted."""
-    freq = np.linspace(0.5, 25.0, 500)
+    freq = np.linspace(0.5, 25.0, 250)
     labels = [f"{i}:X" for i in range(1, 13)]
     frf = response(chain.build().scaled(chain.TRUTH), freq, labels, labels, quantity="accelerance")
     updyn.write_frf(frf, chain_folder / "long.npz")
