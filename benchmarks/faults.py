@@ -50,6 +50,7 @@ from measured import Measured, measured_beam
 import updyn
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
+from updyn.updating.judge.causes.altered import AlteredPart, log_ratio
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.element import Element
@@ -619,24 +620,20 @@ def missing_proportional(bench, frf, rng):
 def loss_with_frequency(bench, frf, rng):
     """The loss factor of a group, 0.02 to 0.1 amid the band, rises or falls by a factor of 2 to 4.
 
-    The change of the model is that of a power of the frequency over the band.
+    It follows a power of the frequency, and so does the storage modulus in every second draw.
     """
-    evidence, true = at_truth(bench, frf), bench.case.true
-    causes = [one for one in LossOverFrequency.suspected(evidence) if one.groups]
+    causes = [one for one in LossOverFrequency.suspected(at_truth(bench, frf)) if one.groups]
     for i in rng.permutation(len(causes)):
         course = rng.choice([-1, 1]) * rng.uniform(np.log(2), np.log(4))
         cause = replace(causes[i], value=course / np.log(causes[i].lines[-1] / causes[i].lines[0]))
-        loss, freq = rng.uniform(0.02, 0.1), np.unique(frf.freq)
-        table = (freq, cause.power.relative(freq))
-        lossy = {name: {"loss_factor": loss, "loss_table": table} for name in cause.groups}
-        faulty = updyn.response(
-            true.with_damping(lossy), freq, frf.responses, frf.references, frf.quantity
-        )
-        level = true.with_damping({name: {"loss_factor": loss} for name in cause.groups})
-        there = at_truth(replace(bench, case=replace(bench.case, true=level)), frf)
-        if is_imitated(there, cause.value * cause.slope(there), SPREAD_CHANGE):
+        loss = {name: {"loss_factor": rng.uniform(0.02, 0.1)} for name in cause.groups}
+        lossy = replace(bench.case, true=bench.case.true.with_damping(loss))
+        there = at_truth(replace(bench, case=lossy), frf)
+        if is_imitated(there, log_ratio(there.part, cause.power, there.x), SPREAD_CHANGE):
             continue
-        return Seeded(NOISE.added(faulty, rng), frf, cause.kind, cause.channels, fault=cause)
+        values = AlteredPart.of(there.part, cause.power).responses(there.x)
+        faulty = NOISE.added(replace(bench.case.clean, values=values), rng)
+        return Seeded(faulty, frf, cause.kind, cause.channels, fault=cause)
     return None
 
 

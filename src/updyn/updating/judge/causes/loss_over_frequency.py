@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.affine import AffineSystem, Term
+from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.frf import FRF
 from updyn.group import LossTable
 from updyn.updating.judge.causes.altered import Alteration, AlteredPart, log_ratio, solver_of
@@ -31,6 +31,12 @@ _Complex = NDArray[np.complex128]
 #: Largest exponent. A spring with a dashpot parallel to it has 1 (Kelvin-Voigt), in series -1
 #: (Maxwell); relaxations spread over frequency are between. Half more for the error of an estimate.
 _STEEPEST = 1.5
+#: Exponent from which a search begins, where no change is no exponent of 0.
+_BEGIN = 0.3
+#: With a constant storage modulus, and without.
+_VARIANTS = 2
+#: Step of the exponent by which derivatives are taken.
+_STEP = 1e-4
 #: Lines of the loss table of the remedy: linear between them, over two decades, it is within 4 % of
 #: f^0.5 and of f^-0.5.
 _TABLE = 9
@@ -40,7 +46,7 @@ _DIGITS, _ROUNDED = 4, 5e-4
 
 @dataclass(frozen=True, slots=True)
 class LossPower(Alteration):
-    """Loss factors of some groups are multiplied by (f / middle)^exponent.
+    """Loss moduli of some groups are multiplied by (f / middle)^exponent.
 
     Attributes
     ----------
@@ -49,12 +55,16 @@ class LossPower(Alteration):
     exponent : float
         The exponent.
     middle : float
-        Frequency in Hz at which the loss factors are those of the model.
+        Frequency in Hz at which loss factors and stiffnesses are those of the model.
+    causal : bool
+        Whether the storage moduli vary, too, by the Kramers-Kronig relations; else they are
+        constant.
     """
 
     groups: tuple[str, ...]
     exponent: float
     middle: float
+    causal: bool = False
 
     @property
     def cache_key(self) -> str:
@@ -62,14 +72,17 @@ class LossPower(Alteration):
         return repr(self)
 
     def on(self, part: Part) -> Part:
-        """Return a part with these loss factors at its lines."""
+        """Return a part with these moduli at its lines."""
         system = part.solver.system
         freq = np.unique(np.append(part.frf.freq, 2.0 * part.frf.freq[-1] + 1.0))
         table = LossTable(freq, self.relative(freq))
         terms = tuple(
             replace(term, table=table) if self.acts_on(term) else term for term in system.terms
         )
-        return replace(part, solver=solver_of(part, replace(system, terms=terms)))
+        tabled = replace(system, terms=terms)
+        if self.causal:
+            tabled = CausalSystem.of(tabled, self, [self.acts_on(term) for term in system.terms])
+        return replace(part, solver=solver_of(part, tabled))
 
     def acts_on(self, term: Term) -> bool:
         """Return whether the loss factor of a term is one of these."""
@@ -80,19 +93,84 @@ class LossPower(Alteration):
         """Return the factors at some lines; at 0 Hz that of the next line, shape (n,)."""
         return np.asarray(np.exp(self.exponent * _log_over(freq, self.middle)))
 
+    def storage(self, freq: _Real) -> _Real:
+        """Return the change of the storage modulus in units of loss factor times stiffness.
+
+        The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik,
+        J. Rheol. 27 (1983) 201); that at `middle` is part of the stiffness.
+        """
+        log, p = _log_over(freq, self.middle), self.exponent
+        if not self.causal or abs(p) >= 1.0:
+            return np.zeros(len(freq))
+        if p == 0.0:
+            return np.asarray(2.0 / np.pi * log)
+        return np.asarray(np.expm1(p * log) / np.tan(0.5 * np.pi * p))
+
+    def modulus(self, freq: _Real) -> _Complex:
+        """Return what the loss factor adds to the modulus, over loss factor times stiffness."""
+        return self.storage(freq) + 1j * self.relative(freq)
+
+    def slope(self, freq: _Real) -> _Complex:
+        """Return the derivative of `modulus` by the exponent, shape (n,)."""
+        low, high = (
+            replace(self, exponent=self.exponent + step).modulus(freq) for step in (-_STEP, _STEP)
+        )
+        return np.asarray((high - low) / (2.0 * _STEP))
+
     def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
         """Return the altered model and the data of a part at a block of lines."""
         return self.on(part).block(x, lines, derivatives=derivatives)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CausalSystem(AffineSystem):
+    """A compiled model in which the storage moduli of some terms vary with frequency.
+
+    Attributes
+    ----------
+    power : LossPower or None
+        How.
+    varying : tuple of bool
+        Which terms.
+    """
+
+    power: LossPower | None = None
+    varying: tuple[bool, ...] = ()
+
+    @classmethod
+    def of(cls, system: AffineSystem, power: LossPower, varying: Sequence[bool]) -> Self:
+        """Return a system with the loss tables of a power law, and the storage moduli."""
+        return cls(**_known(system), power=power, varying=tuple(varying))
+
+    def coefficients(self, state: State, omega: _Real) -> _Complex:
+        """Return c_t at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""
+        out = AffineSystem(**_known(self)).coefficients(state, omega)
+        at = np.array(self.varying)
+        assert self.power is not None
+        amount = (state.factor * state.loss)[at, None]
+        out[at] += amount * self.power.storage(omega / (2.0 * np.pi))
+        return out
+
+    def relative(self, at: Iterable[int], omega: _Real) -> NDArray[Any]:
+        """Return the derivatives of c_t by the loss factor over i factor, shape (n_terms, n_f)."""
+        chosen = list(at)
+        out: NDArray[Any] = AffineSystem(**_known(self)).relative(chosen, omega)
+        assert self.power is not None
+        for t in chosen:
+            if self.varying[t]:
+                out = out.astype(np.complex128)
+                out[t] = -1j * self.power.modulus(omega / (2.0 * np.pi))
+        return out
 
 
 @dataclass(frozen=True, slots=True)
 class LossOverFrequency(Irreparable):
     """The loss factor of a group, or of all, is proportional to f^value.
 
-    The storage modulus is held constant. By the Kramers-Kronig relations it varies, too, by some
-    2 / pi times the loss factor for each factor of e in frequency; the stiffnesses that are
-    unknowns follow its mean, and the rest is not modelled. Groups with a loss table are left out:
-    their course is given.
+    By the Kramers-Kronig relations the storage modulus varies, too, by about 2 / pi times the loss
+    factor for each factor of e in frequency. Both are tried: `causal`, with that change, by the
+    same exponent, and with a constant storage modulus. Groups with a loss table are left out: their
+    course is given.
 
     Its channel is the loss factor that varies: ``"pads.loss_factor"``.
 
@@ -110,6 +188,8 @@ class LossOverFrequency(Irreparable):
         Number of loss factors that were looked at.
     viscous : tuple of ProportionalDamping
         Viscous damping of the same groups that nobody seeks.
+    causal : bool
+        Whether the storage modulus varies, too.
     """
 
     groups: tuple[str, ...] = ()
@@ -118,6 +198,7 @@ class LossOverFrequency(Irreparable):
     loss: float = 0.0
     places: int = 1
     viscous: tuple[ProportionalDamping, ...] = ()
+    causal: bool = False
 
     kind: ClassVar[str] = "loss-over-frequency"
     tunes: ClassVar[bool] = True
@@ -139,26 +220,35 @@ class LossOverFrequency(Irreparable):
         }
         if len(whose) > 1:
             whose[f"{ALL}.loss_factor"] = ()
-        about = {"middle": math.sqrt(lines[0] * lines[-1]), "lines": lines, "places": len(whose)}
+        middle, places = math.sqrt(lines[0] * lines[-1]), _VARIANTS * len(whose)
         for name, groups in whose.items():
             viscous = _viscous_of(groups, evidence)
-            yield cls((name,), groups=groups, viscous=viscous, **about)
+            plain = cls((name,), 0.0, groups, middle, lines, 0.0, places, viscous)
+            yield plain
+            yield replace(plain, value=_BEGIN, causal=True)
 
     @property
     def power(self) -> LossPower:
         """How the loss factors vary."""
-        return LossPower(self.groups, self.value, self.middle)
+        return LossPower(self.groups, self.value, self.middle, self.causal)
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the model's ln H by the exponent.
 
-        It is the derivative by the loss factor times that factor and ln(f / middle).
+        It follows from that by the loss factor, which changes the modulus in another proportion.
         """
+        freq, own = evidence.frf.freq, self.power
+        known: _Complex | complex = 1j
+        if isinstance(evidence.part, AlteredPart):
+            there = evidence.part.alteration
+            if isinstance(there, LossPower):
+                own = replace(there, exponent=there.exponent + self.value)
+                known = there.modulus(freq)
         total = np.zeros(evidence.frf.values.shape, dtype=np.complex128)
         for i, p in _losses(evidence.part):
             if not self.groups or {drive.group for drive in p.acts_on} <= set(self.groups):
                 total += float(evidence.x[i]) * evidence.by_unknown[i]
-        return np.asarray(total * _log_over(evidence.frf.freq, self.middle)[:, None, None])
+        return np.asarray(total * (own.slope(freq) / known)[:, None, None])
 
     def undo(self, evidence: Evidence) -> FRF:
         """Return the data over the model's H with these loss factors over its own."""
@@ -175,10 +265,13 @@ class LossOverFrequency(Irreparable):
         loss = losses.pop() if len(losses) == 1 else 0.0
         return replace(self, loss=loss, lines=_moving(part))
 
-    def relatives(self, about: object) -> Iterable[Fault]:
-        """Return viscous damping of the same groups: its loss factor rises, or falls, too."""
+    def relatives(self, part: Part) -> Iterable[Fault]:
+        """Return the other variant, and viscous damping of the groups with such a loss factor."""
         quantity = "stiffness_damping" if self.value > 0.0 else "mass_damping"
-        return [one for one in self.viscous if one.channels[0].endswith(f".{quantity}")]
+        return [
+            replace(self, causal=not self.causal),
+            *(one for one in self.viscous if one.channels[0].endswith(f".{quantity}")),
+        ]
 
     def plausible(self) -> bool:
         """Return whether the loss factor varies, and no more than that of a solid does."""
@@ -207,9 +300,13 @@ class LossOverFrequency(Irreparable):
             extent = f"from {first:.3g} at {low:.4g} Hz to {last:.3g} at {high:.4g} Hz"
         else:
             extent = f"by a factor of {ends[1] / ends[0]:.3g} from {low:.4g} to {high:.4g} Hz"
+        stiffer = ""
+        if self.causal and self.loss:
+            change = self.loss * np.ptp(self.power.storage(np.array([low, high])))
+            stiffer = f", and its stiffness rises by {100.0 * change:.2g} %"
         return (
             f"The loss factor of {self._whose} {course} with frequency: {extent}, as"
-            f" f^{self.value:.2f}; the model holds it constant."
+            f" f^{self.value:.2f}{stiffer}; the model holds it constant."
         )
 
     @property
@@ -221,10 +318,11 @@ class LossOverFrequency(Irreparable):
         named = list(self.groups) or [ALL]
         groups = json.dumps(named if len(named) > 1 else named[0], ensure_ascii=False)
         level = f", loss_factor = {self.loss:.3g}" if self.loss else ""
+        stiffer = " No table describes the change of the stiffness." if self.causal else ""
         return (
             f"Give the model this course: [[damping]] with groups = {groups}{level} and"
             f" loss_table = {table} in the job, or Model.with_damping in Python. A test of the part"
-            " alone gives a better one."
+            f" alone gives a better one.{stiffer}"
         )
 
     @property
@@ -236,6 +334,11 @@ class LossOverFrequency(Irreparable):
         low, (last, high) = self.lines[0], self.lines[-2:]
         freq = np.geomspace(low * (1.0 - _ROUNDED), high * (high / last + _ROUNDED), _TABLE)
         return np.array([float(f"{one:.{_DIGITS}g}") for one in freq])
+
+
+def _known(system: AffineSystem) -> dict[str, Any]:
+    """Return what a compiled model is made of, by name."""
+    return {one.name: getattr(system, one.name) for one in fields(AffineSystem) if one.init}
 
 
 def _moving(part: Part) -> tuple[float, ...]:

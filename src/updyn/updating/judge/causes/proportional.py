@@ -70,7 +70,7 @@ class ProportionalDamping(Irreparable):
         """Return the part whose model has the damping."""
         return AlteredPart.of(part, self._rates) if self.plausible() else part
 
-    def relatives(self, about: object) -> Iterable[Fault]:
+    def relatives(self, part: Part) -> Iterable[Fault]:
         """Return a loss factor that varies with frequency, which is nearly the same."""
         return () if self.course is None else (self.course,)
 

@@ -36,6 +36,32 @@ def measured(model, add_noise, lines=LINES, seed=3, **options):
     return add_noise(frf, np.random.default_rng(seed), 0.01)
 
 
+def causal_response(model, frf, group, exponent, loss):
+    """H of the model with a modulus of (i f)^exponent in a group, line by line, in its quantity.
+
+    The loss modulus is loss times the stiffness amid the band, and so is the change of the storage
+    modulus 0 there.
+    """
+    mass = sum(g.mass.toarray() for g in model.groups.values() if g.mass is not None)
+    labels = model.dofs.labels
+    at = [[labels.index(str(abs(d))) for d in dofs] for dofs in (frf.responses, frf.references)]
+    scale = loss / np.sin(0.5 * np.pi * exponent)
+    H = []
+    for f in frf.freq:
+        Z = -((2.0 * np.pi * f) ** 2) * mass.astype(complex)
+        for name, g in model.groups.items():
+            if g.stiffness is not None:
+                more = 1j * g.loss_factor
+                if name == group:
+                    more = scale * (1j * f / MIDDLE) ** exponent
+                    more -= scale * np.cos(0.5 * np.pi * exponent)
+                Z += (1.0 + more) * g.stiffness.toarray()
+        U = np.linalg.solve(Z, np.eye(len(Z))[:, at[1]])
+        H.append(U[at[0]] * (2j * np.pi * f) ** 2)
+    sign = frf.responses.signs[:, None] * frf.references.signs
+    return np.array(H) * sign
+
+
 def cause(exponent, group="part2"):
     groups = () if group == "all" else (group,)
     return LossOverFrequency((f"{group}.loss_factor",), exponent, groups, MIDDLE)
@@ -63,6 +89,51 @@ def test_slopes_by_the_exponent(chain12, unknowns, group, exponent, quantity, de
         slope = (log_response(at + 1e-4) - log_response(at - 1e-4)) / 2e-4
         found = cause(0.0, group).slope(Evidence(there, x))
         np.testing.assert_allclose(found, slope, atol=1e-6 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("exponent", [0.4, -0.3, 0.003])
+def test_the_storage_modulus_follows_kramers_and_kronig(chain12, exponent):
+    """Values, derivatives by unknowns and by the exponent, of complex moduli line by line."""
+    model = chain12.with_damping({"part2": {"loss_factor": 0.05}})
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    frf = updyn.response(model, LINES[::9], ["2:X", "5:-X"], ["5:X"], "accelerance")
+    part = Part.build(model, frf, unknowns)
+    x = part.coordinates.home
+    fault = replace(cause(exponent), causal=True)
+    altered = fault.accounted(part, x)
+
+    def log_response(p, loss=0.05):
+        return np.log(causal_response(model, frf, "part2", p, loss))
+
+    np.testing.assert_allclose(np.log(altered.responses(x)), log_response(exponent), rtol=1e-7)
+    found = altered.block(x, slice(None))
+    i = unknowns.names.index("part2.loss_factor")
+    slope = (log_response(exponent, 0.05 + 1e-5) - log_response(exponent, 0.05 - 1e-5)) / 2e-5
+    np.testing.assert_allclose(found.dH[i] / found.H, slope, atol=1e-6 * np.abs(slope).max())
+    i = unknowns.names.index("part2.stiffness")
+    stiffer = model.scaled({"part2": {"stiffness": 1.0 + 1e-5}})
+    higher = np.log(causal_response(stiffer, frf, "part2", exponent, 0.05))
+    slope = (higher - log_response(exponent)) / 1e-5
+    np.testing.assert_allclose(found.dH[i] / found.H, slope, atol=1e-4 * np.abs(slope).max())
+    slope = (log_response(exponent + 1e-3) - log_response(exponent - 1e-3)) / 2e-3
+    by_exponent = replace(fault, value=0.0).slope(Evidence(altered, x))
+    np.testing.assert_allclose(by_exponent, slope, atol=1e-4 * np.abs(slope).max())
+
+
+def test_a_material_is_named_with_the_change_of_its_stiffness(
+    chain12, chain12_true, unknowns, add_noise
+):
+    """Fractional Kelvin-Voigt: without that change the data would contradict the course."""
+    frf = updyn.response(chain12_true, LINES, SENSORS, FORCES, "accelerance")
+    values = causal_response(chain12_true, frf, "part2", 0.4, 0.08)
+    data = add_noise(replace(frf, values=values), np.random.default_rng(3), 0.01)
+    (found,) = updyn.diagnose(chain12, data, unknowns)
+    assert (found.kind, found.channels) == ("loss-over-frequency", ("part2.loss_factor",))
+    assert found.value == pytest.approx(0.4, abs=0.05)
+    stiffer = float(re.search(r"its stiffness rises by (\S+) %", found.statement)[1])
+    ends = (np.array([0.6, 22.0]) / MIDDLE) ** 0.4
+    assert stiffer == pytest.approx(8.0 / np.tan(0.2 * np.pi) * np.ptp(ends), rel=0.1)
+    assert "No table describes the change of the stiffness" in found.remedy
 
 
 def test_at_0_hz_the_loss_factor_is_that_of_the_next_line(chain12, unknowns):
