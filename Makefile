@@ -22,6 +22,9 @@ MARKS ?= kernels
 TRIALS ?= 1000
 CUTS ?= 2000
 
+# Else every process compiles the package anew, and every worker rewrites the asserts of all tests.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test quick test-kernels torture lint docs viewer clean
 .DEFAULT_GOAL := demo
 
