@@ -9,6 +9,8 @@ import updyn
 
 FREQ = np.linspace(1.0, 40.0, 40)
 GAIN, NOISE, RUNS = 0.05, 0.02, 12
+#: Fits without calibration factors, each of which looks for the causes of its misfit for seconds.
+WITHOUT = 8
 TRUE = {
     "part1": {"stiffness": 1.1},
     "part2": {"stiffness": 0.9, "stiffness_damping": 3e-4},
@@ -38,17 +40,17 @@ def scores() -> dict[str, np.ndarray]:
         model, stiffness=["part1", "part2"], stiffness_damping="part2", mass_damping="part3"
     )
     out: dict[str, list[list[float]]] = {"with": [], "without": []}
-    for _ in range(RUNS):
+    for run in range(RUNS):
         gains = np.exp(GAIN * rng.standard_normal(5))
         noise = rng.standard_normal(exact.shape) + 1j * rng.standard_normal(exact.shape)
         values = exact * gains[:, None] * (1.0 + NOISE * noise / np.sqrt(2.0))
         frf = updyn.FRF(FREQ, values, model.dofs, ["1:X"], "accelerance")
         true = {f"{g}.{q}": v for g, change in TRUE.items() for q, v in change.items()}
         true |= {f"{i + 1}:X.calibration": gain for i, gain in enumerate(gains.tolist())}
-        for which, chosen in (
-            ("without", unknowns),
-            ("with", unknowns + updyn.calibration(frf, prior_std=GAIN)),
-        ):
+        choices = {"with": unknowns + updyn.calibration(frf, prior_std=GAIN)}
+        if run < WITHOUT:
+            choices["without"] = unknowns
+        for which, chosen in choices.items():
             found = updyn.update(model, frf, chosen, noise={"relative": NOISE})
             # The stated noise counts: an inflation would hide what the factors are for.
             stated = 1.0 if which == "with" else found.noise["inflation"]
@@ -65,5 +67,6 @@ def test_errors_are_as_large_as_the_standard_deviations(scores: dict[str, np.nda
 
 
 def test_without_calibration_factors_they_are_not(scores: dict[str, np.ndarray]) -> None:
-    # The standard deviations hold part of the sensors' error, as an error of the model: 2.8.
+    # The standard deviations hold part of the sensors' error, as an error of the model: 3.2. The
+    # root mean square of 32 scores of unit variance is above 1.5 with a probability of 7e-5.
     assert np.sqrt(np.mean(scores["without"] ** 2)) > 2.5
