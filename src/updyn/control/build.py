@@ -83,10 +83,6 @@ def plant(
     Returns
     -------
     Plant
-
-    Returns
-    -------
-    Plant
         With `relative_error` (or `error` and `peak_error`) within the tolerance, computed from its
         matrices. For a model, ``facts["causal error"]`` is a lower bound on that error for any
         stable plant whose gain outside the band is at most ten times the largest of the structure
