@@ -1,1 +1,1 @@
-"""Factorisations behind one small protocol."""
+"""Sparse factorisations with a common protocol."""

@@ -1,8 +1,8 @@
 """cuDSS for symmetric matrices on a graphics card, through nvmath-python (extra ``updyn[cuda]``).
 
-The pattern is analysed once and stays on the card; values and right-hand sides go there for each
-factorisation and solve, solutions come back. Only the upper triangle is stored (L D L^T). Phases,
-matrix types and parameters as in the cuDSS reference, version 0.8.
+The pattern is analysed once and stays on the card; values and right-hand sides are copied to it for
+each factorisation and solve, solutions are copied back. Only the upper triangle is stored (L D
+L^T). Phases, matrix types and parameters as in the cuDSS reference, version 0.8.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from updyn.linalg.triangle import upper_triangle
 
 __all__ = ["Cudss"]
 
-#: Of cuDSS. Parameters have other numbers in other versions; nvmath-python 1.0 has those of this.
+#: Version of cuDSS, on which the parameter numbers depend; that of nvmath-python 1.0.
 _VERSION = (0, 8)
-#: Pivots below, of a matrix whose diagonal is scaled to one, are perturbed: not accepted.
+#: Size below which pivots of a matrix with unit diagonal are perturbed; `factor` then fails.
 _SMALLEST_PIVOT = 1e-13
-#: Lets several threads order the equations; part of cuDSS.
+#: Library for threads in the ordering; part of cuDSS.
 _THREADS = "libcudss_mtlayer_gomp.so.0"
 
 
 @cache
 def _libraries() -> Any:
-    """Return the bindings of cuDSS and CUDA; None where they, or a card, are missing."""
+    """Return the bindings of cuDSS and CUDA; None if they, or a card, are missing."""
     try:
         cudss = importlib.import_module("nvmath.bindings.cudss")
         cuda = importlib.import_module("cuda.bindings.runtime")
         version = (cudss.get_property(0), cudss.get_property(1))
-    except (ImportError, OSError, RuntimeError):  # bindings may be there without what they bind
+    except (ImportError, OSError, RuntimeError):  # the bindings may lack their libraries
         return None
     error, cards = cuda.cudaGetDeviceCount()
     if error or not cards or version != _VERSION:
@@ -49,30 +49,18 @@ def _libraries() -> Any:
 
 
 class Cudss:
-    """One pattern, analysed once.
+    """Factorisation of one pattern, analysed once.
 
-    Rows and columns are scaled, so that what counts as a small pivot does not depend on units.
-
-    Parameters
-    ----------
-    pattern : sparse CSC, shape (n, n)
-        A matrix of the pattern: symmetric, sorted.
-    real : bool
-        Matrices are real, definite or not, instead of complex.
-
-    Raises
-    ------
-    RuntimeError
-        If the library reports an error.
-    MemoryError
-        If the card has not enough memory.
+    Rows and columns are scaled, which makes the limit of a small pivot independent of units. `real`
+    selects real matrices, definite or not, instead of complex ones. Raises RuntimeError for an
+    error of the library, MemoryError if the card has too little memory.
     """
 
     install = "pip install 'updyn[cuda]' (a card of NVIDIA with a driver for CUDA 13)"
 
     @staticmethod
     def available() -> bool:
-        """Return whether the bindings, cuDSS and a card are there."""
+        """Return whether the bindings, cuDSS and a card are available."""
         return _libraries() is not None
 
     def __init__(self, pattern: Any, *, real: bool = False) -> None:
@@ -81,60 +69,46 @@ class Cudss:
         self._column = pattern.indices[self._upper].astype(np.int32)
         self._lengths = np.diff(begin)
         with ExitStack() as held:
-            self._card = _Card.opened(held)
+            self._card = _Card.open(held)
             self._values = self._card.room(held, len(self._column) * self._kind.itemsize)
             self._matrix = self._card.sparse(
                 held, begin.astype(np.int32), self._column, self._values, self._kind
             )
-            # What is solved for plays no part before there is something to solve.
+            # Before the first solve, the solution is a placeholder.
             self._none = self._card.dense(held, np.zeros((len(self._lengths), 1), self._kind))[0]
             self._card.run("ANALYSIS", self._matrix, self._none, self._none)
-            # The card's memory goes with this object; at the interpreter's end with the process.
+            # The card's memory is freed with this object, or with the process.
             self._end = finalize(self, held.pop_all().close)
             self._end.atexit = False
 
     @property
     def peak_bytes(self) -> int:
-        """Largest memory on the card, the factor included; estimated before `factor`."""
-        return int(self._card.told("MEMORY_ESTIMATES", np.int64, 16)[1])
+        """Largest memory on the card with the factor; estimated before `factor`."""
+        return int(self._card.query("MEMORY_ESTIMATES", np.int64, 16)[1])
 
     def factor(self, A: Any) -> _LDL:
-        """Factorise a matrix of the pattern; what an earlier call returned is no longer valid.
+        """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
 
-        Parameters
-        ----------
-        A : sparse CSC, shape (n, n), symmetric, of the kind analysed for
-            Matrix.
-
-        Returns
-        -------
-        callable
-            Solves for right-hand sides, shape (n, r).
-
-        Raises
-        ------
-        RuntimeError
-            If the library reports an error, or had to perturb a pivot.
-        MemoryError
-            If the card has not enough memory.
+        The result of an earlier call becomes invalid. Raises RuntimeError for an error of the
+        library or a perturbed pivot, MemoryError if the card has too little memory.
         """
         scale = 1.0 / unit_scale(A.diagonal())
         values = A.data[self._upper].astype(self._kind, copy=False)
         values *= scale[self._column]
         values *= np.repeat(scale, self._lengths)
-        self._card.put(self._values, values)
+        self._card.upload(self._values, values)
         self._card.run("FACTORIZATION", self._matrix, self._none, self._none)
-        perturbed = int(self._card.told("NPIVOTS", np.int32, 1)[0])
+        perturbed = int(self._card.query("NPIVOTS", np.int32, 1)[0])
         if perturbed:
-            # A perturbed pivot makes a singular matrix look like a regular one.
+            # A perturbed pivot hides that a matrix is singular.
             raise RuntimeError(f"cuDSS perturbed {perturbed} pivots")
         negative = None
         if self._kind == np.float64:
-            negative = int(self._card.told("INERTIA", np.int32, 2)[1])
+            negative = int(self._card.query("INERTIA", np.int32, 2)[1])
         return _LDL(self._card, self._matrix, scale, self._kind, negative)
 
     def release(self) -> None:
-        """Give the card's memory back; the object is of no more use."""
+        """Free the card's memory; the object cannot be used afterwards."""
         self._end()
 
 
@@ -155,14 +129,14 @@ class _LDL:
             load, _ = self.card.dense(held, x)
             solution, place = self.card.dense(held, x)
             self.card.run("SOLVE", self.matrix, solution, load)
-            self.card.get(x, place)
+            self.card.download(x, place)
         x *= self.scale[:, None]
         return x
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Card:
-    """A session of cuDSS. What it makes lasts as long as the stack that is given for it."""
+    """A session of cuDSS, whose objects live as long as the given exit stack."""
 
     cudss: Any
     cuda: Any
@@ -171,8 +145,8 @@ class _Card:
     data: int
 
     @classmethod
-    def opened(cls, held: ExitStack) -> _Card:
-        """Begin a session."""
+    def open(cls, held: ExitStack) -> _Card:
+        """Open a session."""
         found = _libraries()
         cudss = found.cudss
         with _named_errors(cudss):
@@ -191,37 +165,37 @@ class _Card:
 
     def set(self, name: str, kind: type, value: float) -> None:
         """Set a parameter."""
-        told: NDArray[Any] = np.array([value], dtype=kind)
+        values: NDArray[Any] = np.array([value], dtype=kind)
         parameter = self.cudss.ConfigParam[name]
         with _named_errors(self.cudss):
-            self.cudss.config_set(self.config, parameter, told.ctypes.data, told.nbytes)
+            self.cudss.config_set(self.config, parameter, values.ctypes.data, values.nbytes)
 
-    def told(self, name: str, kind: type, n: int) -> NDArray[Any]:
-        """Return what the library knows of its last phase."""
-        told: NDArray[Any] = np.zeros(n, dtype=kind)
+    def query(self, name: str, kind: type, n: int) -> NDArray[Any]:
+        """Return a result of the last phase."""
+        values: NDArray[Any] = np.zeros(n, dtype=kind)
         written = np.zeros(1, dtype=np.uint64)
         with _named_errors(self.cudss):
             self.cudss.data_get(
                 self.handle, self.data, self.cudss.DataParam[name],
-                told.ctypes.data, told.nbytes, written.ctypes.data,
+                values.ctypes.data, values.nbytes, written.ctypes.data,
             )  # fmt: skip
-        return told
+        return values
 
     def room(self, held: ExitStack, n_bytes: int) -> int:
-        """Return where memory of the card begins."""
-        place = self._checked(self.cuda.cudaMalloc(n_bytes))
+        """Return the address of allocated memory of the card."""
+        place = self._check_code(self.cuda.cudaMalloc(n_bytes))
         held.callback(self.cuda.cudaFree, place)
         return int(place)
 
-    def put(self, place: int, array: NDArray[Any]) -> None:
+    def upload(self, place: int, array: NDArray[Any]) -> None:
         """Copy an array to the card."""
         to_card = self.cuda.cudaMemcpyKind.cudaMemcpyHostToDevice
-        self._checked(self.cuda.cudaMemcpy(place, array.ctypes.data, array.nbytes, to_card))
+        self._check_code(self.cuda.cudaMemcpy(place, array.ctypes.data, array.nbytes, to_card))
 
-    def get(self, array: NDArray[Any], place: int) -> None:
+    def download(self, array: NDArray[Any], place: int) -> None:
         """Copy from the card into an array."""
         to_host = self.cuda.cudaMemcpyKind.cudaMemcpyDeviceToHost
-        self._checked(self.cuda.cudaMemcpy(array.ctypes.data, place, array.nbytes, to_host))
+        self._check_code(self.cuda.cudaMemcpy(array.ctypes.data, place, array.nbytes, to_host))
 
     def sparse(
         self,
@@ -231,10 +205,10 @@ class _Card:
         values: int,
         kind: np.dtype[Any],
     ) -> int:
-        """Return an upper triangle, shape (n, n), whose values are on the card."""
+        """Return an upper triangle, shape (n, n), with values on the card."""
         places = [self.room(held, array.nbytes) for array in (begin, column)]
         for place, array in zip(places, (begin, column), strict=True):
-            self.put(place, array)
+            self.upload(place, array)
         n, cudss = len(begin) - 1, self.cudss
         index = cudss.DataType.R_32I
         with _named_errors(cudss):
@@ -247,9 +221,9 @@ class _Card:
         return int(made)
 
     def dense(self, held: ExitStack, array: NDArray[Any]) -> tuple[int, int]:
-        """Return a copy of an array on the card, shape (n, r), and where its values begin."""
+        """Return a copy of an array on the card, shape (n, r), and the address of its values."""
         place, cudss = self.room(held, array.nbytes), self.cudss
-        self.put(place, array)
+        self.upload(place, array)
         n, r = array.shape
         with _named_errors(cudss):
             made = cudss.matrix_create_dn(
@@ -264,8 +238,8 @@ class _Card:
             self.cudss.execute(
                 self.handle, self.cudss.Phase[phase], self.config, self.data, matrix, solution, load
             )
-        self._checked(self.cuda.cudaDeviceSynchronize())
-        error = int(self.told("INFO", np.int32, 1)[0])
+        self._check_code(self.cuda.cudaDeviceSynchronize())
+        error = int(self.query("INFO", np.int32, 1)[0])
         if error:
             raise RuntimeError(f"cuDSS error {error} in phase {phase}")
 
@@ -275,8 +249,8 @@ class _Card:
             return types.R_64F
         return types.C_64F
 
-    def _checked(self, answer: tuple[Any, ...]) -> Any:
-        """Return what a function of CUDA returned beside its error code."""
+    def _check_code(self, answer: tuple[Any, ...]) -> Any:
+        """Return the results of a CUDA function after a check of its error code."""
         error, *values = answer
         if error == self.cuda.cudaError_t.cudaErrorMemoryAllocation:
             raise MemoryError("of the graphics card")
@@ -287,7 +261,7 @@ class _Card:
 
 @contextmanager
 def _named_errors(cudss: Any, phase: str = "") -> Iterator[None]:
-    """Give errors of the library the types of the protocol."""
+    """Convert errors of the library to the types of the protocol."""
     try:
         yield
     except cudss.cuDSSError as error:
@@ -298,7 +272,7 @@ def _named_errors(cudss: Any, phase: str = "") -> Iterator[None]:
 
 
 def _thread_library() -> str | None:
-    """Return the library, installed beside cuDSS, that lets it order equations in threads."""
+    """Return the library of cuDSS for threads in the ordering, if installed."""
     pathfinder = importlib.import_module("cuda.pathfinder")
     beside = Path(pathfinder.load_nvidia_dynamic_lib("cudss").abs_path).with_name(_THREADS)
     return str(beside) if beside.is_file() else None

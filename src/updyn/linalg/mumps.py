@@ -1,6 +1,6 @@
 """MUMPS through python-mumps (extra ``updyn[mumps]``), built against an installed MUMPS.
 
-The package pymumps has the same module name and is not it.
+The package pymumps has the same module name but is another package.
 """
 
 from __future__ import annotations
@@ -24,30 +24,19 @@ _NOT_ENOUGH_MEMORY = (-5, -7, -13)
 
 @cache
 def _package() -> Any:
-    """Return the package, or None where it is missing, cannot be loaded, or is pymumps."""
+    """Return the package, or None if it is missing, cannot be loaded, or is pymumps."""
     try:
         found = importlib.import_module(_PACKAGE)
-    except (ImportError, OSError):  # the library that it was built against may be gone
+    except (ImportError, OSError):  # the library that it was built against may be missing
         return None
     return found if hasattr(found, "Context") else None
 
 
 class Mumps:
-    """One pattern, analysed once (L D L^T with two by two pivots, SYM = 2).
+    """Factorisation of one pattern, analysed once (L D L^T with two by two pivots, SYM = 2).
 
-    Parameters
-    ----------
-    pattern : sparse CSC, shape (n, n)
-        A matrix of the pattern, symmetric.
-    real : bool
-        Matrices are real, definite or not, instead of complex.
-
-    Raises
-    ------
-    RuntimeError
-        If the library reports an error.
-    MemoryError
-        If there is not enough memory.
+    `real` selects real matrices, definite or not, instead of complex ones. Raises RuntimeError for
+    an error of the library, MemoryError if memory is insufficient.
     """
 
     install = (
@@ -69,39 +58,25 @@ class Mumps:
         self._real = real
         self._context: Any = _package().Context()
         self._context.set_matrix(triangle, symmetric=True)
-        # The analysis looks at the pattern only, not at values.
+        # The analysis uses the pattern only, not the values.
         self._context.mumps_instance.icntl[6] = 0
         self._run(self._context.analyze, ordering="metis")
 
     @property
     def peak_bytes(self) -> int:
-        """Memory of the library, the factor included; estimated before the first `factor`."""
+        """Memory of the library with the factor; estimated before the first `factor`."""
         megabytes = self._context.analysis_stats.est_mem_incore
         if self._context.factored:
             megabytes = self._context.factor_stats.memory
         return int(megabytes) * 10**6
 
     def factor(self, A: Any) -> _LDL:
-        """Factorise a matrix of the pattern; what an earlier call returned is no longer valid.
+        """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
 
-        Parameters
-        ----------
-        A : sparse CSC, shape (n, n), symmetric, of the kind analysed for
-            Matrix.
-
-        Returns
-        -------
-        callable
-            Solves for right-hand sides, shape (n, r).
-
-        Raises
-        ------
-        RuntimeError
-            If A is singular, or the library reports another error.
-        MemoryError
-            If there is not enough memory.
+        The result of an earlier call becomes invalid. Raises RuntimeError if A is singular, or for
+        another error of the library; MemoryError if memory is insufficient.
         """
-        np.compress(self._upper, A.data, out=self._context.data)  # which the library reads
+        np.compress(self._upper, A.data, out=self._context.data)  # read by the library
         self._run(self._context.factor, reuse_analysis=True)
         negative = None
         if self._real:
@@ -109,7 +84,7 @@ class Mumps:
         return _LDL(self._context, negative)
 
     def release(self) -> None:
-        """Give the library's memory back; the object is of no more use."""
+        """Free the library's memory; the object cannot be used afterwards."""
         self._context.mumps_instance = None
 
     @staticmethod

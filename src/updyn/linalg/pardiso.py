@@ -1,8 +1,7 @@
 """MKL PARDISO for symmetric matrices, through the ``mkl`` wheel (extra ``updyn[mkl]``).
 
-The symbolic analysis of a pattern is done once and serves every line and every iteration after it;
-only the upper triangle is stored and factorised (L D L^T). Matrix types 6 and -2 and parameters as
-in the oneMKL PARDISO reference.
+A pattern is analysed once for all lines and iterations; only the upper triangle is stored and
+factorised (L D L^T). Matrix types 6 and -2 and parameters as in the oneMKL PARDISO reference.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.linalg.single import in_range, solved
+from updyn.linalg.single import in_range, solve_scaled
 from updyn.linalg.triangle import upper_triangle
 
 __all__ = ["Pardiso", "library"]
@@ -29,46 +28,34 @@ _COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
 _TYPES: Any = {(False, False): np.complex128, (True, False): np.float64, (True, True): np.float32}
 _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_ENOUGH_MEMORY = -2
-#: Above, a matrix needs indices of 64 bits (oneMKL reference of pardiso_64).
+#: Number of entries above which a matrix needs 64-bit indices (oneMKL reference of pardiso_64).
 _MOST_ENTRIES = 500_000_000
-#: Entries that are worked on at a time, as a copy of all would cost memory.
+#: Number of entries processed at a time, as a copy of all would need memory.
 _BLOCK = 2**18
 
 
 @cache
 def library() -> Any:
-    """Return MKL of the wheel that is installed beside this Python, or None."""
-    # Read when its threads are made. They would spin for 0.2 s after every call, on the cores that
-    # numpy's BLAS needs for the products that follow: four times as long (measured, two cores).
+    """Return MKL of the wheel installed in this Python environment, or None."""
+    # MKL reads this when it makes its threads. They would spin for 0.2 s after every call, on the
+    # cores of numpy's BLAS, whose next products then take four times as long (measured, two cores).
     os.environ.setdefault("KMP_BLOCKTIME", "0")
     for folder in (Path(sys.prefix, "lib"), Path(sys.prefix, "Library", "bin")):
         for name in _NAMES:
             if (folder / name).is_file():
                 try:
                     return ctypes.CDLL(str(folder / name))
-                except OSError:  # a wheel of another platform, or without its companions
+                except OSError:  # a wheel of another platform, or with missing libraries
                     continue
     return None
 
 
 class Pardiso:
-    """One pattern, analysed once.
+    """Factorisation of one pattern, analysed once.
 
-    Parameters
-    ----------
-    pattern : sparse CSC, shape (n, n)
-        A matrix of the pattern: symmetric, sorted, with a full diagonal.
-    real : bool
-        Matrices are real, definite or not, instead of complex.
-    single : bool
-        They are factorised in single precision.
-
-    Raises
-    ------
-    RuntimeError
-        If the library reports an error, or the diagonal is not full.
-    MemoryError
-        If there is not enough memory.
+    The pattern is symmetric and sorted, with a full diagonal. `real` selects real matrices,
+    definite or not, instead of complex ones; `single` single precision. Raises RuntimeError for an
+    error of the library or an incomplete diagonal, MemoryError if memory is insufficient.
     """
 
     install = "pip install 'updyn[mkl]' (x86_64)"
@@ -81,8 +68,8 @@ class Pardiso:
 
     def __init__(self, pattern: Any, *, real: bool = False, single: bool = False) -> None:
         if not pattern.has_canonical_format:
-            # It would overwrite memory that is not its own.
-            raise ValueError("PARDISO needs row indices that are sorted, each once")
+            # It would overwrite other memory.
+            raise ValueError("PARDISO needs sorted and unique row indices")
         self._upper, ia = upper_triangle(pattern.indptr, pattern.indices)
         ja = pattern.indices[self._upper]
         if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
@@ -90,8 +77,8 @@ class Pardiso:
         self._kind = _COMPLEX_SYMMETRIC
         if real:
             self._kind = _REAL_SYMMETRIC_INDEFINITE
-        # A factor may well have more entries than 32 bits can count (one of 2,150,435,714 was
-        # solved with); A may not.
+        # A factor may have more entries than 32-bit indices can count (one with 2,150,435,714 was
+        # used); A may not.
         integer: Any = np.int64
         if len(ja) < _MOST_ENTRIES:
             integer = np.int32
@@ -99,7 +86,7 @@ class Pardiso:
         iparm = np.zeros(64, dtype=integer)
         iparm[0] = 1  # no defaults: every parameter is set here
         iparm[1] = 2  # nested dissection (METIS)
-        iparm[9] = 8  # pivots below 1e-8 are perturbed, which is not accepted
+        iparm[9] = 8  # pivots below 1e-8 are perturbed; `factor` then raises an error
         iparm[17] = -1  # report the entries of the factor
         iparm[20] = 1  # Bunch-Kaufman pivots
         iparm[27] = int(single)
@@ -108,36 +95,22 @@ class Pardiso:
         self._session = _Session(
             self._kind, handle, iparm, a, ia.astype(integer), ja.astype(integer, copy=False)
         )
-        # The library's memory goes with this object; at the interpreter's end with the process.
+        # The library's memory is freed with this object, or with the process.
         self._end = finalize(self, self._session.call, _RELEASE)
         self._end.atexit = False
         self._session.call(_ANALYSE)
 
     @property
     def peak_bytes(self) -> int:
-        """Largest memory of the library, the factor included; estimated before `factor`."""
+        """Largest memory of the library with the factor; estimated before `factor`."""
         return self._session.peak_bytes()
 
     def factor(self, A: Any) -> _LDL:
-        """Factorise a matrix of the pattern; what an earlier call returned is no longer valid.
+        """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
 
-        Parameters
-        ----------
-        A : sparse CSC, shape (n, n), symmetric, of the kind analysed for
-            Matrix.
-
-        Returns
-        -------
-        callable
-            Solves for right-hand sides, shape (n, r).
-
-        Raises
-        ------
-        RuntimeError
-            If the library reports an error, or had to perturb a pivot, or a value is beyond the
-            range of the precision.
-        MemoryError
-            If there is not enough memory.
+        The result of an earlier call becomes invalid. Raises RuntimeError for an error of the
+        library, a perturbed pivot, or a value beyond the range of the precision; MemoryError if
+        memory is insufficient.
         """
         session, at = self._session, 0
         for first in range(0, len(self._upper), _BLOCK):
@@ -150,7 +123,7 @@ class Pardiso:
             in_range(session.a)
         session.call(_FACTOR)
         if session.iparm[13]:
-            # A perturbed pivot makes a singular matrix look like a regular one.
+            # A perturbed pivot hides that a matrix is singular.
             raise RuntimeError(f"PARDISO perturbed {session.iparm[13]} pivots")
         negative = None
         if self._kind == _REAL_SYMMETRIC_INDEFINITE:
@@ -158,7 +131,7 @@ class Pardiso:
         return _LDL(session, negative)
 
     def release(self) -> None:
-        """Give the library's memory back; the object is of no more use."""
+        """Free the library's memory; the object cannot be used afterwards."""
         self._end()
 
 
@@ -169,20 +142,20 @@ class _LDL:
 
     def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
         if self.session.is_single:
-            return solved(self._solved, B)
-        return self._solved(B)
+            return solve_scaled(self._solve, B)
+        return self._solve(B)
 
-    def _solved(self, B: NDArray[Any]) -> NDArray[Any]:
+    def _solve(self, B: NDArray[Any]) -> NDArray[Any]:
         b = np.asfortranarray(B, dtype=self.session.a.dtype)
         x = np.empty_like(b)
-        if x.size:  # no column at all is an error to the library
+        if x.size:  # the library rejects zero columns
             self.session.call(_SOLVE, b, x)
         return x
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Session:
-    """The library's handle and the arrays that it reads."""
+    """The handle of the library and its arrays."""
 
     kind: int
     handle: NDArray[np.int64]

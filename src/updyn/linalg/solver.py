@@ -1,13 +1,12 @@
 """Checked sparse solves with complex or real symmetric matrices of one pattern.
 
-`SparseSolver` analyses a pattern once, factorises matrices of it by a backend and checks every
-answer by its backward error. A backend is a class as `Backend` describes it, registered in
-`BACKENDS`.
+`SparseSolver` analyses a pattern once, factorises its matrices with a backend and checks every
+solution by its backward error. Backends implement `Backend` and are registered in `BACKENDS`.
 
-Where memory is short, real matrices are factorised in single precision, in 0.6 of the time and the
-memory (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006), and answers
-are refined. One step of refinement of a load that excites every mode says how far the factors are
-from the matrix; where they are too far, double precision takes over.
+On request, real matrices are factorised in single precision, in 0.6 of the time and memory (Langou,
+Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006), and solutions are refined.
+One refinement step for a load that excites every mode measures the distance of the factors from the
+matrix; if it is too large, double precision is used.
 """
 
 from __future__ import annotations
@@ -43,11 +42,11 @@ __all__ = [
 
 
 class Factors(Protocol):
-    """A factorised matrix; valid until its backend factorises another."""
+    """A factorised matrix, valid until its backend factorises another."""
 
     @property
     def negative(self) -> int | None:
-        """Number of negative eigenvalues of a real matrix; None where it is not known."""
+        """Number of negative eigenvalues of a real matrix; None if unknown."""
 
     def __call__(self, B: NDArray[Any], /) -> NDArray[Any]:
         """Solve for right-hand sides of the matrix's kind, shape (n, r)."""
@@ -56,10 +55,10 @@ class Factors(Protocol):
 class Backend(Protocol):
     """A sparse direct solver: one pattern, analysed once, for complex or (`real`) real matrices."""
 
-    #: How to install it, for the message where it is missing.
+    #: Installation command for the message if it is missing.
     install: str
-    #: Whether it can be made with `single`: real matrices and loads, which are given in double
-    #: precision, are worked on in single. May be left out; False then.
+    #: Whether it accepts `single`: real matrices and loads are given in double precision and
+    #: processed in single precision. Optional; False by default.
     has_single: bool
 
     def __init__(self, pattern: Any, *, real: bool = False, single: bool = False) -> None: ...
@@ -76,12 +75,12 @@ class Backend(Protocol):
         """Factorise a matrix of the pattern. Raises RuntimeError and MemoryError."""
 
     def release(self) -> None:
-        """Give the memory back; the object is of no more use."""
+        """Free the memory; the object cannot be used afterwards."""
 
 
-#: Backends by name, the preferred one first. SuperLU is always there; what stands after it is used
-#: only where it is named. One registered at run time is known in this process only; worker
-#: processes find those of entry points.
+#: Backends by name in order of preference. SuperLU is always available; those after it are used
+#: only by name. One registered at run time is known in this process only; worker processes find
+#: those of entry points.
 BACKENDS: Registry[type[Backend]] = Registry(
     "backend",
     "updyn.backends",
@@ -92,20 +91,14 @@ BACKENDS: Registry[type[Backend]] = Registry(
         "cudss": "updyn.linalg.cudss:Cudss",
     },
 )
-#: Relative error of an answer of factors in single precision.
+#: Relative error of a solution with factors in single precision.
 _DIGITS = 1e-6
-#: Backends that are tried in this order where another one fails.
+#: Backends tried in this order if another fails.
 _FALLBACKS = ("pardiso", "mumps", "superlu")
 
 
 def check_backend(name: str | None) -> str:
-    """Return the backend to use: the one named, else the first that is installed.
-
-    Raises
-    ------
-    OptionError
-        If there is none of that name, or it is not installed.
-    """
+    """Return the named backend, or the first installed one; raises OptionError if unavailable."""
     if name is None:
         return next(known for known in BACKENDS if BACKENDS[known].available())
     with key_path("backend"):
@@ -119,27 +112,27 @@ def check_backend(name: str | None) -> str:
 
 @dataclass(slots=True, eq=False)
 class SparseSolver:
-    """Solve with matrices of one pattern; the analysis is kept between calls.
+    """Solver for matrices of one pattern, which keeps the analysis between calls.
 
-    Only one factorisation is alive at a time: its memory serves the next.
+    Only one factorisation is valid at a time, as the next one uses its memory.
 
     Parameters
     ----------
     backend : str
         One of `BACKENDS`.
     real : bool
-        Matrices are real (and may be indefinite) instead of complex: 2.5 times faster, in half the
+        Matrices are real (possibly indefinite) instead of complex: 2.5 times faster, in half the
         memory.
     single : bool
-        Factorise real matrices in single precision where the backend and the matrix allow it, and
-        refine answers to the `error` that is asked for.
+        Factorise real matrices in single precision if backend and matrix permit, and refine the
+        solutions to the requested `error`.
 
     Attributes
     ----------
     used : dict
-        How many solves each backend answered; another than `backend` only where that one failed.
+        Number of solves by backend; others than `backend` only if it failed.
     refined : int
-        How many of them needed a step of refinement.
+        Number of these that needed a refinement step.
     """
 
     backend: str
@@ -152,33 +145,16 @@ class SparseSolver:
     _alive: weakref.ref[Factorised] | None = field(default=None, init=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # In another process it begins anew: what a library holds cannot be sent there.
+        # It starts again in another process, as library data cannot be transferred.
         return partial(SparseSolver, real=self.real, single=self.single), (self.backend,)
 
     def solve(self, A: Any, B: NDArray[Any], freq: float, held: str = "") -> NDArray[Any]:
-        """Solve A X = B once and check the answer.
+        """Solve A X = B and check the solution.
 
-        Parameters
-        ----------
-        A : sparse CSC, shape (n, n), symmetric, of the solver's kind
-            Matrix; sorted, with a full diagonal.
-        B : ndarray, shape (n, r)
-            Right-hand sides.
-        freq : float
-            The line in Hz, for messages.
-        held : str
-            Which DOFs are held, for messages.
-
-        Returns
-        -------
-        ndarray of A's kind, shape (n, r)
-
-        Raises
-        ------
-        SolverError
-            If A is singular to rounding, memory is short, or the residual |A X - B| of a column
-            exceeds 1e-8 of |A| |X| + |B| even after one step of refinement and with the other
-            backends.
+        A is sparse CSC, symmetric and sorted, with a full diagonal; B has shape (n, r). `freq` in
+        Hz and `held`, the held DOFs, are for messages. Raises SolverError if A is singular to
+        rounding, memory is short, or the residual |A X - B| of a column exceeds 1e-8 of |A| |X| +
+        |B| even after a refinement step and with the other backends.
         """
         factorised = self.factorise(A, freq, held)
         try:
@@ -195,36 +171,17 @@ class SparseSolver:
         error: float = _DIGITS,
         single_only: bool = False,
     ) -> Factorised:
-        """Factorise A for right-hand sides that come later; an earlier factorisation ends.
+        """Factorise A for later right-hand sides; an earlier factorisation becomes invalid.
 
-        Parameters
-        ----------
-        A : sparse CSC, shape (n, n), symmetric, of the solver's kind
-            Matrix; sorted, with a full diagonal. Not to be changed while it is solved with.
-        freq : float
-            The line or shift in Hz, for messages.
-        held : str
-            Which DOFs are held, for messages.
-        error : float
-            Relative error that answers may have where the solver works in single precision.
-        single_only : bool
-            Whether double precision, which takes twice the memory, does not take over there.
-
-        Returns
-        -------
-        Factorised
-
-        Raises
-        ------
-        SolverError
-            If A is singular, or memory is short, or A too close to singular for single precision
-            alone.
-        TypeError
-            If A is not of the solver's kind.
+        A must not change while in use. `error` is the permitted relative error of solutions in
+        single precision; with `single_only`, double precision, which needs twice the memory, is not
+        used instead. Raises SolverError if A is singular, memory is short, or A is too close to
+        singular for single precision only; TypeError if A is real for a complex solver or vice
+        versa.
         """
         if np.iscomplexobj(A) == self.real:
             raise TypeError(
-                f"a {'real' if self.real else 'complex'} solver was given a matrix of {A.dtype}"
+                f"found a matrix of {A.dtype}; expected {'real' if self.real else 'complex'} values"
             )
         self._retire()
         self._forget_other_pattern(A)
@@ -234,12 +191,12 @@ class SparseSolver:
 
     @property
     def peak_bytes(self) -> int | None:
-        """Largest memory of the backends in use; None where it is unknown."""
+        """Largest memory of the backends in use; None if unknown."""
         known = [b for backend in self._analysed.values() if (b := backend.peak_bytes) is not None]
         return max(known, default=None)
 
     def release(self) -> None:
-        """Give all memory back now; a later call analyses anew."""
+        """Free all memory; a later call analyses the pattern again."""
         self._retire()
         for backend in self._analysed.values():
             backend.release()
@@ -254,7 +211,7 @@ class SparseSolver:
         self._alive = None
 
     def _ways(self, *, single_only: bool) -> Iterator[_Way]:
-        """Yield how to factorise: by the backend asked for, then by those where it fails."""
+        """Yield the backends and precisions to try: the requested backend first."""
         for name in _backends_from(self.backend):
             if not BACKENDS[name].available():
                 continue
@@ -271,7 +228,7 @@ class SparseSolver:
         return self._analysed[way].factor(A)
 
     def _forget(self, way: _Way) -> None:
-        """Free a backend that failed, before another needs the memory."""
+        """Free a backend that failed, before another one needs the memory."""
         failed = self._analysed.pop(way, None)
         if failed is not None:
             failed.release()
@@ -296,12 +253,12 @@ class _Way:
 
     @property
     def residual(self) -> float:
-        """Backward error above which an answer is not accepted."""
+        """Largest accepted backward error."""
         return RESIDUAL_SINGLE if self.single else RESIDUAL
 
 
 def _backends_from(name: str) -> Iterator[str]:
-    """Yield a backend, then those to try where it fails."""
+    """Yield a backend, then those to try if it fails."""
     yield name
     after = 0
     if name in _FALLBACKS:
@@ -339,7 +296,7 @@ class Factorised:
         self._factors: Factors | None = None
         self._way: _Way | None = None
         self._off = _EXACT
-        # A real matrix is shifted to just beside an eigenvalue on purpose.
+        # A real matrix is deliberately shifted close to an eigenvalue.
         self._probed = solver.real
         if not self._factored_by_next():
             raise SolverError(singular_message(*line, scale=self._scale))
@@ -348,14 +305,14 @@ class Factorised:
     def negative(self) -> int | None:
         """Number of negative eigenvalues of a real A (Sylvester's law of inertia); None if unknown.
 
-        For A = K - omega^2 M with M positive definite: how many natural frequencies lie below
+        For A = K - omega^2 M with positive definite M: the number of natural frequencies below
         omega.
         """
         return self._current()[0].negative
 
     @property
     def error(self) -> float:
-        """Relative error that answers may have; 0 in double precision."""
+        """Permitted relative error of solutions; 0 in double precision."""
         return self._error if self._current()[1].single else 0.0
 
     def times(self, X: NDArray[Any]) -> NDArray[Any]:
@@ -363,27 +320,14 @@ class Factorised:
         return np.asarray(self._A @ X)
 
     def solve(self, B: NDArray[Any]) -> NDArray[Any]:
-        """Solve A X = B and check the answer.
+        """Solve A X = B, B of shape (n, r), and check the solution.
 
-        Parameters
-        ----------
-        B : ndarray, shape (n, r)
-            Right-hand sides.
-
-        Returns
-        -------
-        ndarray of A's kind, shape (n, r)
-
-        Raises
-        ------
-        SolverError
-            As `SparseSolver.solve`.
-        RuntimeError
-            If the solver has factorised another matrix since, or was released.
+        Raises SolverError as `SparseSolver.solve`, RuntimeError if the solver has factorised
+        another matrix since, or was released.
         """
         _, way = self._current()
         if self._solver.real and np.iscomplexobj(B):
-            raise TypeError("a real solver was given complex right-hand sides")
+            raise TypeError("found complex right-hand sides; expected real ones")
         n, r = B.shape
         if self._probed:
             B = np.asfortranarray(B, dtype=np.float64 if self._solver.real else np.complex128)
@@ -393,7 +337,7 @@ class Factorised:
             B = loads
         while True:
             try:
-                X, left, grown = self._refined(B)
+                X, left, grown = self._refine_solution(B)
             except RuntimeError:
                 left = np.inf
             if left <= way.residual:
@@ -402,7 +346,7 @@ class Factorised:
                 if np.isinf(left):
                     raise SolverError(singular_message(*self._line, scale=self._scale))
                 where = f"residual {left:.1e} at {self._line[0]:g} Hz"
-                raise SolverError(f"{way.name}: {where}; the matrix is singular there or nearly so")
+                raise SolverError(f"{way.name}: {where}; the matrix is singular or nearly singular")
             _, way = self._current()
         if not (grown[:r] <= LARGEST_GROWTH).all() or not (grown[r:] <= LARGEST_PROBE_GROWTH).all():
             raise SolverError(singular_message(*self._line, scale=self._scale))
@@ -410,10 +354,10 @@ class Factorised:
         self._solver.used[way.name] = self._solver.used.get(way.name, 0) + 1
         return X[:, :r]
 
-    def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
+    def _refine_solution(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
         """Return the solution, its largest backward error and the growth of each column.
 
-        Columns that are off after all are corrected once more.
+        Columns with a larger error than permitted are corrected once.
         """
         run, way = self._current()
         X = run(B)
@@ -431,12 +375,9 @@ class Factorised:
         return X, float(errors.max(initial=0.0)), grown
 
     def _settle(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
-        """Refine answers of factors in single precision until they are as exact as they are to be.
+        """Refine solutions of factors in single precision to the permitted error.
 
-        Raises
-        ------
-        RuntimeError
-            If they do not come to rest.
+        Raises RuntimeError if they do not converge.
         """
         left, before = self._off.share, 1.0
         for _ in range(_MOST_STEPS):
@@ -446,10 +387,10 @@ class Factorised:
             X += change
             size = float(_grown(_sizes(change, self._scale), _sizes(X, self._scale)).max(initial=0))
             left, before = size * max(self._off.share, size / before), size
-        raise RuntimeError(f"answers in single precision do not settle: {left:.1e} off")
+        raise RuntimeError(f"solutions in single precision do not converge: error {left:.1e}")
 
     def _factored_by_next(self) -> bool:
-        """Factorise with the next backend that can; False if none is left."""
+        """Factorise with the next backend; return whether one succeeded."""
         self._factors = None
         for way in self._ways:
             if self._way is not None:
@@ -461,7 +402,7 @@ class Factorised:
             except RuntimeError:
                 continue
             except MemoryError as error:
-                # Others need no less, and would end the process instead.
+                # Others need as much memory, and would end the process instead.
                 message = f"{way.name}: not enough memory to factorise {self._A.shape[0]} DOFs"
                 if str(error):
                     message += f" ({error})"
@@ -473,11 +414,11 @@ class Factorised:
         return False
 
     def _off_by(self, factors: Factors) -> _Off:
-        """Return how far factors in single precision are from those of the matrix A.
+        """Return the distance of factors in single precision from the matrix A.
 
-        They are those of A + E. A step of refinement changes an answer by A^-1 E times it, and
-        leaves an error of that share. Where it is far below 1 no eigenvalue crosses zero on the way
-        from A + E to A, so that their negative ones are as many.
+        They are those of A + E. A refinement step changes a solution by the share A^-1 E and leaves
+        an error of that share. If it is far below 1, no eigenvalue crosses zero between A + E and
+        A, so both have the same number of negative eigenvalues.
         """
         load = np.asfortranarray(probe_load(self._scale).real)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -491,27 +432,26 @@ class Factorised:
     def _current(self) -> tuple[Factors, _Way]:
         if self._factors is None or self._way is None:
             raise RuntimeError(
-                "this factorisation has ended: its solver has factorised another matrix, or was"
-                " released"
+                "this factorisation is no longer valid: its solver has factorised another matrix,"
+                " or was released"
             )
         return self._factors, self._way
 
 
-#: Backward error above which an answer is not accepted, in double and in single precision.
+#: Largest accepted backward error, in double and in single precision.
 RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class _Off:
-    """How far factors are from those of the matrix.
+    """Distance of factors from the matrix.
 
     Attributes
     ----------
     share : float
-        What a step of refinement leaves of the error of an answer to a load that excites every
-        mode.
+        Share of the error that a refinement step leaves, for a load that excites every mode.
     floor : float
-        Relative error of an answer below which refining it does not help.
+        Relative error of a solution that refinement cannot reduce.
     """
 
     share: float
@@ -519,46 +459,38 @@ class _Off:
 
 
 _EXACT = _Off(0.0, 0.0)
-#: The largest share that steps of refinement make good, and how many steps an answer takes at most.
+#: Largest share for which refinement converges, and largest number of its steps.
 _FARTHEST, _MOST_STEPS = 0.2, 20
-#: Roundings of double precision in a residual, about.
+#: Approximate number of roundings of double precision in a residual.
 _ROUNDINGS = 4.0
 
-#: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
-#: counts as singular.
+#: Growth of a solution relative to its right-hand side at which 12 of 16 digits are lost: the
+#: matrix counts as singular.
 LARGEST_GROWTH = 1e12
 
-#: The same for a load that excites every mode (`probe_load`). At a natural frequency that is hit to
-#: rounding it grows by 1e14 or more, by an amount that depends on the kernel of BLAS. The forces of
-#: a test may grow by less than 1e12 there, if they excite that mode little.
+#: The same for a load that excites every mode (`probe_load`). Exactly at a natural frequency it
+#: grows by 1e14 or more, depending on the BLAS kernel. The forces of a test may grow by less than
+#: 1e12 if they hardly excite that mode.
 LARGEST_PROBE_GROWTH = 1e13
 
-#: Sizes on the diagonal from whose ratio on rounding may be what makes a matrix singular. Rotations
-#: in N m/rad beside translations in N/m reach a part of it.
+#: Ratio of diagonal entries from which rounding may make a matrix singular. Rotations in N m/rad
+#: and translations in N/m reach a part of it.
 _FAR_APART = 1e9
 
-#: Columns that are checked by one combination of them.
+#: Number of columns that one combination checks.
 _CHECKED_COLUMNS = 64
 
 #: Entries of a matrix that BLAS multiplies with a vector in one thread (OpenBLAS: up to 9216).
 _ALONE = 8192
-#: Numbers that are worked on at a time, so that they stay in the cache.
+#: Number of values processed at a time, to stay in the cache.
 _CACHED_NUMBERS = 2**15
 
 
 def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the scale that makes rows and columns of a matrix comparable, whatever their units.
+    """Return the scale that makes rows and columns of a matrix comparable, independent of units.
 
-    Parameters
-    ----------
-    diagonal : ndarray of float or complex, shape (..., n)
-        Of the matrix; N/m or N m/rad on its rows.
-
-    Returns
-    -------
-    ndarray of float, shape (..., n)
-        A DOF without an entry of its own cannot be compared; it gets 1e-8 of the largest, 1 if all
-        are zero.
+    `diagonal` has shape (..., n). DOFs with a zero entry get 1e-8 of the largest scale, or 1 if all
+    are zero.
     """
     scale = np.sqrt(np.abs(diagonal))
     largest = scale.max(axis=-1, keepdims=True, initial=0.0)
@@ -566,19 +498,10 @@ def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[np.float64]:
-    """Return how far the solution of A X = B outgrows its right-hand side, whatever the units.
+    """Return the growth of the solution of A X = B relative to B, in any units, shape (...).
 
-    Parameters
-    ----------
-    diagonal : ndarray of complex, shape (..., n)
-        Of A; scales rows and columns, so that translations and rotations compare.
-    X, B : ndarray of complex, shape (..., n, r)
-        Solution and right-hand sides.
-
-    Returns
-    -------
-    ndarray of float, shape (...)
-        Largest over the columns; about a lower bound of the condition number of the scaled matrix.
+    `diagonal`, that of A with shape (..., n), scales rows and columns. The result is the largest
+    over the columns, approximately a lower bound of the condition number of the scaled matrix.
     """
     scale = unit_scale(diagonal)[..., None]
     grown = _grown((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
@@ -586,17 +509,9 @@ def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[
 
 
 def probe_load(scale: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return a load that excites every mode: entries of random phase, as large as their rows.
+    """Return a load that excites every mode, shape (..., n, 1): random phases, scaled by row.
 
-    Parameters
-    ----------
-    scale : ndarray of float, shape (..., n)
-        `unit_scale` of the matrix.
-
-    Returns
-    -------
-    ndarray of complex, shape (..., n, 1)
-        The same on every call; its `growth` is close to the condition number of the scaled matrix.
+    The same on every call; its `growth` is close to the condition number of the scaled matrix.
     """
     phase = 2j * np.pi * np.random.default_rng(0).random(scale.shape[-1])
     return np.asarray(np.exp(phase) * scale)[..., None]
@@ -609,30 +524,13 @@ def accuracy(
     B: NDArray[Any],
     allowed: float = RESIDUAL,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Judge the answer of A X = B at the cost of about one column in 64.
+    """Return backward error and growth of each column of A X = B, at the cost of one column in 64.
 
-    The residual of a random combination of the columns is looked at (Freivalds, 1977), each
-    weighted by its size so that a small column counts as much as a large one. Only where it is
-    suspicious is every column looked at.
-
-    Parameters
-    ----------
-    A : sparse, shape (n, n)
-        Matrix.
-    scale : ndarray of float, shape (n,)
-        Its `unit_scale`.
-    X, B : ndarray, shape (n, r)
-        Solution and right-hand sides.
-    allowed : float
-        Backward error that is not suspicious.
-
-    Returns
-    -------
-    errors : ndarray of float, shape (r,)
-        Normwise backward error of each column, or a bound of it, in the scaled DOFs:
-        max |A x - b| / max (|A| |x| + |b|). Not a number where the solution is not.
-    grown : ndarray of float, shape (r,)
-        As `growth`, by column, to a factor of 1.4.
+    The residual of a random combination of the columns is evaluated (Freivalds, 1977), with weights
+    that give small and large columns the same influence; every column only if this exceeds
+    `allowed`. The error, or a bound of it, is normwise in the DOFs scaled by `unit_scale`: max |A x
+    - b| / max (|A| |x| + |b|), nan if the solution is nan. The growth is as `growth` within a
+    factor of 1.4.
     """
     errors, grown = np.zeros(X.shape[1]), np.zeros(X.shape[1])
     absolute = None
@@ -641,9 +539,9 @@ def accuracy(
         x, b = X[:, part], B[:, part]
         solved, load = _sizes(x, scale), _sizes(b, 1.0 / scale)
         grown[part] = _grown(solved, load)
-        # What is not a number stays so, and is found.
+        # nan propagates and is detected.
         with np.errstate(invalid="ignore", over="ignore"):
-            bound = _combined(A, scale, x, b, solved + load)
+            bound = _combination_bound(A, scale, x, b, solved + load)
             if not bound <= allowed:
                 if absolute is None:
                     absolute = abs(A)
@@ -659,14 +557,14 @@ def accuracy(
 _TINY = np.finfo(float).tiny
 
 
-def _combined(
+def _combination_bound(
     A: Any, scale: NDArray[np.float64], x: NDArray[Any], b: NDArray[Any], size: NDArray[np.float64]
 ) -> np.float64:
     """Return a bound of the backward errors of columns from a random combination of them."""
     r = len(size)
     weight = np.random.default_rng(0).uniform(0.5, 1.5, r) / np.maximum(size, _TINY)
     y, c = _times(x, weight), _times(b, weight)
-    # |A| |y| is at least the diagonal's part of it, which spares |A|.
+    # |A| |y| is at least the part of the diagonal, which avoids computing |A|.
     error = (np.abs(A @ y - c) / scale).max(initial=0.0)
     # One column's weight is at least a third of each other's.
     size_of_both = max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY))
@@ -674,9 +572,9 @@ def _combined(
 
 
 def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
-    """Return X @ weight, in pieces so small that BLAS keeps to one thread.
+    """Return X @ weight, in pieces small enough for BLAS to use one thread.
 
-    More would wait for the cores on which the threads of the solver still spin.
+    More threads would wait for the cores on which the solver's threads still spin.
     """
     step = max(1, _ALONE // len(weight))
     return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
@@ -700,29 +598,19 @@ def _grown(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np
 
 
 def singular_message(freq: float, held: str = "", *, scale: NDArray[np.float64]) -> str:
-    """Return the message on a singular line: which it is, and what to do.
+    """Return the message on a singular line in Hz, with a remedy.
 
-    Parameters
-    ----------
-    freq : float
-        In Hz.
-    held : str
-        Which DOFs are held.
-    scale : ndarray of float, shape (n,)
-        `unit_scale` of the matrix.
+    `held` are the held DOFs; `scale` is the `unit_scale` of the matrix.
     """
     if freq == 0.0:
-        why = "the structure is free to move there. Leave the line out or support the structure"
+        why = "the structure is free to move. Omit the line or support the structure"
     else:
-        why = (
-            "a natural frequency without damping. Leave the line out or give the groups a loss"
-            " factor"
-        )
+        why = "a natural frequency without damping. Omit the line or give the groups a loss factor"
     smallest, largest = float(scale.min()) ** 2, float(scale.max()) ** 2
     if largest > _FAR_APART * smallest:
         why += (
-            f". Or stiffnesses too far apart for double precision: the sizes on the diagonal go"
-            f" from {smallest:.1g} to {largest:.1g}, and what is soft is lost in the rounding of"
-            " what is stiff. Merge the stiff part into a rigid one, or make it softer"
+            f". Or stiffnesses too far apart for double precision: diagonal entries range"
+            f" from {smallest:.1g} to {largest:.1g}, and the soft ones are lost in the rounding of"
+            " the stiff ones. Replace the stiff part by a rigid one, or reduce its stiffness"
         )
     return f"the dynamic stiffness {held}is singular at {freq:g} Hz: {why}"

@@ -1,4 +1,4 @@
-"""SuperLU, which comes with scipy and works everywhere."""
+"""SuperLU, which is part of scipy and always available."""
 
 from __future__ import annotations
 
@@ -8,22 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.linalg.single import in_range, solved
+from updyn.linalg.single import in_range, solve_scaled
 
 __all__ = ["SuperLU"]
 
 
 class SuperLU:
-    """Sparse LU with an ordering for symmetric patterns; every matrix is analysed anew.
+    """Sparse LU with an ordering for symmetric patterns; every matrix is analysed again.
 
-    Parameters
-    ----------
-    pattern : sparse CSC, shape (n, n)
-        A matrix of the pattern; not used, as SuperLU has no analysis that could be kept.
-    real : bool
-        Matrices are real; not used, as SuperLU takes what it is given.
-    single : bool
-        They are factorised in single precision.
+    `pattern` and `real` are not used, as SuperLU has no separate analysis; `single` selects single
+    precision.
     """
 
     install = "pip install scipy"
@@ -31,7 +25,7 @@ class SuperLU:
 
     @staticmethod
     def available() -> bool:
-        """Return True: scipy contains it."""
+        """Return True, as scipy contains SuperLU."""
         return True
 
     def __init__(self, pattern: Any, *, real: bool = False, single: bool = False) -> None:
@@ -40,27 +34,13 @@ class SuperLU:
 
     @property
     def peak_bytes(self) -> None:
-        """None: SuperLU does not report it."""
+        """None, as SuperLU does not report it."""
 
     def factor(self, A: Any) -> _LU:
-        """Factorise a matrix.
+        """Factorise a matrix and return a solver of right-hand sides, shape (n, r).
 
-        Parameters
-        ----------
-        A : sparse CSC, shape (n, n), symmetric
-            Matrix.
-
-        Returns
-        -------
-        callable
-            Solves for right-hand sides, shape (n, r).
-
-        Raises
-        ------
-        RuntimeError
-            If A is exactly singular, or a value is beyond the range of the precision.
-        MemoryError
-            If there is not enough memory.
+        Raises RuntimeError if A is exactly singular or a value is beyond the range of the
+        precision, MemoryError if memory is insufficient.
         """
         from scipy.sparse.linalg import splu
 
@@ -68,7 +48,7 @@ class SuperLU:
             with np.errstate(over="ignore"):
                 A = A.astype(np.float32)
             in_range(A.data)
-        # Minimum degree on A + A^T with nearly diagonal pivots: 1.6 x faster than the default
+        # Minimum degree on A + A^T with nearly diagonal pivots: 1.6 times faster than the default
         # ordering on solids.
         return _LU(
             splu(
@@ -81,7 +61,7 @@ class SuperLU:
         )
 
     def release(self) -> None:
-        """Do nothing: the memory goes with what `factor` returned."""
+        """Do nothing, as the result of `factor` owns the memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +71,7 @@ class _LU:
 
     @property
     def negative(self) -> int | None:
-        """Number of negative eigenvalues of a real matrix; None after pivoting off the diagonal."""
+        """Number of negative eigenvalues of a real matrix; None after off-diagonal pivoting."""
         if not np.array_equal(self.lu.perm_r, self.lu.perm_c):
             return None
         pivots = self.lu.U.diagonal()
@@ -101,5 +81,5 @@ class _LU:
 
     def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
         if self.is_single:
-            return solved(self.lu.solve, B)
+            return solve_scaled(self.lu.solve, B)
         return np.asarray(self.lu.solve(B))

@@ -1,4 +1,4 @@
-"""The half of a symmetric sparse matrix that solvers store."""
+"""The upper triangle of a symmetric sparse matrix, as solvers store it."""
 
 from __future__ import annotations
 
@@ -9,28 +9,16 @@ from numpy.typing import NDArray
 
 __all__ = ["upper_triangle"]
 
-#: Rows that are worked on at a time, as index arrays of all entries would cost memory.
+#: Number of rows processed at a time, as index arrays of all entries would need memory.
 _BLOCK = 2**18
 
 
 def upper_triangle(
     indptr: NDArray[Any], indices: NDArray[Any]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return which entries of a symmetric CSC pattern make up the CSR form of its upper triangle.
+    """Return the mask of the upper triangle of a symmetric CSC pattern, and its CSR row pointers.
 
     CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
-
-    Parameters
-    ----------
-    indptr, indices : ndarray of int
-        Of the pattern, shapes (n + 1,) and (nnz,).
-
-    Returns
-    -------
-    kept : ndarray of bool, shape (nnz,)
-        Mask of the entries.
-    begin : ndarray of int, shape (n + 1,)
-        Where each row begins among them.
     """
     n = len(indptr) - 1
     kept = np.empty(len(indices), dtype=np.bool_)
