@@ -51,8 +51,10 @@ import updyn
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
 from updyn.updating.judge.causes.altered import AlteredPart, log_ratio
+from updyn.updating.judge.causes.candidates import is_small
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.data_alone import with_variance
+from updyn.updating.judge.causes.diagnosis import weighed
 from updyn.updating.judge.causes.element import Element
 from updyn.updating.judge.causes.evidence import Evidence, stacked
 from updyn.updating.judge.causes.fault import Fault
@@ -879,6 +881,9 @@ def odds(task: Draw) -> float | None:
     here = stage.near(part, [x])
     fault = seeded.fault or replace(CAUSES[seeded.kind](seeded.channels), value=seeded.value)
     without = tried(here, None, [damped(here, here.coordinates.home), x])
+    if without is not None and is_small(without):
+        here = weighed(here, without, noise)
+        without = tried(here, None, [without.x, x])
     trial = tried(here, fault, [x])
     if without is None or trial is None:
         return None

@@ -44,7 +44,7 @@ from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
-__all__ = ["diagnosed", "strained", "unseen"]
+__all__ = ["diagnosed", "strained", "unseen", "weighed"]
 
 _Real = NDArray[np.float64]
 
@@ -296,7 +296,7 @@ def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseMod
     trial = tried(there, fault, [x])
     if trial is None or trial.fault is None:
         return found
-    trial = tried(_weighed(there, trial, noise), trial.fault, [trial.x])
+    trial = tried(weighed(there, trial, noise), trial.fault, [trial.x])
     if trial is None or trial.fault is None:
         return found
     here = stage.near(part, [found.trial.x])
@@ -319,7 +319,7 @@ def _freed(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
     return freed.responses(trial.x), freed.frf
 
 
-def _weighed(part: Part, trial: Trial, noise: NoiseModel) -> Part:
+def weighed(part: Part, trial: Trial, noise: NoiseModel) -> Part:
     """Return the part whose data count by the noise that a trial leaves of them."""
     H, frf = _freed(part, trial)
     variance = noise.refit(H, frf, part.n).variance(H, frf)
@@ -346,7 +346,7 @@ def _likeliest(
             return []
         here, without = _settled(part, here, stage, without)
         if is_small(without):
-            part = part.with_data(_weighed(here, without, noise).frf)
+            part = part.with_data(weighed(here, without, noise).frf)
             here = stage.near(part, [without.x])
             without = tried(here, None, [without.x]) or without
         fresh = candidates(here, without, start, stated, others)
