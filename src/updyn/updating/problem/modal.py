@@ -1,8 +1,10 @@
 """Measured modes as data: `ModalPart` of a test, its pairs with modes of the model, its residuals.
 
 Modes of the undamped model are paired with the measured ones anew at every point, by shape and
-frequency. A measured mode that resembles none of the model gives no residual; it counts as if its
-shape were lost altogether, so that the misfit falls when a mode of the model comes to resemble it.
+frequency. Measured modes of close frequencies are compared by the span of their shapes, whose basis
+is arbitrary. A measured mode that resembles none of the model gives no residual; it counts as if
+its shape were lost altogether, so that the misfit falls when a mode of the model comes to resemble
+it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from updyn.correlation.shapes import mac, moving
+from updyn.correlation.clusters import close_modes
+from updyn.correlation.shapes import mac, moving, orthonormal
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
@@ -26,6 +29,7 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.local import Local, reduce
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
+from updyn.updating.problem.modal_span import Projection
 from updyn.updating.problem.noise.modes import ModalNoise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
@@ -39,6 +43,8 @@ LIKE = 0.8
 #: What a factor e between two frequencies costs in the pairing, in MAC: it breaks ties where
 #: sensors are few.
 _APART = 0.5
+#: A singular value of shapes of unit length below this share of the largest is rounding.
+_FLAT = 1e-9
 #: Modes are computed up to this multiple of the highest measured frequency.
 _BEYOND = 1.5
 #: Residuals of a mode that resembles none of the model: a factor e in frequency, the whole shape,
@@ -158,6 +164,17 @@ class Target:
         """Measured frequencies in Hz, shape (m,)."""
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
+    @property
+    def clusters(self) -> list[NDArray[np.intp]]:
+        """Measured modes of close frequencies, two or more each, ascending.
+
+        One mode that was identified twice is no cluster: its shapes have one direction.
+        """
+        if not self.tells_apart:
+            return []
+        found = [own for own in close_modes(self.frequency) if len(own) > 1]
+        return [own for own in found if orthonormal(self.shapes[:, own]).shape[1] == len(own)]
+
 
 def informative(modes: ModeSet, noise: ModalNoise) -> ModeSet:
     """Return modes without shapes that are stated to say nothing: these must not pair them."""
@@ -192,22 +209,36 @@ class Pairs:
     which : ndarray of int, shape (m,)
         Its modes.
     mac : ndarray of float, shape (m,)
-        MAC of each pair.
+        MAC of each pair; of close measured modes, MAC with the best combination of the shapes of
+        `spans`.
+    spans : tuple of ndarray of int
+        For each measured mode, the modes of the model with whose span its shape is compared: its
+        own, or those of all close measured modes.
     """
 
     modes: RealModes
     which: NDArray[np.intp]
     mac: _Real
+    spans: tuple[NDArray[np.intp], ...]
 
     @classmethod
     def at(
-        cls, system: AffineSystem, state: State, unknowns: Unknowns, values: _Real, target: Target
+        cls,
+        system: AffineSystem,
+        state: State,
+        unknowns: Unknowns,
+        values: _Real,
+        target: Target,
+        like: float = LIKE,
     ) -> Pairs:
         """Compute the model's modes and pair them.
 
         One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
-        (Hungarian assignment; Kuhn 1955). Without shapes that differ, with the least sum of the
-        squares of these logarithms, which keeps the order of the frequencies.
+        (Hungarian assignment; Kuhn 1955). Close measured modes are compared by the span of their
+        shapes, and paired in the order of their frequencies, if the span of as many modes of the
+        model holds all of their shapes (MAC of at least `like`); else one by one. Without shapes
+        that differ, with the least sum of the squares of these logarithms, which keeps the order of
+        the frequencies.
 
         Raises
         ------
@@ -224,19 +255,69 @@ class Pairs:
                 f" model has {len(modes.value)}. Give n_modes, or fewer modes"
             )
         modes = separated(modes, system, unknowns, values, target.seen, target.shapes)
+        clusters = target.clusters
+        move = np.zeros(len(modes.value), dtype=np.bool_)
+        if target.has_shapes:
+            move = moving(modes.shapes[target.rows], modes.shapes)
+        while True:
+            pairs = cls._paired(modes, move, target, clusters)
+            held = [own for own in clusters if pairs.mac[own].min() >= like]
+            if len(held) == len(clusters):
+                return pairs
+            clusters = held
+
+    @classmethod
+    def _paired(
+        cls,
+        modes: RealModes,
+        move: NDArray[np.bool_],
+        target: Target,
+        clusters: Sequence[NDArray[np.intp]],
+    ) -> Pairs:
+        """Return the best pairs, with some measured modes compared by their spans.
+
+        Parameters
+        ----------
+        modes : RealModes
+            Of the model.
+        move : ndarray of bool, shape (n,)
+            Which of them move at the sensors.
+        target : Target
+            The measured modes.
+        clusters : sequence of ndarray of int
+            Measured modes that are compared by their spans.
+        """
         # The MAC of rounding, as of a mode in another plane than the sensors, says nothing; where
         # there is one sensor, it is 1.
         macs = np.ones((len(modes.value), len(target.value)))
         if target.has_shapes:
-            move = moving(modes.shapes[target.rows], modes.shapes)
             macs[~move] = 0.0
             if move.any():
-                macs[move] = mac(target.seen(modes.shapes[:, move]), target.shapes)
+                seen = target.seen(modes.shapes[:, move])
+                macs[move] = mac(seen, target.shapes)
+                for own in clusters:
+                    macs[np.ix_(move, own)] = _within(seen, target.shapes[:, own])[:, None]
         apart = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
         cost = _APART * apart if target.tells_apart else apart**2
         first, second = linear_sum_assignment(macs - cost, maximize=True)
         which = first[np.argsort(second)]
-        return cls(modes, which, macs[which, np.arange(len(which))])
+        own_mac = macs[which, np.arange(len(which))]
+        spans = [which[k : k + 1] for k in range(len(which))]
+        for own in clusters:
+            which[own] = span = np.sort(which[own])
+            seen = target.seen(modes.shapes[:, span])
+            own_mac[own] = _within(target.shapes[:, own], seen) if move[span].all() else 0.0
+            for k in own:
+                spans[k] = span
+        return cls(modes, which, own_mac, tuple(spans))
+
+
+def _within(shapes: _Real, span: _Real) -> _Real:
+    """Return the MAC of each shape with the best combination of the shapes of a span, (m,)."""
+    basis, size, _ = np.linalg.svd(span / np.linalg.norm(span, axis=0), full_matrices=False)
+    basis = basis[:, size > _FLAT * size[0]]
+    share = np.linalg.norm(basis.T @ shapes, axis=0) / np.linalg.norm(shapes, axis=0)
+    return np.asarray(np.minimum(share**2, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -357,7 +438,8 @@ class ModalPart:
         DataError
             If the model has fewer than were measured.
         """
-        return Pairs.at(self.system, self.state(x), self.unknowns, self.values(x), self.target)
+        about = self.system, self.state(x), self.unknowns, self.values(x)
+        return Pairs.at(*about, self.target, self.like)
 
     def rows(self, x: _Real, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
         """Return the residuals at x and their derivatives.
@@ -438,30 +520,36 @@ class ModalPart:
         rows = target.rows if shapes and target.tells_apart else target.rows[:0]
         number = len(rows)
         damped = any(loss is not None for loss in losses)
-        by_value = np.zeros((len(which), self.n))
-        by_shape = np.zeros((len(which), self.n, number + damped))
-        if derivatives and len(which):
-            forces = [np.zeros(self.system.n) if one is None else one.force for one in losses]
+        needed = np.unique(np.concatenate([which, *(pairs.spans[k] for k in paired)]))
+        at = np.searchsorted(needed, which)
+        by_value = np.zeros((len(needed), self.n))
+        by_shape = np.zeros((len(needed), self.n, number + damped))
+        if derivatives and len(needed):
+            forces = np.zeros((self.system.n, len(needed)))
+            for place, loss in zip(at, losses, strict=True):
+                if loss is not None:
+                    forces[:, place] = loss.force
             by_value, by_shape = slopes_of_all(
                 pairs.modes,
-                which,
+                needed,
                 self.system,
                 self.unknowns,
                 values,
                 rows,
-                np.array(forces).T if damped else None,
+                forces if damped else None,
             )
-        for loss, value, shape in zip(losses, by_value * slope, by_shape, strict=True):
-            shape = shape.T * slope
+        by_value, by_shape = by_value * slope, by_shape.transpose(0, 2, 1) * slope
+        for k, place, loss in zip(paired, at, losses, strict=True):
+            value, shape = by_value[place], by_shape[place]
             by_loss = np.zeros(self.n)
             if loss is not None:
                 by_loss = loss.moved(value, shape[-1], slope)
-            yield _Moved(value, shape[:number], loss, by_loss)
+            span = by_shape[np.searchsorted(needed, pairs.spans[k]), :number]
+            yield _Moved(value, span, loss, by_loss)
 
     def _of_mode(self, pairs: Pairs, k: int, moved: _Moved) -> Iterator[_Residual]:
         """Yield the residuals of a measured mode that is paired, each kind by itself."""
-        target, which = self.target, int(pairs.which[k])
-        phi, own = pairs.modes.shapes[:, which], float(pairs.modes.value[which])
+        target, own = self.target, float(pairs.modes.value[pairs.which[k]])
         off = 0.5 * np.log(own / target.value[k])
         yield _Residual.of("frequency", off, 0.5 * moved.value / own, target.std_frequency[k])
         if moved.loss is not None:
@@ -469,21 +557,20 @@ class ModalPart:
             off = moved.loss.factor / measured - 1.0
             by_loss = moved.by_loss / measured
             yield _Residual.of("loss_factor", off, by_loss, target.std_loss_factor[k])
-        if len(moved.shape) and pairs.mac[k] > 0.0:
-            yield from self._of_shape(k, phi, moved.shape)
+        if moved.span.shape[1] and pairs.mac[k] > 0.0:
+            yield from self._of_shape(k, pairs.modes.shapes[:, pairs.spans[k]], moved.span)
 
-    def _of_shape(self, k: int, phi: _Real, by_x: _Real) -> Iterator[_Residual]:
-        """Yield the residuals of a shape; `by_x` are its derivatives at the sensors' DOFs."""
+    def _of_shape(self, k: int, span: _Real, by_x: _Real) -> Iterator[_Residual]:
+        """Yield the residuals of a shape; `by_x` are the derivatives of a span at the sensors."""
         target = self.target
-        seen, psi = target.seen(phi[:, None])[:, 0], target.shapes[:, k]
-        moved, unit = by_x * target.weight[:, None], np.sqrt(len(seen))
-        off, off_by_x = _difference(seen, moved, psi)
-        yield _Residual.of("shape", unit * off, unit * off_by_x, target.std_shapes[:, k])
-        yield _Residual.of("mac", *_lack_of_mac(seen, moved, psi))
+        moved, unit = by_x * target.weight[:, None], np.sqrt(len(target.rows))
+        found = Projection.of(target.shapes[:, k], target.seen(span), moved)
+        by_shape = unit * found.within_by_x
+        yield _Residual.of("shape", unit * found.off, by_shape, target.std_shapes[:, k])
+        yield _Residual.of("mac", *found.lack_of_mac)
         if np.isfinite(target.length[k]):
-            along = float(seen @ psi)
-            size = np.log(abs(along) / target.length[k])
-            yield _Residual.of("scale", size, psi @ moved / along)
+            size = np.log(found.size / target.length[k])
+            yield _Residual.of("scale", size, found.size_by_x / found.size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -494,8 +581,9 @@ class _Moved:
     ----------
     value : ndarray of float, shape (n,)
         Of the eigenvalue.
-    shape : ndarray of float, shape (k, n)
-        Of the shape at the sensors' DOFs; of shape (0, n) if shapes are not compared.
+    span : ndarray of float, shape (s, k, n)
+        Of the shapes that its own is compared with, at the sensors' DOFs; of shape (s, 0, n) if
+        shapes are not compared.
     loss : _Loss or None
         Its loss factor, if one was measured and unknowns change it.
     by_loss : ndarray of float, shape (n,)
@@ -503,7 +591,7 @@ class _Moved:
     """
 
     value: _Real
-    shape: _Real
+    span: _Real
     loss: _Loss | None
     by_loss: _Real
 
@@ -560,31 +648,6 @@ def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True)
 def _kind(*, shapes: bool) -> str:
     """Return what the residuals of modes are called in the memory of a session."""
     return "modes and shapes" if shapes else "frequencies"
-
-
-def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Real]:
-    """Return u (u^T psi) - psi and its derivatives, shapes (k,) and (k, n), with u = phi / |phi|.
-
-    The factor is the modal scale factor of unit shapes (Allemang & Brown 1982); the squared length
-    is 1 - MAC.
-    """
-    length = float(np.linalg.norm(seen))
-    if length == 0.0:
-        return -measured, np.zeros_like(moved)
-    u = seen / length
-    du = (moved - np.outer(u, u @ moved)) / length
-    factor = float(u @ measured)
-    return u * factor - measured, du * factor + np.outer(u, measured @ du)
-
-
-def _lack_of_mac(seen: _Real, moved: _Real, measured: _Real) -> tuple[float, _Real]:
-    """Return (1 - sqrt(MAC)) / sqrt(MAC) with a unit shape, and its derivatives, shape (n,)."""
-    length = float(np.linalg.norm(seen))
-    u = seen / length
-    du = (moved - np.outer(u, u @ moved)) / length
-    root = float(u @ measured)
-    by_x = -np.sign(root) * (measured @ du) / root**2
-    return (1.0 - abs(root)) / abs(root), np.asarray(by_x)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,86 @@
+"""`Projection` of a measured shape onto the span of one or several modes of the model.
+
+Close modes of a test are an arbitrary basis of their span (see `updyn.correlation.clusters`), so
+each of their shapes is compared with the nearest combination of the shapes of the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Projection"]
+
+_Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection:
+    """The part of a measured shape of unit length within a span, with its derivatives by x.
+
+    Attributes
+    ----------
+    measured : ndarray of float, shape (k,)
+        The measured shape psi, of unit length.
+    within : ndarray of float, shape (k,)
+        P psi, with the orthogonal projection P. Of a single mode with the shape phi it is
+        phi (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982).
+    within_by_x : ndarray of float, shape (k, n)
+        Its derivatives.
+    size : float
+        phi^T psi of the nearest combination phi of unit modal mass.
+    size_by_x : ndarray of float, shape (n,)
+        Its derivatives.
+    """
+
+    measured: _Real
+    within: _Real
+    within_by_x: _Real
+    size: float
+    size_by_x: _Real
+
+    @classmethod
+    def of(cls, measured: _Real, seen: _Real, moved: _Real) -> Projection:
+        """Project a measured shape.
+
+        Parameters
+        ----------
+        measured : ndarray of float, shape (k,)
+            The measured shape, of unit length.
+        seen : ndarray of float, shape (k, s)
+            Shapes of the model that span, as the sensors see them.
+        moved : ndarray of float, shape (s, k, n)
+            Their derivatives by x.
+
+        Notes
+        -----
+        With the pseudo-inverse G of the shapes Phi, a = G psi and P = Phi G,
+        P' psi = (1 - P) Phi' a + G^T Phi'^T (1 - P) psi (G. H. Golub & V. Pereyra, SIAM J. Numer.
+        Anal. 10 (1973) 413-432, eq. 4.12). Derivatives of the shapes within their own span, which
+        are large where frequencies are close, have no effect.
+        """
+        G = np.linalg.pinv(seen)
+        share = G @ measured
+        within = seen @ share
+        along = np.einsum("skn,s->kn", moved, share)
+        across = np.einsum("skn,k->sn", moved, measured - within)
+        by_x = along - seen @ (G @ along) + G.T @ across
+        share_by_x = G @ (G.T @ across - along)
+        length, square = float(np.linalg.norm(share)), float(within @ within)
+        if length == 0.0:
+            return cls(measured, within, by_x, 0.0, np.zeros(moved.shape[-1]))
+        size_by_x = 2.0 * (within @ by_x) / length - square * (share @ share_by_x) / length**3
+        return cls(measured, within, by_x, square / length, size_by_x)
+
+    @property
+    def off(self) -> _Real:
+        """P psi - psi, shape (k,); its squared length is 1 - MAC."""
+        return self.within - self.measured
+
+    @property
+    def lack_of_mac(self) -> tuple[float, _Real]:
+        """(1 - sqrt(MAC)) / sqrt(MAC) and its derivatives, shape (n,)."""
+        root = float(np.linalg.norm(self.within))
+        return (1.0 - root) / root, np.asarray(-(self.within @ self.within_by_x) / root**3)
