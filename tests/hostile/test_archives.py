@@ -49,7 +49,7 @@ def test_mutants_raise_nothing_but_our_errors(kind, tmp_path):
 def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "_UNPACKED", 10**6)
     np.savez_compressed(tmp_path / "a.npz", K=np.zeros((1000, 1000)), allow_pickle=False)
-    with pytest.raises(FormatError, match=r"a\.npz: says that it holds 8 MB or more"):
+    with pytest.raises(FormatError, match=r"a\.npz: declares 8 MB of data or more"):
         updyn.read_model(tmp_path / "a.npz")
 
 
@@ -61,7 +61,7 @@ def test_a_header_that_promises_more_than_follows(tmp_path):
         header = {"descr": "<f8", "fortran_order": False, "shape": (10**9, 10**3)}
         np.lib.format.write_array_header_1_0(stream, header)
         stream.write(bytes(80))
-    with pytest.raises(FormatError, match=r"K: says float64 of shape .* but 80 bytes follow"):
+    with pytest.raises(FormatError, match=r"K: declares float64 of shape .* but 80 bytes follow"):
         updyn.read_model(tmp_path / "a.npz")
 
 

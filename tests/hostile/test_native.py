@@ -117,11 +117,11 @@ def external_as_a_dimension(file: h5py.File, source: Path) -> None:
     ("change", "message"),
     [
         (linked, r"/groups/0000/stiffness: 'data' is a link to the file '.*other\.h5'"),
-        (external, r"/groups/0000/stiffness/data: its numbers stand in the file '.*other\.h5'"),
+        (external, r"/groups/0000/stiffness/data: its numbers are in the file '.*other\.h5'"),
         (virtual, "/groups/0000/stiffness/data: a virtual dataset"),
-        (unwritten, "/groups/0000/stiffness/data: numbers of it were never written"),
-        (written_in_part, "/groups/0000/stiffness/data: numbers of it were never written"),
-        (external_as_a_dimension, "/groups/0000/stiffness/data: .*no variable"),
+        (unwritten, "/groups/0000/stiffness/data: some numbers were never written"),
+        (written_in_part, "/groups/0000/stiffness/data: some numbers were never written"),
+        (external_as_a_dimension, "/groups/0000/stiffness/data: .*without variable"),
     ],
 )
 def test_numbers_that_are_not_in_the_file_are_refused(tmp_path, change, message):

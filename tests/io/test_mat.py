@@ -194,7 +194,7 @@ def test_string_class_of_version_73_is_refused_with_advice(path):
 def test_version_73_cut_short(path, missing):
     write_matlab73(path, frf_items(frf()))
     path.write_bytes(path.read_bytes()[:-missing])
-    with pytest.raises(FormatError, match="cut short"):
+    with pytest.raises(FormatError, match="truncated"):
         read_frf(path)
 
 
@@ -299,12 +299,12 @@ def test_records_of_version_4(path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (variable_4("K", 0, K)[:-1], "cut short or damaged in variable 1, at byte 0 of 53"),
+        (variable_4("K", 0, K)[:-1], "truncated or damaged in variable 1, at byte 0 of 53"),
         (
             variable_4("K", 0, K) + variable_4("M", 0, M)[:9],
-            "cut short or damaged in variable 2, at byte 54",
+            "truncated or damaged in variable 2, at byte 54",
         ),
-        (variable_4("K", 0, K) * 2, "variable 'K' stands twice"),
+        (variable_4("K", 0, K) * 2, "variable 'K' occurs twice"),
         (variable_4("K", 2000, K, ">"), "variable 1: type 2000"),
         (variable_4("K", 60, K), "variable 1: type 60"),
         (variable_4("s", 2, K), "not a readable MATLAB file"),

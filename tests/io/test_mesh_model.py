@@ -159,7 +159,7 @@ def test_med_files(tmp_path: Path, kind: str, nodes: int, is_mirrored: bool) -> 
 def test_a_file_with_the_suffix_med_that_is_no_mesh(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.med", "w") as file:
         file["x"] = [1.0]
-    with pytest.raises(FormatError, match=r"a\.med: not a mesh that can be read"):
+    with pytest.raises(FormatError, match=r"a\.med: not a readable mesh"):
         updyn.read_model(tmp_path / "a.med", unit="m", materials={})
     (tmp_path / "b.med").write_text("text")
     with pytest.raises(FormatError, match=r"b\.med: not a readable mesh"):

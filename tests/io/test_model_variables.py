@@ -310,7 +310,7 @@ def test_a_name_that_stands_twice_is_refused(tmp_path: Path) -> None:
     save_5(path, {"K": K1})
     raw = path.read_bytes()
     path.write_bytes(raw + raw[128:])
-    with pytest.raises(FormatError, match="variable 'K' stands twice"):
+    with pytest.raises(FormatError, match="variable 'K' occurs twice"):
         updyn.read_model(path, variables={"K": "K"})
 
 
@@ -319,5 +319,5 @@ def test_damage_in_a_variable_that_is_not_asked_for_is_refused(tmp_path: Path) -
     save_5(path, {"K": K1, "dofs": DOFS, "rest": np.arange(9.0)})
     raw = path.read_bytes()
     path.write_bytes(raw[:-8])
-    with pytest.raises(FormatError, match="cut short or damaged in variable 3"):
+    with pytest.raises(FormatError, match="truncated or damaged in variable 3"):
         updyn.read_model(path, variables={"K": "K"})

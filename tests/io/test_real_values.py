@@ -1,4 +1,4 @@
-"""Real-valued FRFs in arrays: refused, as may be magnitudes or decibels, unless it is stated."""
+"""Real-valued FRFs in arrays: refused, as they may be magnitudes or decibels, unless it is stated."""
 
 from __future__ import annotations
 

@@ -78,15 +78,15 @@ def remade(h5: Path, what: str) -> None:
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (Path.unlink, "no such file; plate.xdmf says that its numbers are there"),
-        (cut, "not a readable HDF5 file: damaged, cut short.*the numbers of plate.xdmf are there"),
-        (flipped, "not a readable HDF5 file: damaged, cut short"),
-        (lambda h5: h5.write_bytes(b""), "not a readable HDF5 file: damaged, cut short"),
+        (Path.unlink, "no such file; plate.xdmf refers to it for its numbers"),
+        (cut, "not a readable HDF5 file: damaged, truncated.*plate.xdmf refers to it for its numbers"),
+        (flipped, "not a readable HDF5 file: damaged, truncated"),
+        (lambda h5: h5.write_bytes(b""), "not a readable HDF5 file: damaged, truncated"),
         (lambda h5: remade(h5, "none"), "no dataset '/?data0'"),
         (lambda h5: remade(h5, "shape"), r"data0: 4 x 3 numbers, expected 5 x 3 by plate\.xdmf"),
         (lambda h5: remade(h5, "link"), r"'data0' is a link to the file 'other\.h5'"),
         (lambda h5: remade(h5, "unwritten"), "were never written"),
-        (lambda h5: remade(h5, "group"), "'/?data0' is no dataset"),
+        (lambda h5: remade(h5, "group"), "'/?data0' is not a dataset"),
         (lambda h5: remade(h5, "virtual"), "a virtual dataset"),
     ],
 )

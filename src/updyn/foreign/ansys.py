@@ -13,7 +13,7 @@ try:
     from ansys.mapdl import reader
 except (ImportError, OSError) as error:
     raise OptionError(
-        ".cdb and .rst files are read through ansys-mapdl-reader, which cannot be loaded"
+        ".cdb and .rst files are read by ansys-mapdl-reader, which cannot be loaded"
         f" ({error}): pip install 'updyn[ansys]'"
     ) from error
 
@@ -23,18 +23,10 @@ __all__ = ["load"]
 def load(path: str) -> dict[str, Any]:
     """Load elements and nodes.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-
-    Returns
-    -------
-    dict
-        ``elements``, element numbers; ``rows``, their attributes and nodes, one after the other, of
-        which ``lengths`` says how many belong to each; ``routines``, pairs of element type and
-        routine; ``components``, element numbers by name; ``nodes``, node numbers; ``xyz``;
-        ``angles``, or None.
+    Returns a mapping: ``elements``, element numbers; ``rows``, their attributes and nodes, one
+    after the other, with the counts in ``lengths``; ``routines``, pairs of element type and
+    routine; ``components``, element numbers by name; ``nodes``, node numbers; ``xyz``; ``angles``,
+    or None.
     """
     if Path(path).suffix.lower() == ".rst":
         mesh = reader.read_binary(path).mesh

@@ -1,10 +1,10 @@
-"""Names of attributes of datasets that say what the numbers mean."""
+"""Names of dataset attributes that define the meaning of the numbers."""
 
 from __future__ import annotations
 
 __all__ = ["PACKING", "UNITS"]
 
-#: Attributes that change what stored numbers mean, spelled as the conventions define them.
+#: Attributes that change the meaning of stored numbers, in the spelling of the conventions.
 PACKING = (
     "scale_factor",
     "add_offset",

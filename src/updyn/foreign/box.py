@@ -1,4 +1,4 @@
-"""The child process in which files of other programs are read, as its parent sees it."""
+"""The parent's side of the child process that reads files of other programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from updyn.registry import load_object
 __all__ = ["UNSOUND", "load", "load_here"]
 
 _BLOCK = 2**20  # bytes
-#: What `decode` raises for an answer that is damaged.
+#: Exceptions of `decode` for a damaged answer.
 UNSOUND = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 
 
@@ -37,14 +37,14 @@ def load(
     Parameters
     ----------
     function : str
-        ``"module:function"`` of this room; it takes the path, as text, and `arguments`, and
-        returns plain data.
+        ``"module:function"`` of this package; its arguments are the path, as text, and `arguments`,
+        and it returns plain data.
     path : path
         The file.
     *arguments : object
-        More arguments, as JSON has them.
+        Further arguments, of JSON types.
     what : str
-        What the file should be, for messages: ``"HDF5 file"``.
+        Expected kind of file, for messages: ``"HDF5 file"``.
     reader : str
         The library that reads it, for messages: ``"libhdf5"``.
     beside : iterable of path
@@ -53,7 +53,7 @@ def load(
     Returns
     -------
     object
-        What the function returned.
+        Return value of the function.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def load(
         If the library cannot read the file, crashes, or needs more time or memory than
         `updyn.foreign.limits` allows.
     InputError
-        Any other that the function raised.
+        Other errors of the function.
     """
     others = list(map(str, beside))
     limits = limits_of(path, others)
@@ -80,22 +80,12 @@ def load(
 
 
 def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
-    """Load a file in this process: one that holds what updyn wrote.
-
-    Parameters
-    ----------
-    function, path, *arguments, what
-        As of `load`.
-
-    Returns
-    -------
-    object
-        What the function returned.
+    """Load a file written by updyn in this process; the arguments are those of `load`.
 
     Raises
     ------
     FormatError
-        If the file cannot be read all the same.
+        If the file cannot be read.
     """
     loader = load_object(function)
     try:
@@ -107,7 +97,7 @@ def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> An
 
 
 def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str, Any]:
-    """Return the answer of a child process, which has ended by then."""
+    """Return the answer of a child process after it has ended."""
     path = limits.path
     received = bytearray()
     is_ready = threading.Event()
@@ -124,7 +114,7 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
         try:
             is_ready.wait(START)
             receiver.join(limits.seconds)
-            # Its end shows whether it was sound: memory that is corrupt may let it answer first.
+            # Wait for the exit status, because a process with corrupt memory may still answer.
             status = process.wait(limits.seconds if not receiver.is_alive() else 0)
         except subprocess.TimeoutExpired as error:
             raise FormatError(f"{blame} ran over {limits.seconds:.0f} s", path) from error
@@ -136,7 +126,7 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
     try:
         found: Mapping[str, Any] = decode(memoryview(received)[len(READY) :])
     except UNSOUND as error:
-        raise FormatError(f"{blame} answered with what cannot be read ({error})", path) from error
+        raise FormatError(f"{blame} sent an unreadable answer ({error})", path) from error
     if found.get("failed") == OUT_OF_MEMORY:
         memory = limits.memory / 1e6
         raise FormatError(f"{blame} needed over {memory:,.0f} MB of memory", path)
@@ -144,7 +134,7 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
 
 
 def _error(found: Mapping[str, Any]) -> InputError:
-    """Return the error that the function raised, which has its place in the file already."""
+    """Return the error raised by the function, with its place in the file."""
     kind = getattr(errors, str(found["error"]), None)
     if not (isinstance(kind, type) and issubclass(kind, InputError)):
         kind = InputError

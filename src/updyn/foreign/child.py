@@ -1,4 +1,4 @@
-"""What child processes do: take limits on, load one file, send the answer; or fork to do that."""
+"""The child processes: set limits, load one file, send the answer; or fork processes for this."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from updyn.registry import load_object
 
 __all__ = ["OUT_OF_MEMORY", "READY", "STATUS", "answer", "serve"]
 
-#: What the child sends first, once all that the reading needs is imported.
+#: First byte from the child, once all imports for reading are done.
 READY = b"."
 OUT_OF_MEMORY = "MemoryError"
-#: How the fork server sends how a process ended, as `struct` has it.
+#: Format of exit statuses from the fork server, for `struct`.
 STATUS = "<i"
 _IDLE = 60.0  # seconds without a request after which the fork server ends
 
@@ -31,9 +31,9 @@ _IDLE = 60.0  # seconds without a request after which the fork server ends
 def serve() -> None:
     """Serve as a fork server: answer each request in a process forked for it.
 
-    Standard input is a socket. Each line of it is a request of `answer`, a JSON text. What is sent
-    back is one byte with the descriptor from which the answer comes, and, when that process has
-    ended, how it did, as `STATUS`.
+    Standard input is a socket. Each line is a request of `answer`, as JSON text. The reply is one
+    byte with the descriptor of the answer, and after the end of the process its exit status, as
+    `STATUS`.
     """
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     control = socket.socket(fileno=0)
@@ -41,7 +41,7 @@ def serve() -> None:
     with contextlib.suppress(TimeoutError):
         for line in control.makefile("rb"):
             request = json.loads(line)
-            with contextlib.suppress(Exception):  # the fork meets it again, and sends it
+            with contextlib.suppress(Exception):  # the fork raises it again, and sends it
                 load_object(request["load"])
             gc.freeze()
             received, sent = os.pipe()
@@ -60,10 +60,10 @@ def _end_with(request: Mapping[str, Any], descriptor: int) -> NoReturn:
     status = 1
     try:
         answer(request, descriptor)
-        gc.collect()  # what the reader made is freed: where memory is corrupt, that may show
+        gc.collect()  # freeing the objects of the reader may reveal corrupt memory
         status = 0
     finally:
-        os._exit(status)  # to take all modules down would take longer than to read
+        os._exit(status)  # a regular exit would take longer than reading
 
 
 def answer(request: Mapping[str, Any], descriptor: int) -> None:
@@ -73,9 +73,9 @@ def answer(request: Mapping[str, Any], descriptor: int) -> None:
     ----------
     request : mapping
         ``load``, a text ``"module:function"``; ``path``; ``beside``, files that are read with it;
-        ``arguments``, more arguments of the function.
+        ``arguments``, further arguments of the function.
     descriptor : int
-        Where to.
+        File descriptor to write to.
     """
     path = request["path"]
     with os.fdopen(os.dup(descriptor), "wb") as out:
@@ -92,14 +92,14 @@ def answer(request: Mapping[str, Any], descriptor: int) -> None:
 
 
 def _silence() -> None:
-    """Drop what readers print, in Python or in C, and give them nothing to read."""
+    """Discard the output of readers, in Python or in C, and close their input."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
 
 
 def _attempt(act: Callable[[], Any]) -> dict[str, Any]:
-    """Return what a function gives as ``value``, else the error of ours, or why it failed."""
+    """Return the result of a function as ``value``, else its error or the reason of the failure."""
     try:
         return {"value": act()}
     except InputError as error:
@@ -107,20 +107,20 @@ def _attempt(act: Callable[[], Any]) -> dict[str, Any]:
         return {"error": type(error).__name__, "text": str(error), "key": error.key, **place}
     except MemoryError:
         return {"failed": OUT_OF_MEMORY}
-    # Whatever the library raises for a damaged file; some end the process.
+    # Libraries raise any exception for a damaged file; some end the process.
     except (Exception, SystemExit) as error:  # noqa: BLE001
         return {"failed": reason_of(error)}
 
 
 def _limit(limits: Limits) -> None:
-    """Let the system enforce the limits, where it can."""
+    """Set the limits in the operating system, if supported."""
     try:
         import resource
-    except ImportError:  # Windows: the parent process keeps the time
+    except ImportError:  # Windows: the parent process checks the time
         return
-    # For an orphan, whose parent process was killed while it kept the time.
+    # For an orphan, whose parent process was killed and no longer checks the time.
     seconds = int(limits.seconds + sum(os.times()[:2])) + 2
-    memory = _taken() + limits.memory
+    memory = _program_size() + limits.memory
     for what, most in (
         (resource.RLIMIT_CPU, seconds),
         (resource.RLIMIT_AS, memory),
@@ -130,8 +130,8 @@ def _limit(limits: Limits) -> None:
             resource.setrlimit(what, (most, most))
 
 
-def _taken() -> int:
-    """Return the bytes of address space that the program itself takes."""
+def _program_size() -> int:
+    """Return the size of the address space of the program itself, in bytes."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         return pages * os.sysconf("SC_PAGE_SIZE")

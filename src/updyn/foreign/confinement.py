@@ -1,7 +1,7 @@
-"""Where files that other files name may lie: anywhere, or in one folder.
+"""Allowed places of files that other files refer to: anywhere, or in one folder.
 
-A job names its inputs, a deck the files that it includes. A program that works on a project for
-somebody else, as a server does, reads what lies in the project and nothing else.
+A job refers to its inputs, a deck to the files that it includes. A program that works on a project
+for another user, such as a server, may read only files of the project.
 """
 
 from __future__ import annotations
@@ -13,63 +13,47 @@ from updyn.errors import InputError
 
 __all__ = ["check_inside", "confine", "resolve_path"]
 
-#: Error number of Windows for a chain of links that does not end.
+#: Error number of Windows for an endless chain of links.
 _WINDOWS_LOOP = 1921
 _folders: list[Path] = []
 
 
 def confine(folder: Path) -> None:
-    """Refuse from now on, in this process, every file that is named and lies outside a folder.
+    """Refuse all files outside a folder from now on, in this process.
 
     Parameters
     ----------
     folder : Path
-        The folder; it takes the place of an earlier one.
+        The folder; it replaces an earlier one.
     """
     _folders[:] = [folder.resolve()]
 
 
 def check_inside(path: Path) -> None:
-    """Check that a file that another file names may be read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
+    """Check that a file that another file refers to may be read.
 
     Raises
     ------
     InputError
-        If this process is confined to a folder, and the file lies outside it or is not one.
+        If this process is confined to a folder, and the file is outside it or is not a file.
     """
     for folder in _folders:
         if not resolve_path(path).is_relative_to(folder):
             raise InputError(
-                f"{str(path)!r} lies outside the folder of the project ({folder}), where no file is"
-                " read; copy it into the project, or serve a folder that holds both"
+                f"{str(path)!r} is outside the folder of the project ({folder}), and is not read;"
+                " copy it into the project, or serve a folder that contains both"
             )
 
 
 def resolve_path(path: Path) -> Path:
-    """Return the absolute path of a file without links.
+    """Return the absolute path of a file without links; the file need not exist.
 
-    Unlike `Path.resolve`, which differs between versions of Python, this refuses links that lead
-    to themselves.
-
-    Parameters
-    ----------
-    path : Path
-        The file; it need not exist.
-
-    Returns
-    -------
-    Path
+    Unlike `Path.resolve`, which differs between versions of Python, this refuses circular links.
 
     Raises
     ------
     InputError
-        If the path cannot be that of a file: a link leads to itself, or the name holds characters
-        that no name of a file can hold.
+        If a link is circular, or the name contains characters that are invalid in file names.
     """
     try:
         _check_loops(path)
@@ -79,7 +63,7 @@ def resolve_path(path: Path) -> Path:
 
 
 def _check_loops(path: Path) -> None:
-    """Raise OSError if the links of a path do not end; other errors are left to the reader."""
+    """Raise OSError for circular links; the reader reports other errors."""
     try:
         path.stat()
     except OSError as error:

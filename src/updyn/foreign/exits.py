@@ -1,4 +1,4 @@
-"""How a program ended, for messages."""
+"""Descriptions of how a program ended, for messages."""
 
 from __future__ import annotations
 
@@ -11,25 +11,17 @@ _BY_SHELL = 128
 
 
 def signal_name(status: int) -> str | None:
-    """Return the name of the signal that ended a program (SIGSEGV); None if it ended by itself.
+    """Return the name of the signal that ended a program (SIGSEGV), or None.
 
-    Parameters
-    ----------
-    status : int
-        The return code of `subprocess`: minus the signal, or 128 plus the signal if a shell ran the
-        program.
-
-    Returns
-    -------
-    str or None
-        The name of the signal.
+    `status` is the return code of `subprocess`: minus the signal, or 128 plus the signal if a shell
+    ran the program.
     """
     number = -status if status < 0 else status - _BY_SHELL
     return signal.Signals(number).name if number in set(signal.Signals) else None
 
 
 def describe_exit(status: int) -> str:
-    """Return how a program ended: ``signal SIGSEGV``, or ``exit code 3``."""
+    """Describe how a program ended: ``signal SIGSEGV``, or ``exit code 3``."""
     name = signal_name(status)
     if name is None:
         return f"exit code {status}"

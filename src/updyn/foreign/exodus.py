@@ -1,7 +1,7 @@
 """Exodus II files as plain data: netCDF-4 by h5py, classic netCDF by scipy.
 
 Layout: L. A. Schoof and V. R. Yarberry, EXODUS II: a finite element data model, SAND92-2137,
-appendix A. Only positions, node numbers and elements are loaded, of all that such a file may hold.
+appendix A. Only positions, node numbers and elements are loaded.
 """
 
 from __future__ import annotations
@@ -29,21 +29,13 @@ _TYPE = "elem_type"
 def load(path: str) -> dict[str, Any]:
     """Load positions and elements.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-
-    Returns
-    -------
-    dict
-        ``variables``, arrays by name; ``types``, by name of a variable its attribute
-        ``elem_type``.
+    Returns a mapping: ``variables``, arrays by name; ``types``, the attribute ``elem_type`` by name
+    of a variable.
 
     Raises
     ------
     FormatError
-        If it is damaged, or not an Exodus II file.
+        If the file is damaged, or not an Exodus II file.
     """
     if h5py.is_hdf5(path):
         return _of_hdf5(path)
@@ -51,7 +43,7 @@ def load(path: str) -> dict[str, Any]:
         start = file.read(4)
     if start == b"CDF\x05":
         raise FormatError(
-            "a netCDF file of the 64-bit data format (CDF-5), which is not read; convert it:"
+            "a netCDF file of the 64-bit data format (CDF-5), which is not supported; convert it:"
             " nccopy -k netCDF-4 IN OUT",
             path,
         )
@@ -65,7 +57,7 @@ def _of_hdf5(path: str) -> dict[str, Any]:
         _check(content.attributes(file), members, path)
         variables = {}
         types = {}
-        for name in _wanted(members):
+        for name in _select_names(members):
             item = members[name]
             if not isinstance(item, h5py.Dataset):
                 raise FormatError(f"{name}: a group; expected numbers", path)
@@ -82,7 +74,7 @@ def _of_classic(path: str) -> dict[str, Any]:
         variables = {}
         types = {}
         unpacked = 0
-        for name in _wanted(file.variables):
+        for name in _select_names(file.variables):
             values = file.variables[name].data
             unpacked += values.nbytes
             limits.check(unpacked)
@@ -91,8 +83,8 @@ def _of_classic(path: str) -> dict[str, Any]:
         return {"variables": variables, "types": types}
 
 
-def _wanted(names: Iterable[str]) -> list[str]:
-    """Return the names of what is loaded; blocks of elements in the order of their numbers."""
+def _select_names(names: Iterable[str]) -> list[str]:
+    """Return the names of the variables to load, blocks of elements by number."""
     wanted = [name for name in names if _WANTED.fullmatch(name)]
     return sorted(wanted, key=lambda name: (len(name), name))
 

@@ -1,9 +1,9 @@
 """HDF5 files as plain data, by h5py.
 
 A group is ``{"attributes": {...}, "members": {...}, "meanings": {...}}``, a dataset an array;
-``meanings`` has, by name of a dataset, its attributes that say what its numbers mean. What is in
-other files, or nowhere, is refused by name: libhdf5 would follow a link to any file, and read zeros
-where nothing was written.
+``meanings`` contains, by name of a dataset, the attributes that define the meaning of its numbers.
+Numbers in other files, or missing ones, are refused by name, because libhdf5 would follow a link to
+any file, and read zeros for numbers that were never written.
 """
 
 from __future__ import annotations
@@ -23,47 +23,46 @@ from updyn.foreign.plain import Other, to_native
 __all__ = ["Content", "has_no_variable", "load", "plain_value"]
 
 _DEPTH = 16
-#: What netCDF calls a dimension of which there is no variable: a dataset without numbers.
+#: Name of a netCDF dimension without variable: a dataset without numbers.
 _NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
-#: Attributes that say what the numbers of a dataset mean, in lower case.
+#: Attributes that define the meaning of the numbers of a dataset, in lower case.
 _MEANINGS = tuple(name.lower() for name in (*UNITS, *PACKING))
 _HELD = "; it is not followed: store the numbers in the file itself"
 
 
 def load(path: str, is_ours: bool) -> dict[str, Any]:
-    """Load a whole file.
+    """Load a whole file, and return its root.
 
     Parameters
     ----------
     path : str
         The file.
     is_ours : bool
-        Whether it holds what updyn wrote, of any size.
+        Whether updyn wrote the file, which may then have any size.
 
     Returns
     -------
     dict
-        Its root.
 
     Raises
     ------
     FormatError
-        If something in it stands in another file or nowhere, or it holds more than a file of its
-        size should.
+        If data are in another file or missing, or the file contains more data than its size
+        suggests.
     """
     with h5py.File(path, "r") as file:
         return Content(path, is_ours).group(file)
 
 
 class Content:
-    """What a file holds, checked before it is read.
+    """The content of a file, checked before it is read.
 
     Parameters
     ----------
     path : str
         The file.
     is_ours : bool
-        As of `load`.
+        As for `load`.
     """
 
     def __init__(self, path: str, is_ours: bool) -> None:
@@ -72,20 +71,7 @@ class Content:
         self._unpacked = 0
 
     def group(self, group: Any, depth: int = 0) -> dict[str, Any]:
-        """Return a group with all its members, and theirs.
-
-        Parameters
-        ----------
-        group : h5py.Group
-            The group.
-        depth : int
-            How deep it is nested.
-
-        Raises
-        ------
-        FormatError
-            As of `load`.
-        """
+        """Return a group with all its members, recursively; `depth` is the level of nesting."""
         if depth > _DEPTH:
             raise FormatError(f"{group.name}: groups nested more than {_DEPTH} deep", self.path)
         members: dict[str, Any] = {}
@@ -94,7 +80,7 @@ class Content:
             if isinstance(item, h5py.Group):
                 members[name] = self.group(item, depth + 1)
             elif isinstance(item, h5py.Dataset) and has_no_variable(item):
-                members[name] = Other("a dimension of which there is no variable")
+                members[name] = Other("a dimension without variable")
             elif isinstance(item, h5py.Dataset):
                 self.check(item)
                 members[name] = _values(item)
@@ -106,13 +92,7 @@ class Content:
         return {"attributes": self.attributes(group), "members": members, "meanings": meanings}
 
     def members(self, group: Any) -> dict[str, Any]:
-        """Return the members of a group by name, links to other files refused.
-
-        Parameters
-        ----------
-        group : h5py.Group
-            The group.
-        """
+        """Return the members of a group by name; refuse links to other files."""
         found = {}
         for name in group:
             link = group.get(name, getlink=True)
@@ -132,7 +112,7 @@ class Content:
         item : h5py.Group or h5py.Dataset
             The item.
         wanted : collection of str
-            Names in lower case, of any case in the file; all by default.
+            Names in lower case, matched in any case; all by default.
         """
         found = {}
         for name in item.attrs:
@@ -144,33 +124,20 @@ class Content:
         return found
 
     def check(self, dataset: Any) -> None:
-        """Refuse a dataset whose numbers are not all in the file, or are too many.
-
-        Parameters
-        ----------
-        dataset : h5py.Dataset
-            The dataset.
-
-        Raises
-        ------
-        FormatError
-            As of `load`.
-        """
+        """Refuse a dataset whose numbers are not all in the file, or are too many."""
         name = dataset.name
         if dataset.is_virtual:
-            raise FormatError(
-                f"{name}: a virtual dataset, whose numbers stand elsewhere", self.path
-            )
+            raise FormatError(f"{name}: a virtual dataset, whose numbers are elsewhere", self.path)
         if dataset.external:
             raise FormatError(
-                f"{name}: its numbers stand in the file {dataset.external[0][0]!r}{_HELD}",
+                f"{name}: its numbers are in the file {dataset.external[0][0]!r}{_HELD}",
                 self.path,
             )
         self._count(dataset.size * dataset.dtype.itemsize if dataset.shape is not None else 0)
         is_whole = dataset.id.get_space_status() == h5py.h5d.SPACE_STATUS_ALLOCATED
         if dataset.size and not is_whole:
             raise FormatError(
-                f"{name}: numbers of it were never written; expected all {dataset.size}", self.path
+                f"{name}: some numbers were never written; expected all {dataset.size}", self.path
             )
 
     def _count(self, more: int) -> None:
@@ -180,19 +147,13 @@ class Content:
 
 
 def has_no_variable(dataset: Any) -> bool:
-    """Return whether a dataset is a dimension of netCDF alone, whose numbers are never read.
-
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-        The dataset.
-    """
+    """Return whether a dataset is only a dimension of netCDF, whose numbers are never read."""
     name = dataset.attrs.get("NAME", b"")
     return isinstance(name, bytes) and name.startswith(_NO_VARIABLE)
 
 
 def _values(dataset: Any) -> Any:
-    """Return what a dataset holds."""
+    """Return the values of a dataset."""
     if h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
         return np.asarray(dataset.asstr()[()], dtype=object)
     if dataset.dtype.kind in "biufcS" and dataset.shape is not None:
@@ -201,16 +162,9 @@ def _values(dataset: Any) -> Any:
 
 
 def plain_value(value: Any) -> Any:
-    """Return the value of an attribute, or the values of a dataset of any type, as plain data.
+    """Return the value of an attribute, or of a dataset of any type, as plain data.
 
-    Parameters
-    ----------
-    value : object
-        As h5py or h5netcdf returns it.
-
-    Returns
-    -------
-    str, ndarray or Other
+    `value` is as returned by h5py or h5netcdf; the result is a str, an array or `Other`.
     """
     if isinstance(value, bytes | str):
         return value if isinstance(value, str) else value.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""How much time and memory the reading of a file of another program may take, by its size."""
+"""Limits of time and memory for reading a file of another program, by its size."""
 
 from __future__ import annotations
 
@@ -35,56 +35,32 @@ class Limits:
 
     @property
     def seconds(self) -> float:
-        """Time that reading may take, in s."""
+        """Time limit of reading, in s."""
         return _SECONDS + self.size / _BYTES_PER_SECOND
 
     @property
-    def unpacked(self) -> int:
-        """Bytes that all it holds may have, unpacked."""
+    def max_unpacked(self) -> int:
+        """Largest size of the unpacked content, in bytes."""
         return _UNPACKED + _RATIO * self.size
 
     @property
     def memory(self) -> int:
-        """Bytes of memory that the reader may take, beside its program."""
-        return _WORKING + 2 * self.unpacked
+        """Memory limit of the reader in addition to its program, in bytes."""
+        return _WORKING + 2 * self.max_unpacked
 
     def check(self, unpacked: int) -> None:
-        """Refuse a file whose content is larger than its size lets one expect.
-
-        Parameters
-        ----------
-        unpacked : int
-            Bytes that it says that it holds, so far.
-
-        Raises
-        ------
-        FormatError
-            If these are too many.
-        """
-        if unpacked > self.unpacked:
+        """Refuse a file with more unpacked content (bytes so far) than its size suggests."""
+        if unpacked > self.max_unpacked:
             raise FormatError(
-                f"says that it holds {unpacked / _MB:,.0f} MB or more; expected"
-                f" {self.unpacked / _MB:,.0f} MB at most in a file of {self.size / _MB:,.3f} MB of"
+                f"declares {unpacked / _MB:,.0f} MB of data or more; expected at most"
+                f" {self.max_unpacked / _MB:,.0f} MB in a file of {self.size / _MB:,.3f} MB of"
                 " another program: damaged, or made to take all memory",
                 self.path,
             )
 
 
 def limits_of(path: str | Path, beside: Iterable[str | Path] = ()) -> Limits:
-    """Return the limits for a file.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    beside : iterable of path
-        Files that are read with it.
-
-    Raises
-    ------
-    FormatError
-        If one is not there or cannot be looked at.
-    """
+    """Return the limits for a file; `beside` are files that are read with it."""
     try:
         return Limits(str(path), sum(Path(p).stat().st_size for p in (path, *beside)))
     except OSError as error:

@@ -1,8 +1,8 @@
 """MATLAB files as plain data: versions 4 to 7.2 by scipy, 7.3 by h5py.
 
 Numbers are arrays with the axes of MATLAB, texts and cells of texts are lists of texts, structs are
-mappings, sparse matrices are `updyn.foreign.plain.Sparse`. A variable, or a field of a struct, that
-is of a class that cannot be used is `updyn.foreign.plain.Unread`: it may not be needed.
+mappings, sparse matrices are `updyn.foreign.plain.Sparse`. A variable, or a field of a struct, of
+an unusable class becomes `updyn.foreign.plain.Unread`, because it may not be needed.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ _HEADER_5 = 128  # bytes
 _COMPRESSED_5 = 15
 _VARIABLES_5 = (14, _COMPRESSED_5)
 _BLOCK = 2**20  # bytes
-_DEPTH = 8  # structs in structs; a file that goes deeper refers to itself
-_ARRAY = "groups"  # what may be a struct array, one struct a group
+_DEPTH = 8  # nested structs; a deeper file refers to itself
+_ARRAY = "groups"  # may be a struct array, one struct per group
 #: Frequency responses of the Control System and the System Identification Toolbox.
 _FRD = ("frd", "idfrd")
 _NUMBERS = (
@@ -63,22 +63,12 @@ _NUMBERS = (
 
 
 def load(path: str) -> dict[str, Any]:
-    """Load all variables.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-
-    Returns
-    -------
-    dict
-        By name.
+    """Load all variables by name.
 
     Raises
     ------
     FormatError
-        If the file is damaged, or something stands in another file.
+        If the file is damaged, or data are in another file.
     """
     if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
@@ -87,9 +77,9 @@ def load(path: str) -> dict[str, Any]:
         start = raw.read(_HEADER_5)
     if start.startswith((b"MATLAB 7.0", b"MATLAB 7.3")):
         raise FormatError(
-            "MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path
+            "MATLAB 7.3 file without a readable HDF5 part: truncated or damaged", path
         )
-    if 0 in start[:4]:  # the text that version 5 begins with has none
+    if 0 in start[:4]:  # the initial text of version 5 has no zero byte
         return _variables(_elements_4(path), path)
     if start[126:128] in (b"IM", b"MI"):
         return _variables(_elements_5(path), path)
@@ -101,11 +91,11 @@ def load(path: str) -> dict[str, Any]:
 
 
 class _UnusableError(FormatError):
-    """A variable is of a class or a shape that cannot be used."""
+    """A variable of a class or a shape that cannot be used."""
 
 
-def _kept(read: Callable[..., Any], *given: Any) -> Any:
-    """Return what a function makes of what it is given, or that it cannot be used and why."""
+def _read_or_mark(read: Callable[..., Any], *given: Any) -> Any:
+    """Return the result of a function, or `Unread` with the reason if the variable is unusable."""
     try:
         return read(*given)
     except _UnusableError as error:
@@ -123,18 +113,18 @@ def _variables(elements: Iterable[bytes], path: str) -> dict[str, Any]:
             if isinstance(value, MatlabOpaque) and value.size == 1:
                 own = _object_fields(value).get("s0") or name
             if own in variables:
-                raise FormatError(f"variable {own!r} stands twice", path)
-            variables[own] = _kept(_item_5, value, own, path)
+                raise FormatError(f"variable {own!r} occurs twice", path)
+            variables[own] = _read_or_mark(_item_5, value, own, path)
     return variables
 
 
 def _stored_5(element: bytes, path: str) -> dict[str, Any]:
-    """Return what scipy makes of a file of one variable."""
+    """Return the content of a file of one variable, read by scipy."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", MatReadWarning)
         try:
-            # A struct as an object with fields, and all axes as stored: a squeezed array no longer
-            # says what it was.
+            # Structs as objects with fields, and all axes as stored, because a squeezed array loses
+            # information.
             stored: dict[str, Any] = loadmat(
                 io.BytesIO(element),
                 appendmat=False,
@@ -151,19 +141,19 @@ def _stored_5(element: bytes, path: str) -> dict[str, Any]:
 def _elements_4(path: str) -> Iterator[bytes]:
     """Yield each variable of a version 4 file as a separate file, its length checked.
 
-    A variable is five whole numbers (type, rows, columns, whether it is complex, length of its
-    name), the name, and the numbers (MathWorks, MAT-File Format, chapter 2).
+    A variable is five integers (type, rows, columns, complex or not, length of its name), the name,
+    and the numbers (MathWorks, MAT-File Format, chapter 2).
     """
     limits = limits_of(path)
     with Path(path).open("rb") as file:
         at = 0
         number = 1
         while at < limits.size:
-            fault = f"cut short or damaged in variable {number}, at byte {at} of {limits.size}"
+            fault = f"truncated or damaged in variable {number}, at byte {at} of {limits.size}"
             head = file.read(_HEADER_4)
             if len(head) < _HEADER_4:
                 raise FormatError(fault, path)
-            # Thousands are the byte order, 0 or 1; the type of a big-endian file is never 0.
+            # The thousands are the byte order, 0 or 1; the type of a big-endian file is never 0.
             is_little = int.from_bytes(head[:4], "little") < _TYPES_4
             kind, *sizes = np.frombuffer(head, "<i4" if is_little else ">i4").tolist()
             order, stored, content = kind // 1000, kind // 10 % 100, kind % 10
@@ -185,10 +175,7 @@ def _elements_4(path: str) -> Iterator[bytes]:
 
 
 def _elements_5(path: str) -> Iterator[bytes]:
-    """Yield each variable as a file of its own, all lengths and checksums of the file checked.
-
-    How large they are unpacked is checked, too.
-    """
+    """Yield each variable as a separate file, with its lengths, checksums and size checked."""
     places = _check_5(path)
     with Path(path).open("rb") as file:
         header = file.read(_HEADER_5)
@@ -198,8 +185,8 @@ def _elements_5(path: str) -> Iterator[bytes]:
 
 
 def _check_5(path: str) -> list[tuple[int, int]]:
-    """Check the stated lengths of the variables; return where each starts, and its length."""
-    # scipy trusts these lengths; where they are wrong, the process may crash.
+    """Check the stated lengths of the variables; return the start and length of each."""
+    # scipy does not check these lengths, and wrong ones may crash the process.
     limits = limits_of(path)
     size = limits.size
     unpacked = 0
@@ -214,7 +201,7 @@ def _check_5(path: str) -> list[tuple[int, int]]:
             length = int.from_bytes(tag[4:], order)
             if len(tag) < 8 or kind not in _VARIABLES_5 or at + 8 + length > size:
                 raise FormatError(
-                    f"cut short or damaged in variable {len(places) + 1}, at byte {at} of {size}",
+                    f"truncated or damaged in variable {len(places) + 1}, at byte {at} of {size}",
                     path,
                 )
             if kind == _COMPRESSED_5:
@@ -225,7 +212,7 @@ def _check_5(path: str) -> list[tuple[int, int]]:
 
 
 def _check_compressed(file: BinaryIO, length: int, limits: Limits, unpacked: int) -> int:
-    """Unpack a variable, whose checksum covers all of it; return how much there is so far."""
+    """Unpack a variable, with its checksum; return the unpacked size so far."""
     stream = zlib.decompressobj()
     packed = file.read(length)
     while not stream.eof:
@@ -234,7 +221,7 @@ def _check_compressed(file: BinaryIO, length: int, limits: Limits, unpacked: int
         unpacked += len(block)
         limits.check(unpacked)
         if not block and not packed and not stream.eof:
-            raise FormatError("a compressed variable is cut short", limits.path)
+            raise FormatError("a compressed variable is truncated", limits.path)
     return unpacked
 
 
@@ -242,7 +229,7 @@ def _item_5(value: Any, name: str, path: str) -> Any:
     if sp.issparse(value):
         csc = sp.csc_array(value)
         if csc.nnz != value.nnz:
-            raise FormatError(f"{name}: an entry stands twice", path)
+            raise FormatError(f"{name}: an entry occurs twice", path)
         return Sparse(csc.shape, to_native(csc.data), csc.indices, csc.indptr)
     if isinstance(value, MatlabOpaque) and value.size == 1:
         fields = _object_fields(value)
@@ -271,8 +258,8 @@ def _item_5(value: Any, name: str, path: str) -> Any:
 def _object_fields(value: Any) -> dict[str, str]:
     """Return the texts in an object of MATLAB by field.
 
-    scipy 1.18 has ``_Class``. Earlier versions have ``s2`` for it, and the name of the variable in
-    ``s0``; they call every such variable "None".
+    scipy 1.18 has ``_Class``. Earlier versions have ``s2`` instead, and the name of the variable in
+    ``s0``; they name every such variable "None".
     """
     fields = zip(value.dtype.names, value[0], strict=True)
     return {name: _text(item) for name, item in fields if isinstance(item, bytes | str)}
@@ -281,7 +268,7 @@ def _object_fields(value: Any) -> dict[str, str]:
 def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
     fields = {}
     for key in struct._fieldnames:
-        fields[key] = _kept(_item_5, getattr(struct, key), f"{name}.{key}", path)
+        fields[key] = _read_or_mark(_item_5, getattr(struct, key), f"{name}.{key}", path)
     return fields
 
 
@@ -307,7 +294,7 @@ class _File73:
         found = {}
         for name, item in self._content.members(self._file).items():
             if not name.startswith("#"):
-                found[name] = _kept(self._item, item, name, 0)
+                found[name] = _read_or_mark(self._item, item, name, 0)
         return found
 
     def _item(self, item: Any, name: str, depth: int) -> Any:
@@ -319,7 +306,7 @@ class _File73:
             kind = kind.decode("ascii", "replace")
         if not kind:
             raise _UnusableError(
-                f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it"
+                f"{name}: no attribute MATLAB_class, so the order of its axes is unknown; was it"
                 " written by MATLAB?",
                 path,
             )
@@ -331,7 +318,7 @@ class _File73:
                 return []
             shape = tuple(map(int, values.ravel()))
             if 0 not in shape:
-                raise FormatError(f"{name}: is empty, but of shape {shape}", path)
+                raise FormatError(f"{name}: is empty, but has shape {shape}", path)
             return np.empty(shape)  # an empty array is stored as its size
         if kind == "char":
             rows = np.atleast_2d(np.asarray(values, dtype="<u2").T)
@@ -356,13 +343,13 @@ class _File73:
             return self._structs(item, members, name, depth)
         fields = {}
         for key in _fields(item):
-            fields[key] = _kept(self._item, members[key], f"{name}.{key}", depth + 1)
+            fields[key] = _read_or_mark(self._item, members[key], f"{name}.{key}", depth + 1)
         return fields
 
     def _structs(
         self, item: Any, members: dict[str, Any], name: str, depth: int
     ) -> list[dict[str, Any]]:
-        """Return a struct array as one dict an element."""
+        """Return a struct array as one dict per element."""
         elements: list[dict[str, Any]] = []
         for key in _fields(item):
             references = _vector(self._values(members[key]), name, self._path)
@@ -376,7 +363,7 @@ class _File73:
     def _sparse(self, item: Any, members: dict[str, Any]) -> Sparse:
         rows = int(item.attrs["MATLAB_sparse"])
         indptr = self._values(members["jc"])
-        # A matrix without entries has no data and ir.
+        # A matrix without entries has no datasets data and ir.
         data = np.empty(0)
         indices = np.empty(0, dtype=np.int64)
         if "data" in members:
@@ -391,8 +378,8 @@ class _File73:
 
 
 def _is_array(members: dict[str, Any]) -> bool:
-    """Return whether a struct is an array of them."""
-    # Each field is then one reference an element, of no class.
+    """Return whether a struct is a struct array."""
+    # Each field then contains one reference per element, without a class.
     for field in members.values():
         is_reference = getattr(field, "dtype", np.dtype("i1")).kind == "O"
         if "MATLAB_class" in field.attrs or not is_reference:
@@ -401,7 +388,7 @@ def _is_array(members: dict[str, Any]) -> bool:
 
 
 def _fields(struct: Any) -> list[str]:
-    """Return the names of the fields in MATLAB's order, which HDF5 itself does not keep."""
+    """Return the names of the fields in MATLAB's order, which HDF5 does not keep."""
     names = list(struct)
     stated = struct.attrs.get("MATLAB_fields")
     if stated is None:

@@ -27,41 +27,33 @@ __all__ = ["load"]
 def load(path: str) -> dict[str, Any]:
     """Load a mesh.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-
-    Returns
-    -------
-    dict
-        ``points``, array; ``cells``, a list of [kind, number of dimensions, array of nodes];
-        ``point_sets``, arrays by name; ``cell_sets``, by name a list of an array for each of the
-        cells, None or `Other`; ``physical``, the tags of Gmsh for each of the cells; ``names``, by
-        name of a physical group its tag and number of dimensions.
+    Returns a mapping: ``points``, array; ``cells``, a list of [kind, number of dimensions, array of
+    nodes]; ``point_sets``, arrays by name; ``cell_sets``, by name a list with an array for each of
+    the cells, None or `Other`; ``physical``, the tags of Gmsh for each of the cells; ``names``, tag
+    and number of dimensions by name of a physical group.
 
     Raises
     ------
     FormatError
-        If it is damaged, or its numbers stand in another file that is not beside it.
+        If the file is damaged, or its numbers are in another file outside its folder.
     """
     if Path(path).suffix.lower() in xdmf.SUFFIXES:
         xdmf.check(path)
     if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
-            Content(path, False).group(file)  # refuses links, which meshio follows
+            Content(path, False).group(file)  # refuses links, which meshio would follow
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
             found = meshio.read(path)
-    # meshio prints why, ends the process on some bad files, and expects groups of HDF5 unchecked.
+    # meshio prints the reason, ends the process for some bad files, and does not check HDF5 groups.
     except (meshio.ReadError, SystemExit, KeyError) as error:
         reason = repr(error)
         for line in (*printed.getvalue().splitlines(), str(error)):
             if line.strip() not in ("", "1"):
                 reason = line.strip()
                 break
-        raise FormatError(f"not a mesh that can be read ({reason})", path) from error
+        raise FormatError(f"not a readable mesh ({reason})", path) from error
     sets: dict[str, list[Any]] = {}
     for name, members in found.cell_sets.items():
         sets[str(name)] = list(map(_members, members))
@@ -82,7 +74,7 @@ def load(path: str) -> dict[str, Any]:
 
 
 def _families(names: Mapping[Any, Sequence[str]], tags: Sequence[Any]) -> dict[str, list[Any]]:
-    """Return the members of the groups of a MED file in each block, whose families have numbers."""
+    """Return the members of the groups of a MED file in each block, identified by families."""
     groups: dict[str, list[int]] = {}
     for family, members in names.items():
         for name in members:

@@ -1,7 +1,7 @@
 """netCDF-4 files as plain data, by h5netcdf.
 
 A file is ``{"attributes": {...}, "names": [...], "variables": {name: [dimensions, values,
-attributes]}, "groups": {name: {...}}}``; a group is what `updyn.foreign.hdf5` makes of it.
+attributes]}, "groups": {name: {...}}}``; a group is as returned by `updyn.foreign.hdf5`.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ def load(
     path : str
         The file.
     is_ours : bool
-        As of `updyn.foreign.hdf5.load`.
+        As for `updyn.foreign.hdf5.load`.
     kind : str
-        What the file has to be, by its attribute ``updyn_kind``; of one of another kind, the
-        variables and groups are left out.
+        Required value of the attribute ``updyn_kind``; for another kind, variables and groups are
+        omitted.
     wanted : sequence of str
-        Where the file has no such attribute, what it has to hold one of.
+        Names of which a file without this attribute has to contain one.
     groups : sequence of str
-        Groups to load, those of them that are there.
+        Groups to load, if present.
 
     Raises
     ------
     FormatError
-        As of `updyn.foreign.hdf5.load`.
+        As for `updyn.foreign.hdf5.load`.
     """
     content = Content(path, is_ours)
     found: dict[str, Any] = {"variables": {}, "groups": {}}
@@ -68,5 +68,5 @@ def load(
 
 
 def _attributes(item: Any) -> dict[str, Any]:
-    """Return attributes as netCDF means them: an array of one number is a number."""
+    """Return attributes with the meaning of netCDF: an array of one number is a number."""
     return {str(name): plain_value(value) for name, value in item.attrs.items()}

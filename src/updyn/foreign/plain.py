@@ -1,15 +1,15 @@
 """Plain data as bytes and back; nothing is executed on the way.
 
 The bytes are the length of a JSON text (8 bytes, little-endian), that text, and the numbers of all
-arrays, one after the other. In the JSON text a list is a list; everything else that is no JSON
-value is a mapping of one tag::
+arrays, one after the other. In the JSON text a list is a list; everything else that is not a JSON
+value is a mapping with one tag::
 
     {"map": [[key, value], ...]}
     {"array": [dtype, shape, offset]}       offset into the numbers
     {"texts": [shape, [text, ...]]}         an array of texts of any length
     {"sparse": [shape, data, indices, indptr]}
-    {"other": text}                         what could not be read, by its type
-    {"unread": text}                        what could not be read, and why
+    {"other": text}                         an unsupported item, by its type
+    {"unread": text}                        an unreadable item, with the reason
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _KINDS = "biufcSU"
 
 @dataclass(frozen=True, slots=True)
 class Other:
-    """What is in a file and is of no kind that is read.
+    """An item of a file of an unsupported kind.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class Other:
 
 @dataclass(frozen=True, slots=True)
 class Unread:
-    """What is in a file and could not be read, which matters to who asks for it.
+    """An item of a file that could not be read, which is an error only if it is requested.
 
     Parameters
     ----------
     reason : str
-        Its name, and why.
+        Its name and the reason.
     """
 
     reason: str
@@ -56,14 +56,14 @@ class Unread:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sparse:
-    """A sparse matrix, compressed by columns, as a file holds it: not checked.
+    """A sparse matrix, compressed by columns, unchecked as stored in a file.
 
     Parameters
     ----------
     shape : tuple of int
         Rows and columns.
     data, indices, indptr : ndarray
-        The entries, their rows, and where each column starts.
+        The entries, their rows, and the start of each column.
     """
 
     shape: tuple[int, int]
@@ -73,13 +73,7 @@ class Sparse:
 
 
 def to_native(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array in the byte order of this machine, which scipy.sparse needs.
-
-    Parameters
-    ----------
-    array : ndarray
-        In any byte order.
-    """
+    """Return an array in the byte order of this machine, as required by scipy.sparse."""
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
@@ -95,18 +89,18 @@ def encode(value: Any) -> Iterator[bytes | memoryview]:
     Raises
     ------
     TypeError
-        If it holds anything else.
+        For any other type.
     """
     arrays: list[NDArray[Any]] = []
-    text = json.dumps(_tagged(value, arrays, 0)[0]).encode()
+    text = json.dumps(_tag_value(value, arrays, 0)[0]).encode()
     yield len(text).to_bytes(8, "little")
     yield text
     for array in arrays:
         yield array.reshape(-1).view(np.uint8).data
 
 
-def _tagged(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]:
-    """Return a value for JSON, and where the numbers end."""
+def _tag_value(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]:
+    """Return a value for JSON, and the end of its numbers."""
     if value is None or isinstance(value, bool | int | float | str):
         return value, end
     if isinstance(value, Other):
@@ -115,48 +109,37 @@ def _tagged(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]
         return {"unread": value.reason}, end
     if isinstance(value, Sparse):
         parts = [list(value.shape), value.data, value.indices, value.indptr]
-        tagged, end = _tagged(parts, arrays, end)
+        tagged, end = _tag_value(parts, arrays, end)
         return {"sparse": tagged}, end
     if isinstance(value, list | tuple):
         items = []
         for item in value:
-            tagged, end = _tagged(item, arrays, end)
+            tagged, end = _tag_value(item, arrays, end)
             items.append(tagged)
         return items, end
     if isinstance(value, Mapping):
         pairs = []
         for key, item in value.items():
-            tagged, end = _tagged(item, arrays, end)
+            tagged, end = _tag_value(item, arrays, end)
             pairs.append([str(key), tagged])
         return {"map": pairs}, end
     if not isinstance(value, np.ndarray):
-        raise TypeError(f"a {type(value).__name__} is no plain data")
+        raise TypeError(f"a {type(value).__name__} is not plain data")
     if value.dtype.kind in _KINDS and value.dtype.itemsize:
         arrays.append(np.ascontiguousarray(value))
         tag = {"array": [value.dtype.str, list(value.shape), end]}
         return tag, end + value.nbytes
     texts = value.ravel().tolist()
     if not all(isinstance(text, str) for text in texts):
-        raise TypeError(f"an array of {value.dtype} is no plain data")
+        raise TypeError(f"an array of {value.dtype} is not plain data")
     return {"texts": [list(value.shape), texts]}, end
 
 
 def decode(content: memoryview) -> Any:
-    """Return the value that bytes encode.
-
-    Parameters
-    ----------
-    content : memoryview
-        The bytes.
-
-    Raises
-    ------
-    ValueError
-        If they are not what `encode` makes.
-    """
+    """Return the value encoded by `encode`; raise a ValueError for other bytes."""
     length = int.from_bytes(content[:8], "little")
     if len(content) < 8 + length:
-        raise ValueError("the answer is cut short")
+        raise ValueError("the answer is truncated")
     return _value(json.loads(bytes(content[8 : 8 + length])), content[8 + length :])
 
 
@@ -179,7 +162,7 @@ def _array(given: Any, numbers: memoryview) -> NDArray[Any]:
     kind, shape, offset = given
     dtype = np.dtype(str(kind))
     if dtype.kind not in _KINDS or min(shape, default=0) < 0 or offset < 0:
-        raise ValueError(f"an array of {dtype} and shape {shape} is no plain data")
+        raise ValueError(f"an array of {dtype} and shape {shape} is not plain data")
     flat = np.frombuffer(numbers, dtype, math.prod(shape), offset)
     return flat.reshape(shape).copy()
 

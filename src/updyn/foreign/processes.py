@@ -1,8 +1,8 @@
-"""Processes that read one file each: forks of a server that holds all imports, else new ones.
+"""Processes that read one file each: forks of a server that holds all imports, or new processes.
 
-Starting Python and importing a library takes far longer than reading a file. On Linux a fork
+Starting Python and importing a library takes much longer than reading a file. On Linux a fork
 server, `updyn.foreign.child.serve`, does that once; it reads no file itself, but forks one process
-a request, which ends with its answer. So no reading can reach the next one.
+per request, which ends with its answer. No reading can therefore affect the next one.
 """
 
 from __future__ import annotations
@@ -26,27 +26,16 @@ __all__ = ["START", "Forked", "start"]
 
 _NEW = "from updyn.foreign.child import answer; answer(json.loads(sys.argv[2]), 1)"
 _SERVER = "from updyn.foreign.child import serve; serve()"
-#: Seconds for a process to start and to import what it needs, on a busy machine.
+#: Seconds for a process to start and to finish its imports, on a busy machine.
 START = 120.0
-#: Threads of BLAS take address space, and nothing is computed; with threads no process can fork.
+#: BLAS threads use address space without computing anything, and prevent forks.
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-#: Elsewhere libraries of the system do not survive a fork, or there is none.
+#: On other systems, libraries do not survive a fork, or there is no fork.
 _CAN_FORK = sys.platform == "linux"
 
 
 def start(request: Mapping[str, Any]) -> subprocess.Popen[bytes] | Forked:
-    """Start a process that answers a request as `updyn.foreign.child.answer` does.
-
-    Parameters
-    ----------
-    request : mapping
-        Of that function.
-
-    Returns
-    -------
-    Popen or Forked
-        The process; the answer comes from its ``stdout``.
-    """
+    """Start a process that answers a request of `updyn.foreign.child.answer` on its ``stdout``."""
     text = json.dumps(request)
     for server in _servers() if _CAN_FORK else ():
         forked = server.fork(text)
@@ -74,24 +63,24 @@ class _Server:
     Parameters
     ----------
     origin : tuple
-        What a new process inherits from this one; see `_origin`.
+        State that a new process inherits from this one; see `_origin`.
     """
 
     def __init__(self, origin: tuple[Any, ...]) -> None:
         self.origin = origin
         self.control, theirs = socket.socketpair()
         with theirs:
-            # A group of its own: killed with its fork, and out of reach of Ctrl-C.
+            # A separate process group: killed with its fork, and not reached by Ctrl-C.
             self.process = _python(
                 _SERVER, stdin=theirs, stdout=subprocess.DEVNULL, process_group=0
             )
 
     def fork(self, request: str) -> Forked | None:
-        """Return a process that answers a request, or None where the server has ended."""
+        """Return a process that answers a request, or None if the server has ended."""
         forked = None
         self.control.settimeout(START)
         try:
-            with contextlib.suppress(OSError):  # idle for long, or the time is over
+            with contextlib.suppress(OSError):  # idle for too long, or after the time limit
                 self.control.sendall(request.encode() + b"\n")
                 _, descriptors, *_ = socket.recv_fds(self.control, 1, 1)
                 forked = Forked(self, descriptors[0]) if descriptors else None
@@ -101,18 +90,18 @@ class _Server:
         return forked
 
     def status(self, timeout: float | None) -> int:
-        """Return how its fork ended."""
+        """Return the exit status of its fork."""
         self.control.settimeout(timeout)
         try:
             (status,) = struct.unpack(STATUS, self.control.recv(struct.calcsize(STATUS)))
         except (TimeoutError, BlockingIOError) as error:
             raise subprocess.TimeoutExpired("reader", timeout or 0.0) from error
-        except (OSError, struct.error):  # it has been killed itself
+        except (OSError, struct.error):  # the server was killed
             return -signal.SIGKILL
         return int(status)
 
     def end(self) -> None:
-        """End it, and its fork."""
+        """End the server and its fork."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
@@ -120,14 +109,14 @@ class _Server:
 
 
 class Forked:
-    """A process forked by a server, with what of `subprocess.Popen` is used of it.
+    """A process forked by a server, with the used part of the interface of `subprocess.Popen`.
 
     Parameters
     ----------
     server : _Server
-        The server; it serves again once this process has ended by itself.
+        The server; it is available again once this process has ended by itself.
     descriptor : int
-        Where its answer comes from.
+        File descriptor of the answer.
     """
 
     def __init__(self, server: _Server, descriptor: int) -> None:
@@ -143,38 +132,27 @@ class Forked:
         self.stdout.close()
 
     def wait(self, timeout: float | None = None) -> int:
-        """Return how the process ended.
-
-        Parameters
-        ----------
-        timeout : float, optional
-            Time to wait for that, in s.
-
-        Raises
-        ------
-        subprocess.TimeoutExpired
-            If it has not ended by then.
-        """
+        """Return the exit status; raise subprocess.TimeoutExpired after `timeout` seconds."""
         if self._status is None:
             self._status = self._server.status(timeout)
             _idle.append(self._server)
         return self._status
 
     def kill(self) -> None:
-        """End the process, and the server with it."""
+        """End the process and the server."""
         if self._status is None:
             self._status = -signal.SIGKILL
             self._server.end()
 
 
-# -- servers that wait ----------------------------------------------------------------------------
+# -- idle servers ---------------------------------------------------------------------------------
 _idle: list[_Server] = []
 
 
 def _servers() -> Iterator[_Server]:
-    """Yield servers that can stand for a new process: those that wait, then a new one."""
+    """Yield usable servers: idle ones, then a new one."""
     origin = _origin()
-    with contextlib.suppress(IndexError):  # none, or another thread took the last one
+    with contextlib.suppress(IndexError):  # none is idle, or another thread took the last one
         while server := _idle.pop():
             if server.origin == origin:
                 yield server
@@ -184,7 +162,7 @@ def _servers() -> Iterator[_Server]:
 
 
 def _origin() -> tuple[Any, ...]:
-    """Return what a process inherits: environment, working folder and module path."""
+    """Return the state that a process inherits: environment, working folder and module path."""
     folder = Path().stat()
     return dict(os.environ), (folder.st_dev, folder.st_ino), tuple(map(str, sys.path))
 
@@ -196,7 +174,7 @@ def _end_all() -> None:
 
 
 def _forget() -> None:
-    """Leave the servers to the process of which this one is a fork."""
+    """Leave the servers to the parent process after a fork."""
     for server in _idle:
         server.control.close()
         server.process.returncode = 0

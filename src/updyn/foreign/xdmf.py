@@ -1,7 +1,7 @@
-"""XDMF files, whose numbers may stand in HDF5 files beside them (``mesh.h5:/data0``).
+"""XDMF files, whose numbers may be in HDF5 files of the same folder (``mesh.h5:/data0``).
 
-meshio reads such a file wherever it is, follows links in it, and blames the XDMF file for whatever
-is wrong with it. `check` looks at it first.
+meshio reads such files anywhere, follows links in them, and reports their errors for the XDMF file.
+`check` checks them first.
 """
 
 from __future__ import annotations
@@ -22,18 +22,13 @@ SUFFIXES = (".xdmf", ".xmf")
 
 
 def check(path: str) -> None:
-    """Refuse numbers of an XDMF file that are not in it, or in an HDF5 file beside it.
-
-    Parameters
-    ----------
-    path : str
-        The file.
+    """Refuse numbers outside an XDMF file and the HDF5 files of its folder.
 
     Raises
     ------
     FormatError
-        If it is no XML, or names a file in another folder, one that is not there or damaged, or
-        numbers in it that are not there, of another shape, or elsewhere.
+        If the file is not XML, refers to a file in another folder or a missing or damaged one, or
+        to numbers that are missing, of another shape, or elsewhere.
     """
     try:
         root = ElementTree.parse(path).getroot()
@@ -44,7 +39,7 @@ def check(path: str) -> None:
         for item, place in _items(root, path):
             name, _, inner = place.partition(":")
             if name not in opened:
-                opened[name] = _opened(name, path)
+                opened[name] = _open_hdf5(name, path)
             file, content = opened[name]
             dataset = _dataset(file, inner, content)
             content.check(dataset)
@@ -61,7 +56,7 @@ def check(path: str) -> None:
 
 
 def _items(root: Any, path: str) -> Iterator[tuple[Any, str]]:
-    """Yield the items whose numbers stand in an HDF5 file, and where."""
+    """Yield the items whose numbers are in an HDF5 file, and their place."""
     for item in root.iter("DataItem"):
         kind = item.get("Format", "XML")
         text = (item.text or "").strip()
@@ -69,35 +64,35 @@ def _items(root: Any, path: str) -> Iterator[tuple[Any, str]]:
             yield item, text
         elif kind == "Binary":
             raise FormatError(
-                f"its numbers stand in the binary file {text!r}, which is not read; write them as"
-                " HDF5 beside the file, or into it (Format XML)",
+                f"its numbers are in the binary file {text!r}, which is not supported; write them"
+                " as HDF5 in the same folder, or into the file (Format XML)",
                 path,
             )
 
 
-def _opened(name: str, path: str) -> tuple[Any, Content]:
-    """Return an open HDF5 file of a name, which has to be in the same folder."""
+def _open_hdf5(name: str, path: str) -> tuple[Any, Content]:
+    """Open an HDF5 file, which has to be in the same folder."""
     if not name or Path(name).name != name:
         raise FormatError(
-            f"its numbers stand in the file {name!r}; expected the name of an HDF5 file in the same"
+            f"its numbers are in the file {name!r}; expected the name of an HDF5 file in the same"
             " folder",
             path,
         )
     file = Path(path).parent / name
     if not file.is_file():
-        raise FormatError(f"no such file; {Path(path).name} says that its numbers are there", file)
+        raise FormatError(f"no such file; {Path(path).name} refers to it for its numbers", file)
     try:
         return h5py.File(file, "r"), Content(str(file), False)
     except OSError as error:
         raise FormatError(
-            f"not a readable HDF5 file: damaged, cut short, or another format ({error}); the"
-            f" numbers of {Path(path).name} are there",
+            f"not a readable HDF5 file: damaged, truncated, or of another format ({error});"
+            f" {Path(path).name} refers to it for its numbers",
             file,
         ) from error
 
 
 def _dataset(file: Any, inner: str, content: Content) -> Any:
-    """Return a dataset, through groups whose members are all in the file."""
+    """Return a dataset; all groups on its path have to be in the file."""
     found = file
     for name in filter(None, inner.split("/")):
         members = content.members(found) if isinstance(found, h5py.Group) else {}
@@ -105,5 +100,5 @@ def _dataset(file: Any, inner: str, content: Content) -> Any:
             raise FormatError(f"no dataset {inner!r}", content.path)
         found = members[name]
     if not isinstance(found, h5py.Dataset):
-        raise FormatError(f"{inner!r} is no dataset", content.path)
+        raise FormatError(f"{inner!r} is not a dataset", content.path)
     return found

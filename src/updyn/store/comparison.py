@@ -24,12 +24,12 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``title``; ``unknowns``, names; ``truth`` by unknown, None where it is not known; ``rule``
-        and ``tolerance`` of the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a
-        method with what `updyn.comparison.Row` holds: ``method``, ``reference``, ``status``,
+        ``title``; ``unknowns``, names; ``truth`` by unknown, None if unknown; ``rule``
+        and ``tolerance`` of the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict per
+        method with the fields of `updyn.comparison.Row`: ``method``, ``reference``, ``status``,
         ``message``, ``cannot``, ``needs``, ``n_unknowns`` and ``updated``, ``left``, ``values``,
-        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated`` (None where an
-        unknown is not determined, or the truth not known), ``off_in_std``, ``rank``,
+        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated`` (None if an
+        unknown is not determined, or the truth is unknown), ``off_in_std``, ``rank``,
         ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
         ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines``
         in Hz, ``tried``, ``note``; None where not sought); ``versions``.
@@ -89,7 +89,9 @@ def _fewest(fewest: Fewest) -> dict[str, Any]:
 
 
 def write_comparison_json(comparison: Comparison, path: str | Path) -> None:
-    """Write `comparison_to_json` to a file, replaced as a whole once it is complete.
+    """Write `comparison_to_json` to a file.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 ``measured_frequency`` in Hz, ``measured_loss_factor``, ``measured_quality``, ``measured_scaled``,
 ``measured_std_frequency`` and ``measured_std_loss_factor`` over ``measured_mode``;
 ``measured_shapes`` over (measured_dof, measured_mode, part), real and imaginary part, and
-``measured_std_shapes``, where they are known, over the first two.
+``measured_std_shapes``, if known, over the first two.
 """
 
 from __future__ import annotations
@@ -26,13 +26,7 @@ _MODE, _DOF = "measured_mode", "measured_dof"
 
 
 def put_mode_set(modes: ModeSet) -> xr.Dataset:
-    """Return modes as a dataset, to which the rest of a record is added.
-
-    Parameters
-    ----------
-    modes : ModeSet
-        The modes; their stabilisation diagram is not kept.
-    """
+    """Return modes as a dataset, the start of a record; the stabilisation diagram is not stored."""
     import xarray as xr
 
     data = xr.Dataset()
@@ -50,13 +44,7 @@ def put_mode_set(modes: ModeSet) -> xr.Dataset:
 
 
 def take_mode_set(data: xr.Dataset, path: Path) -> ModeSet | None:
-    """Return the modes of a record; None where it holds FRFs.
-
-    Raises
-    ------
-    FormatError
-        If a part of them is missing.
-    """
+    """Return the modes of a record, or None if it contains FRFs; refuse incomplete modes."""
     if "measured_frequency" not in data.variables:
         return None
     rows: dict[str, Any] = {name: variable(data, f"measured_{name}", path) for name in _ROWS}

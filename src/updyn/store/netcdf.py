@@ -1,11 +1,11 @@
-"""Records as netCDF-4 (HDF5): each field of a dataclass by a `Kept`, its way of storage.
+"""Records as netCDF-4 (HDF5): each field of a dataclass has a storage format, a `FieldFormat`.
 
-A layout names the fields in the order in which they are written::
+A layout lists the fields in the order of writing::
 
     LAYOUT = {"status": Text(STATUSES), "options": Mixed(), "lines": Array("line", variable="line")}
 
-`put_fields` writes the fields of a record into a dataset of xarray and `take_fields` returns them;
-`write_dataset` and `read_dataset` are the file around it.
+`put_fields` writes the fields of a record into an xarray dataset and `take_fields` reads them;
+`write_dataset` and `read_dataset` write and read the file.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Array",
     "Arrays",
-    "Kept",
+    "FieldFormat",
     "Mixed",
     "Number",
     "Text",
@@ -49,51 +49,45 @@ __all__ = [
 _NEEDED: Any = object()
 
 
-class Kept(Protocol):
-    """How a dataset keeps one field of a record."""
+class FieldFormat(Protocol):
+    """Storage format of one field of a record in a dataset."""
 
-    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
-        """Write the field of that name."""
+    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
+        """Write the field with this name."""
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
-        """Return the field of that name.
-
-        Raises
-        ------
-        FormatError
-            If it is missing or not what was written; `path` is the file.
-        """
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Any:
+        """Return the field with this name; raise a FormatError if it is missing or not valid."""
 
 
-def put_fields(data: xr.Dataset, record: Any, layout: Mapping[str, Kept]) -> None:
-    """Write the fields of a record that a layout names."""
-    for name, kept in layout.items():
-        kept.put(data, name, getattr(record, name))
+def put_fields(data: xr.Dataset, record: Any, layout: Mapping[str, FieldFormat]) -> None:
+    """Write the fields of a record in a layout."""
+    for name, field_format in layout.items():
+        field_format.store(data, name, getattr(record, name))
 
 
-def take_fields(data: xr.Dataset, layout: Mapping[str, Kept], path: Path) -> dict[str, Any]:
-    """Return the fields that a layout names."""
-    return {name: kept.take(data, name, path) for name, kept in layout.items()}
+def take_fields(data: xr.Dataset, layout: Mapping[str, FieldFormat], path: Path) -> dict[str, Any]:
+    """Return the fields in a layout."""
+    return {name: field_format.load(data, name, path) for name, field_format in layout.items()}
 
 
-# -- how fields are kept ------------------------------------------------------------------------
+# -- formats of fields --------------------------------------------------------------------------
 class Text:
     """A text, as an attribute.
 
     Parameters
     ----------
     choices : sequence of str, optional
-        What it may be.
+        Allowed values.
     """
 
     def __init__(self, choices: Sequence[str] = ()) -> None:
         self._choices = choices
 
-    def put(self, data: xr.Dataset, name: str, value: str) -> None:
+    def store(self, data: xr.Dataset, name: str, value: str) -> None:
         """Write the text."""
         data.attrs[name] = value
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> str:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> str:
         """Return the text."""
         value = data.attrs.get(name)
         if not isinstance(value, str):
@@ -106,20 +100,22 @@ class Text:
 class Number:
     """A number or a flag, as an attribute.
 
+    A ``bool`` is stored as 0 or 1.
+
     Parameters
     ----------
     kind : type
-        ``float`` or ``bool``, which is stored as 0 or 1.
+        ``float`` or ``bool``.
     """
 
     def __init__(self, kind: type) -> None:
         self._kind = kind
 
-    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
         """Write the number."""
         data.attrs[name] = int(value) if self._kind is bool else value
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Any:
         """Return the number."""
         if name not in data.attrs:
             raise FormatError(f"no attribute {name!r}", path)
@@ -132,11 +128,11 @@ class Mixed:
     Parameters
     ----------
     kind : type, optional
-        Dataclass of the field, whose fields are kept by name; None for plain values.
+        Dataclass of the field, whose fields are stored by name; None for plain values.
     is_attribute : bool
         Whether the text is an attribute, not a variable.
     absent : optional
-        What an attribute is that is not there; by default it has to be.
+        Default value of a missing attribute; without a default it is required.
     """
 
     def __init__(
@@ -150,7 +146,7 @@ class Mixed:
         self._is_attribute = is_attribute
         self._absent = absent
 
-    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
         """Write the values."""
         if is_dataclass(value) and not isinstance(value, type):
             value = asdict(value)
@@ -160,12 +156,12 @@ class Mixed:
         else:
             data[name] = ((), text)
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Any:
         """Return the values."""
         if self._is_attribute:
             if name not in data.attrs and self._absent is not _NEEDED:
                 return self._absent
-            text = Text().take(data, name, path)
+            text = Text().load(data, name, path)
         else:
             text = str(variable(data, name, path)[()])
         value = from_text(text, name, path)
@@ -189,11 +185,11 @@ class Texts:
     def __init__(self, dim: str) -> None:
         self._dim = dim
 
-    def put(self, data: xr.Dataset, name: str, value: Iterable[str]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Iterable[str]) -> None:
         """Write the texts."""
         data.coords[self._dim] = (self._dim, texts(value))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[str, ...]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> tuple[str, ...]:
         """Return the texts."""
         return tuple(map(str, variable(data, self._dim, path)))
 
@@ -204,9 +200,9 @@ class Array:
     Parameters
     ----------
     *dims : str
-        Its dimensions. One that is in the dataset already has to have the length that it has there.
+        Its dimensions. An existing dimension of the dataset must have the same length.
     variable : str, optional
-        Name of the variable, where it is not that of the field.
+        Name of the variable, by default that of the field.
     unit : str, optional
         Unit, as an attribute of the variable.
     is_flag : bool
@@ -227,19 +223,21 @@ class Array:
             self._attributes["units"] = unit
         self._is_flag = is_flag
 
-    def put(self, data: xr.Dataset, name: str, value: Any) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Any) -> None:
         """Write the array."""
         stored = value.astype(np.int8) if self._is_flag else value
         data[self._variable or name] = (self._dims, stored, self._attributes)
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Any:
         """Return the array."""
-        called = self._variable or name
-        value = variable(data, called, path)
+        stored_name = self._variable or name
+        value = variable(data, stored_name, path)
         # The dimension ``parameter_other`` is the second one of a square table over ``parameter``.
         expected = tuple(data.sizes.get(dim.removesuffix("_other")) for dim in self._dims)
         if value.shape != expected:
-            raise FormatError(f"{called}: found shape {value.shape}, expected {expected}", path)
+            raise FormatError(
+                f"{stored_name}: found shape {value.shape}, expected {expected}", path
+            )
         return value.astype(np.bool_) if self._is_flag else value
 
 
@@ -258,12 +256,12 @@ class Arrays:
         self._prefix = prefix
         self._dims = dims
 
-    def put(self, data: xr.Dataset, name: str, value: Mapping[str, Any]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Mapping[str, Any]) -> None:
         """Write the arrays."""
         for key, array in value.items():
             data[self._prefix + key] = (self._dims, array)
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> dict[str, Any]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> dict[str, Any]:
         """Return the arrays."""
         found = {}
         for key in map(str, data.data_vars):
@@ -273,18 +271,12 @@ class Arrays:
 
 
 def texts(items: Iterable[str]) -> Any:
-    """Return texts as an array that xarray writes."""
+    """Return texts as an array that xarray can write."""
     return np.array(list(items), dtype=object)
 
 
 def variable(data: xr.Dataset, name: str, path: Path) -> Any:
-    """Return the values of a variable.
-
-    Raises
-    ------
-    FormatError
-        If there is none of that name.
-    """
+    """Return the values of a variable; raise a FormatError if it does not exist."""
     if name not in data.variables:
         raise FormatError(f"no variable {name!r}; {suggest(name, map(str, data.variables))}", path)
     return data[name].values
@@ -292,13 +284,13 @@ def variable(data: xr.Dataset, name: str, path: Path) -> Any:
 
 # -- the file -----------------------------------------------------------------------------------
 def load_libraries() -> None:
-    """Load what `write_dataset` needs, which takes a second or two.
+    """Import the libraries of `write_dataset`, which takes a second or two.
 
-    Before a long computation, so that the results of one that is stopped are written at once.
+    Called before a long computation, such that the results of a stopped one are written at once.
     """
     import xarray as xr
 
-    # Libraries load parts of theirs at first use.
+    # Libraries import parts only at first use.
     xr.Dataset({"number": 0.0}).to_netcdf(io.BytesIO(), engine="h5netcdf")
 
 
@@ -308,18 +300,20 @@ def write_dataset(
     kind: str,
     put_more: Callable[[Any], None] | None = None,
 ) -> None:
-    """Write a dataset as a file of updyn, replaced as a whole once it is complete.
+    """Write a dataset as a file of updyn.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
     data : xarray.Dataset
-        What the root of the file holds.
+        Content of the root of the file.
     path : path
         File to write.
     kind : str
-        What it is, for `updyn.io.hdf5.check_kind`.
+        Kind of the file, for `updyn.io.hdf5.check_kind`.
     put_more : callable, optional
-        Takes the open `h5py.File` and writes what is no variable of xarray.
+        Writes further content into the open `h5py.File`.
     """
     import h5py
 
@@ -335,18 +329,18 @@ def write_dataset(
 def read_dataset(
     path: str | Path, kind: str, what: str, groups: Sequence[str] = ()
 ) -> tuple[xr.Dataset, dict[str, Folder]]:
-    """Read a file that `write_dataset` wrote.
+    """Read a file written by `write_dataset`.
 
     Parameters
     ----------
     path : path
         The file.
     kind : str
-        What it has to be.
+        Required kind.
     what : str
-        That in words, for messages.
+        The kind in words, for messages.
     groups : sequence of str
-        Groups that it has to hold besides.
+        Required groups.
 
     Returns
     -------
@@ -358,7 +352,8 @@ def read_dataset(
     Raises
     ------
     FormatError
-        If the file is not there, is damaged, or holds something else (the right reader is named).
+        If the file does not exist, is damaged, or is of another kind (the message gives the right
+        reader).
     """
     path = require_file(path)
     found = load_netcdf(path, kind, f"{what} (NetCDF-4)", groups=groups)

@@ -21,14 +21,14 @@ def plan_to_json(plan: Plan, title: str = "") -> dict[str, Any]:
     plan : Plan
         The plan.
     title : str
-        For the record.
+        Title of the plan.
 
     Returns
     -------
     dict
         ``title``; ``criterion``, ``responses``, ``references``, ``band``, ``quantity``, ``noise``,
-        ``lines`` in Hz, ``radius``, ``gain``, ``reference_gain`` and ``doubled`` as of
-        `updyn.Plan`; ``parameters``, one dict an unknown with ``name``, ``start``, ``std``,
+        ``lines`` in Hz, ``radius``, ``gain``, ``reference_gain`` and ``doubled`` as in
+        `updyn.Plan`; ``parameters``, one dict per unknown with ``name``, ``start``, ``std``,
         ``least`` and ``largest`` over the draws (None without draws) and ``counts``; ``further``,
         ``further_references``, ``parts``, ``bands`` and ``rivals`` as lists of dicts; ``draws``,
         ``off``, ``seed``, ``screened``; ``versions``.
@@ -64,7 +64,7 @@ _RECORDS = ("further", "further_references", "parts", "bands", "rivals")
 
 
 def write_plan_json(plan: Plan, path: str | Path, title: str = "") -> None:
-    """Write `plan_to_json` to a file, replaced as a whole once it is complete.
+    """Write `plan_to_json` to a file; an existing file is replaced once the new one is complete.
 
     Parameters
     ----------
@@ -73,6 +73,6 @@ def write_plan_json(plan: Plan, path: str | Path, title: str = "") -> None:
     path : path
         File to write, usually ``plan.json``.
     title : str
-        For the record.
+        Title of the plan.
     """
     write_json(plan_to_json(plan, title), path)

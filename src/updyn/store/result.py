@@ -1,9 +1,9 @@
-"""The record of a run: one NetCDF-4 (HDF5) file, all of an `UpdateResult`, exactly.
+"""The record of a run: one NetCDF-4 (HDF5) file with the exact content of an `UpdateResult`.
 
-xarray opens the root, which holds what one plots::
+xarray opens the root, which contains the data of plots::
 
     frf, coherence *, variance *          (freq, response, reference): the measurement, as given
-    measured_frequency *, ...             instead, where modes were measured: see
+    measured_frequency *, ...             instead, for measured modes: see
                                           updyn.store.measured_modes
     parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound
                                           (parameter)
@@ -12,7 +12,7 @@ xarray opens the root, which holds what one plots::
     history_stage, history_number, history_cost, history_step, history_condition, history_accepted
                                           (iteration)
     history_value                         (iteration, parameter)
-    line                                  lines of the fit, in Hz
+    line                                  frequency lines of the fit, in Hz
     residual_bands *                      (band, edge): Hz
     residual_misfit *, residual_correlation_length *,
     residual_chi_square_p *, residual_whiteness_p *
@@ -52,7 +52,7 @@ from updyn.modal import ModeSet
 from updyn.store.measured_modes import put_mode_set, take_mode_set
 from updyn.store.netcdf import (
     Array,
-    Kept,
+    FieldFormat,
     Mixed,
     Text,
     put_fields,
@@ -83,7 +83,9 @@ _T = TypeVar("_T")
 
 
 def write_result(result: UpdateResult, path: str | Path) -> None:
-    """Write the record of an update, the file replaced as a whole once it is complete.
+    """Write the record of an update.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
@@ -95,12 +97,12 @@ def write_result(result: UpdateResult, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If a value, a deviation or a step names an unknown that is not among the parameters.
+        If a value, a deviation or a step refers to an unknown that is not among the parameters.
 
     Warns
     -----
     UpdynWarning
-        If an option is an object that no file can keep; its text is kept.
+        If an option is an object that cannot be stored; its text is stored instead.
 
     Examples
     --------
@@ -126,7 +128,7 @@ def write_result(result: UpdateResult, path: str | Path) -> None:
 
 
 def read_result(path: str | Path) -> UpdateResult:
-    """Read the record of an update, as `write_result` makes it.
+    """Read the record of an update written by `write_result`.
 
     Parameters
     ----------
@@ -136,13 +138,13 @@ def read_result(path: str | Path) -> UpdateResult:
     Returns
     -------
     UpdateResult
-        Equal in every field to the one written, with its models.
+        Equal in every field to the written one, with its models.
 
     Raises
     ------
     FormatError
-        If the file is not there, is damaged, or is not the record of an update (the right reader
-        is named).
+        If the file does not exist, is damaged, or is not the record of an update (the message gives
+        the right reader).
 
     Examples
     --------
@@ -167,9 +169,9 @@ def read_result(path: str | Path) -> UpdateResult:
 
 # -- fields with a special format ---------------------------------------------------------------
 class _Parameters:
-    """The unknowns: columns over ``parameter``, with prior and link where one of them has any."""
+    """The unknowns: columns over ``parameter``, with prior and link if any unknown has one."""
 
-    def put(self, data: xr.Dataset, name: str, value: ParameterSet) -> None:
+    def store(self, data: xr.Dataset, name: str, value: ParameterSet) -> None:
         data.coords["parameter"] = ("parameter", texts(value.names))
         groups, quantities, links = [], [], []
         priors = np.full(len(value), np.nan)
@@ -190,7 +192,7 @@ class _Parameters:
         if is_linked:
             data["link"] = ("parameter", texts(links))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> ParameterSet:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> ParameterSet:
         columns = ("group", "quantity", "start", "lower", "upper")
         rows = zip(*(variable(data, column, path).tolist() for column in columns), strict=True)
         found = []
@@ -219,40 +221,41 @@ class _Parameters:
             return {**link, "drives": tuple(Drive(*d) for d in link["drives"])}
         except (KeyError, TypeError) as error:
             raise FormatError(
-                f"link: {text!r} is not what an unknown acts on ({error})", path
+                f"link: {text!r} is not a valid link of an unknown ({error})", path
             ) from error
 
 
 class _ByUnknown:
     """One number for each unknown, by name.
 
-    Where one is missing, NaN is stored, and ``NAME_given`` tells it from a value of NaN.
+    A missing number is stored as NaN, and ``NAME_given`` distinguishes it from a value of NaN.
     """
 
     def __init__(self, variable: str) -> None:
         self._variable = variable
 
-    def put(self, data: xr.Dataset, name: str, value: Mapping[str, float]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Mapping[str, float]) -> None:
         _put_rows(data, self._variable, [value], ("parameter",))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> dict[str, float]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> dict[str, float]:
         return _take_rows(data, self._variable, path)[0]
 
 
 class _AtBound:
-    """The bound that each unknown ended on; an empty text for none."""
+    """The active bound of each unknown, or an empty text."""
 
-    def put(self, data: xr.Dataset, name: str, value: Mapping[str, str]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Mapping[str, str]) -> None:
         bounds = dict.fromkeys(data["parameter"].values.tolist(), "")
         for unknown, bound in value.items():
             if unknown not in bounds:
                 raise InputError(
-                    f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, bounds)}"
+                    f"{name} contains {unknown!r}, which is not an unknown;"
+                    f" {suggest(unknown, bounds)}"
                 )
             bounds[unknown] = bound
         data[name] = ("parameter", texts(bounds.values()))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> dict[str, str]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> dict[str, str]:
         names = map(str, variable(data, "parameter", path))
         bounds = map(str, variable(data, name, path))
         return {unknown: bound for unknown, bound in zip(names, bounds, strict=True) if bound}
@@ -270,14 +273,14 @@ class _History:
         "accepted": np.int8,
     }
 
-    def put(self, data: xr.Dataset, name: str, value: tuple[Iteration, ...]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: tuple[Iteration, ...]) -> None:
         for column, kind in self._COLUMNS.items():
             entries: Any = np.array([getattr(step, column) for step in value], dtype=kind)
             data[f"history_{column}"] = ("iteration", entries)
         rows = [step.values for step in value]
         _put_rows(data, "history_value", rows, ("iteration", "parameter"))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Iteration, ...]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> tuple[Iteration, ...]:
         columns = [variable(data, f"history_{c}", path).tolist() for c in self._COLUMNS]
         values = _take_rows(data, "history_value", path)
         found = []
@@ -293,7 +296,7 @@ class _Adequacy:
     """The test of the residual: arrays as variables ``residual_NAME``, the rest as JSON text."""
 
     _PLACE = ("fitted_response", "fitted_reference", "band")
-    _ARRAYS: Mapping[str, Kept] = {
+    _ARRAYS: Mapping[str, FieldFormat] = {
         "bands": Array("band", "edge", variable="residual_bands", unit="Hz"),
         "misfit": Array(*_PLACE, variable="residual_misfit"),
         "correlation_length": Array(*_PLACE, variable="residual_correlation_length"),
@@ -301,7 +304,7 @@ class _Adequacy:
         "whiteness_p": Array(*_PLACE, variable="residual_whiteness_p"),
     }
 
-    def put(self, data: xr.Dataset, name: str, value: Adequacy | None) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Adequacy | None) -> None:
         if value is None:
             return
         rest = asdict(value)
@@ -310,23 +313,23 @@ class _Adequacy:
         data[name] = ((), to_text(rest, name))
         put_fields(data, value, self._ARRAYS)
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Adequacy | None:
-        if name not in data.variables:  # nothing was tested, or the file is an old one
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Adequacy | None:
+        if name not in data.variables:  # not tested, or an old file
             return None
-        rest = Mixed().take(data, name, path)
+        rest = Mixed().load(data, name, path)
         arrays = take_fields(data, self._ARRAYS, path)
         try:
             worst = _records(Misfit, rest.pop("worst"))
             suspects = _records(Suspect, rest.pop("explained_by"))
-            noisy = _records(Noisy, rest.pop("noisy", []))  # not in files of before
+            noisy = _records(Noisy, rest.pop("noisy", []))  # missing in old files
             rest["lone"] = tuple(rest.get("lone", ()))
             return Adequacy(**rest, **arrays, worst=worst, explained_by=suspects, noisy=noisy)
         except (AttributeError, KeyError, TypeError) as error:
-            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+            raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
 
 class _Records:
-    """Records of one kind, as JSON text; nothing where there are none, or the file is an old one.
+    """Records of one kind, as JSON text; absent if there are no records, and in old files.
 
     Parameters
     ----------
@@ -337,36 +340,36 @@ class _Records:
     def __init__(self, kind: Callable[..., Any]) -> None:
         self._kind = kind
 
-    def put(self, data: xr.Dataset, name: str, value: tuple[Any, ...]) -> None:
+    def store(self, data: xr.Dataset, name: str, value: tuple[Any, ...]) -> None:
         if value:
             data[name] = ((), to_text([asdict(one) for one in value], name))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Any, ...]:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> tuple[Any, ...]:
         if name not in data.variables:
             return ()
         try:
-            return _records(self._kind, Mixed().take(data, name, path))
+            return _records(self._kind, Mixed().load(data, name, path))
         except TypeError as error:
-            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+            raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
 
 class _Trust:
-    """The verdict in parts, as JSON text; an old record has none."""
+    """The parts of the verdict, as JSON text; absent in old records."""
 
-    def put(self, data: xr.Dataset, name: str, value: Trust | None) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Trust | None) -> None:
         if value is not None:
             data[name] = ((), to_text(_trust_json(value), name))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Trust | None:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Trust | None:
         if name not in data.variables:
             return None
-        found = Mixed().take(data, name, path)
+        found = Mixed().load(data, name, path)
         try:
             # Old records do not compare modes.
             known = [part for part in PARTS if part in found or part != "resembles"]
             return Trust(**{part: _claim(found[part]) for part in known})
         except (KeyError, TypeError) as error:
-            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+            raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
 
 def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
@@ -374,30 +377,30 @@ def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
 
 
 def _claim(found: Mapping[str, Any]) -> Claim:
-    """Return a part of a verdict; old records do not say whether it was asked for."""
+    """Return a part of a verdict; old records do not state whether it was requested."""
     return Claim(found["holds"], found["why"], found.get("asked", True))
 
 
 class _Counterparts:
-    """The modes of the test that the model had before the search, as JSON text."""
+    """The measured modes with a counterpart in the model before the search, as JSON text."""
 
-    def put(self, data: xr.Dataset, name: str, value: Counterparts | None) -> None:
+    def store(self, data: xr.Dataset, name: str, value: Counterparts | None) -> None:
         if value is not None:
             data[name] = ((), to_text(asdict(value), name))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> Counterparts | None:
+    def load(self, data: xr.Dataset, name: str, path: Path) -> Counterparts | None:
         if name not in data.variables:  # an old record
             return None
-        found = Mixed().take(data, name, path)
+        found = Mixed().load(data, name, path)
         try:
             pairs = _records(Pair, found.pop("pairs"))
             return Counterparts(**{**found, "pairs": pairs, "doubtful": tuple(found["doubtful"])})
         except (AttributeError, KeyError, TypeError) as error:
-            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+            raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
 
 class _Modes:
-    """The modal table: frequencies, loss factors and shapes, real and imaginary part."""
+    """The modal table: frequencies, loss factors and shapes (real and imaginary part)."""
 
     _SETS = ("test", "start", "updated")
     _TABLES: ClassVar[dict[str, tuple[str, str]]] = {
@@ -405,7 +408,7 @@ class _Modes:
         "own_orthogonality": ("modes_updated", "modes_updated_other"),
     }
 
-    def put(self, data: xr.Dataset, name: str, value: ModalTable | None) -> None:
+    def store(self, data: xr.Dataset, name: str, value: ModalTable | None) -> None:
         if value is None:
             return
         data[name] = ((), to_text(list(value.notes), name))
@@ -417,24 +420,24 @@ class _Modes:
                 data[f"modes_{of}"] = (f"modes_{of}", found.frequency, {"units": "Hz"})
                 data[f"modes_{of}_loss_factor"] = (f"modes_{of}", found.loss_factor)
                 dims = ("modes_dof", f"modes_{of}")
-                data[f"modes_{of}_shapes"] = _stored(dims, found.shapes)
+                data[f"modes_{of}_shapes"] = _split_parts(dims, found.shapes)
         for table, axes in self._TABLES.items():
             found = getattr(value, table)
             if found is not None:
-                data[f"modes_{table}"] = _stored(axes, found)
+                data[f"modes_{table}"] = _split_parts(axes, found)
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> ModalTable | None:
-        if name not in data.variables:  # not looked for, or the file is an old one
+    def load(self, data: xr.Dataset, name: str, path: Path) -> ModalTable | None:
+        if name not in data.variables:  # not compared, or an old file
             return None
         fields: dict[str, Any] = {of: self._set(data, of, path) for of in self._SETS}
         for table in self._TABLES:
             if f"modes_{table}" in data.variables:
-                fields[table] = _restored(variable(data, f"modes_{table}", path))
-        notes = tuple(Mixed().take(data, name, path))
+                fields[table] = _join_parts(variable(data, f"modes_{table}", path))
+        notes = tuple(Mixed().load(data, name, path))
         try:
             return ModalTable(**fields, notes=notes)
         except InputError as error:
-            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+            raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
     def _set(self, data: xr.Dataset, of: str, path: Path) -> Modes | None:
         if f"modes_{of}" not in data.variables:
@@ -443,19 +446,19 @@ class _Modes:
             variable(data, f"modes_{of}", path),
             variable(data, f"modes_{of}_loss_factor", path),
         )
-        shapes = _restored(variable(data, f"modes_{of}_shapes", path))
+        shapes = _join_parts(variable(data, f"modes_{of}_shapes", path))
         return Modes(*columns, shapes, DofSet(map(str, variable(data, "modes_dof", path))))
 
 
-def _stored(dims: tuple[str, str], values: Any) -> tuple[tuple[str, ...], Any]:
-    """Return a table of numbers as a variable; of complex ones with an axis for their parts."""
+def _split_parts(dims: tuple[str, str], values: Any) -> tuple[tuple[str, ...], Any]:
+    """Return a table as a variable; complex numbers get an additional axis for their parts."""
     if not np.iscomplexobj(values):
         return dims, values
     return (*dims, "part"), np.stack([values.real, values.imag], axis=-1)
 
 
-def _restored(stored: Any) -> Any:
-    """Return the table that `_stored` was given."""
+def _join_parts(stored: Any) -> Any:
+    """Return the table that was split by `_split_parts`."""
     if stored.ndim == 2:
         return stored
     return stored[..., 0] + 1j * stored[..., 1]
@@ -465,8 +468,8 @@ def _records(kind: Callable[..., _T], rows: Iterable[Mapping[str, Any]]) -> tupl
     return tuple(kind(**row) for row in rows)
 
 
-#: Fields of an `UpdateResult` but for its models and its FRF, in the order of the file.
-_RESULT: dict[str, Kept] = {
+#: Fields of an `UpdateResult` except its models and its FRF, in the order of the file.
+_RESULT: dict[str, FieldFormat] = {
     "status": Text(STATUSES),
     "message": Text(),
     "remedy": Text(),
@@ -508,7 +511,8 @@ def _put_rows(
         for unknown, value in row.items():
             if unknown not in names:
                 raise InputError(
-                    f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, names)}"
+                    f"{name} contains {unknown!r}, which is not an unknown;"
+                    f" {suggest(unknown, names)}"
                 )
             table[i, names.index(unknown)] = value
             given[i, names.index(unknown)] = 1
@@ -537,32 +541,32 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
     Parameters
     ----------
     result : UpdateResult or JointResult
-        The outcome. Of several tests, ``correlation`` and ``noise`` are those of the first.
+        The outcome. For several tests, ``correlation`` and ``noise`` are those of the first.
 
     Returns
     -------
     dict
         ``status``, ``message``, ``remedy``, ``title``, ``method``, ``options``; ``parameters``, one
-        dict an unknown in order, with ``std`` None and ``identifiable`` False where the data leave
-        it open, ``at_bound`` True or False and ``bound`` ``"lower"``, ``"upper"`` or None,
-        ``nominal`` and ``unit`` of what a factor of 1 stands for, ``drives`` of a linked unknown;
-        ``identifiability``; ``correlation`` with ``before``, ``after`` and ``validation`` (empty
-        where there is none); ``noise``; ``iterations`` (accepted steps) and ``history``;
-        ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
+        dict per unknown in order, with ``std`` None and ``identifiable`` False if the data do not
+        determine it, ``at_bound`` True or False and ``bound`` ``"lower"``, ``"upper"`` or None,
+        ``nominal`` and ``unit`` of a factor of 1, ``drives`` of a linked unknown;
+        ``identifiability``; ``correlation`` with ``before``, ``after`` and ``validation`` (may be
+        empty); ``noise``; ``iterations`` (accepted steps) and ``history``;
+        ``timing_s`` in s; ``versions``; ``adequacy``, None if not tested: ``outcome``,
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
         ``explained_by``, the ``noisy`` sensors and ``lone`` lines; ``trust``, ``holds`` and ``why``
-        of each part of the verdict, None in old records; ``findings``, the causes that were found,
-        as of `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers that
-        fit as well: ``values`` by unknown, ``odds``, ``sensor`` that would tell them apart and
-        their ``difference`` there; ``modes``, None where they were not looked for: ``rows`` with
+        of each part of the verdict, None in old records; ``findings``, the detected causes as
+        `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers with an equal
+        fit: ``values`` by unknown, ``odds``, ``sensor`` that would distinguish them and their
+        ``difference`` there; ``modes``, None if not compared: ``rows`` with
         ``test``, ``start`` and ``updated``, each None or ``number``, ``frequency`` in Hz,
         ``loss_factor``, ``change`` in % and ``mac``;
         ``mac`` of the start's and the updated model's modes (rows) with the test's (columns),
         ``auto_mac`` of the test's, ``comac`` and ``ecomac`` by DOF, ``figures``, ``notes``;
         ``counterparts``, how many modes of the test the model had before the search, None in old
-        records: ``n_measured``, ``n_paired``, ``pairs``, ``statement``, ``known`` and what it
-        rests on. Of several tests also ``tests``: ``correlation``, ``noise``, ``adequacy``,
+        records: ``n_measured``, ``n_paired``, ``pairs``, ``statement``, ``known`` and its
+        basis. For several tests also ``tests``: ``correlation``, ``noise``, ``adequacy``,
         ``modes`` and ``counterparts`` by name.
     """
     if isinstance(result, JointResult):
@@ -630,7 +634,7 @@ def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
     }
 
 
-#: What differs from test to test.
+#: Items that each test has separately.
 _OF_A_TEST = ("correlation", "noise", "adequacy", "modes", "counterparts")
 _IDENTIFIABILITY = (
     "rank",
@@ -671,7 +675,7 @@ def _parameter_json(result: UpdateResult, unknown: Parameter) -> dict[str, Any]:
 
 
 def write_result_json(result: UpdateResult | JointResult, path: str | Path) -> None:
-    """Write `result_to_json` to a file, replaced as a whole once it is complete.
+    """Write `result_to_json` to a file; an existing file is replaced once the new one is complete.
 
     Parameters
     ----------

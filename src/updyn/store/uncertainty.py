@@ -1,13 +1,13 @@
-"""Draws and profiles as netCDF-4 (HDF5), exactly; their update is in another file.
+"""Draws and profiles as netCDF-4 (HDF5), exactly; their update is in a separate file.
 
-xarray opens the file. Of draws::
+xarray opens the file. It contains for draws::
 
     draws                                      (chain, draw, parameter), in the unit of each unknown
     estimate, std, lower, upper, is_factor     (parameter)
     diagnostic_NAME                            (parameter): r_hat, ess_bulk, ...
     attributes kind, message, converged; failed, options: JSON texts, see updyn.store.values
 
-and of profiles, a row for each unknown that was profiled, padded with nan::
+and for profiles, with a row for each profiled unknown, padded with nan::
 
     value, drop                                (profile, point)
     others                                     (profile, point, parameter)
@@ -28,7 +28,7 @@ from updyn.io.items import guard_reader
 from updyn.store.netcdf import (
     Array,
     Arrays,
-    Kept,
+    FieldFormat,
     Mixed,
     Number,
     Text,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["read_uncertainty", "write_uncertainty"]
 
-_DRAWS: dict[str, Kept] = {
+_DRAWS: dict[str, FieldFormat] = {
     "names": Texts("parameter"),
     "chains": Array("chain", "draw", "parameter", variable="draws"),
     "estimate": Array("parameter"),
@@ -65,7 +65,7 @@ _DRAWS: dict[str, Kept] = {
     "failed": Mixed(is_attribute=True),
     "options": Mixed(is_attribute=True),
 }
-_PROFILES: dict[str, Kept] = {
+_PROFILES: dict[str, FieldFormat] = {
     "level": Number(float),
     "threshold": Number(float),
     "better": Mixed(is_attribute=True),
@@ -75,7 +75,9 @@ _PROFILES: dict[str, Kept] = {
 
 
 def write_uncertainty(found: Draws | Profiles, path: str | Path) -> None:
-    """Write draws or profiles to a file, replaced as a whole once it is complete.
+    """Write draws or profiles.
+
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
@@ -111,26 +113,27 @@ def write_uncertainty(found: Draws | Profiles, path: str | Path) -> None:
 def read_uncertainty(
     path: str | Path, result: UpdateResult | JointResult | None = None
 ) -> Draws | Profiles:
-    """Read draws or profiles, as `write_uncertainty` makes them.
+    """Read draws or profiles written by `write_uncertainty`.
 
     Parameters
     ----------
     path : path
         The file, usually ``uncertainty.nc``.
     result : UpdateResult or JointResult, optional
-        The update that draws are about (`read_result`); `updyn.predict` needs it.
+        The update of the draws (`read_result`), which `updyn.predict` needs.
 
     Returns
     -------
     Draws or Profiles
-        Equal to what was written, but for the update.
+        Equal to the written ones, except for the update.
 
     Raises
     ------
     FormatError
-        If the file is not there, is damaged, or holds something else (the right reader is named).
+        If the file does not exist, is damaged, or is of another kind (the message gives the right
+        reader).
     OptionError
-        If the draws are about another update.
+        If the draws belong to another update.
 
     Examples
     --------
@@ -145,7 +148,7 @@ def read_uncertainty(
     path = Path(path)
     data, _ = read_dataset(path, "uncertainty", "draws or profiles")
     with guard_reader(path, "uncertainty"):
-        if Text(("profile", *KINDS)).take(data, "kind", path) == "profile":
+        if Text(("profile", *KINDS)).load(data, "kind", path) == "profile":
             return _to_profiles(data, path)
         draws = Draws(**take_fields(data, _DRAWS, path))
     if result is None:
@@ -201,8 +204,8 @@ def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
     rows = zip(
         variable(data, "profile", path),
         variable(data, "estimate", path),
-        Mixed(is_attribute=True).take(data, "intervals", path),
-        Mixed(is_attribute=True).take(data, "ends", path),
+        Mixed(is_attribute=True).load(data, "intervals", path),
+        Mixed(is_attribute=True).load(data, "ends", path),
         strict=True,
     )
     found = []
@@ -219,5 +222,5 @@ def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
             upper_end,
         )
         found.append(one)
-    missing = Mixed(is_attribute=True).take(data, "missing", path)
+    missing = Mixed(is_attribute=True).load(data, "missing", path)
     return Profiles(tuple(found), missing=tuple(missing), **take_fields(data, _PROFILES, path))

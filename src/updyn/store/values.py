@@ -1,8 +1,8 @@
 """Mixed values (options, figures, advice) as JSON text: exactly, or plainly for other programs.
 
 JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them
-(``{"__float__": "inf"}``), so that `from_text` gives back what was there; `plain` gives up the
-difference: inf and nan become null, tuples and arrays lists.
+(``{"__float__": "inf"}``) for exact recovery by `from_text`. `plain` does not mark them: inf and
+nan become null, tuples and arrays become lists.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ def to_text(value: Any, what: str) -> str:
         None, bool, int, float, complex, str, arrays of numbers or texts, `Dof`, `DofSet`,
         `ModeSet`, and mappings, lists and tuples of these.
     what : str
-        Where the value belongs, for the warning.
+        Name of the value, for the warning.
 
     Warns
     -----
     UpdynWarning
-        If it holds an object of another type (a solver, a client): its text is kept in its place.
+        If it contains an object of another type (a solver, a client), whose text is stored instead.
     """
-    return json.dumps(_marked(value, what), allow_nan=False, ensure_ascii=False)
+    return json.dumps(_mark_value(value, what), allow_nan=False, ensure_ascii=False)
 
 
-def _marked(value: Any, what: str) -> Any:
+def _mark_value(value: Any, what: str) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | str):
@@ -55,29 +55,29 @@ def _marked(value: Any, what: str) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else {"__float__": repr(value)}
     if isinstance(value, complex):
-        return {"__complex__": _marked([value.real, value.imag], what)}
+        return {"__complex__": _mark_value([value.real, value.imag], what)}
     if isinstance(value, list):
-        return [_marked(v, what) for v in value]
+        return [_mark_value(v, what) for v in value]
     if isinstance(value, tuple):
-        return {"__tuple__": _marked(list(value), what)}
+        return {"__tuple__": _mark_value(list(value), what)}
     if isinstance(value, DofSet):
         return {"__dofs__": value.labels}
     if isinstance(value, Dof):
         return {"__dof__": str(value)}
     if isinstance(value, ModeSet):
-        return {"__modes__": _marked(_fields(value, (*_MODES, *_STD)), what)}
+        return {"__modes__": _mark_value(_fields(value, (*_MODES, *_STD)), what)}
     is_kept = isinstance(value, np.ndarray) and value.dtype.itemsize <= _WIDEST
     if is_kept and value.dtype.kind in "biufcU":
-        items = _marked(value.ravel().tolist(), what)
+        items = _mark_value(value.ravel().tolist(), what)
         return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
     if isinstance(value, Mapping):
         if all(isinstance(k, str) and not k.startswith("__") for k in value):
-            return {k: _marked(v, what) for k, v in value.items()}
-        return {"__pairs__": _marked(list(map(list, value.items())), what)}
+            return {k: _mark_value(v, what) for k, v in value.items()}
+        return {"__pairs__": _mark_value(list(map(list, value.items())), what)}
     kind = type(value).__name__
     warnings.warn(
-        f"{what} holds a {kind}, which a file cannot keep: its text {str(value)!r} is kept in its"
-        " place",
+        f"{what} contains a {kind}, which cannot be stored: its text {str(value)!r} is stored"
+        " instead",
         UpdynWarning,
         stacklevel=3,
     )
@@ -86,18 +86,18 @@ def _marked(value: Any, what: str) -> Any:
 
 _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
     "__float__": lambda v: float(v["__float__"]),
-    "__complex__": lambda v: complex(*_restored(v["__complex__"])),
-    "__tuple__": lambda v: tuple(_restored(v["__tuple__"])),
+    "__complex__": lambda v: complex(*_restore_value(v["__complex__"])),
+    "__tuple__": lambda v: tuple(_restore_value(v["__tuple__"])),
     "__dofs__": lambda v: DofSet(v["__dofs__"]),
-    "__modes__": lambda v: ModeSet(**_restored(v["__modes__"])),
+    "__modes__": lambda v: ModeSet(**_restore_value(v["__modes__"])),
     "__dof__": lambda v: Dof.parse(v["__dof__"]),
-    "__pairs__": lambda v: dict(_restored(v["__pairs__"])),
-    "__array__": lambda v: np.array(_restored(v["__array__"]), _dtype(v)).reshape(v["shape"]),
+    "__pairs__": lambda v: dict(_restore_value(v["__pairs__"])),
+    "__array__": lambda v: np.array(_restore_value(v["__array__"]), _dtype(v)).reshape(v["shape"]),
 }
 
 
 def _dtype(stored: dict[str, Any]) -> np.dtype[Any]:
-    """Return the type of a stored array; one text of a gigabyte would be all padding."""
+    """Return the type of a stored array; refuse long texts, which would be mostly padding."""
     dtype: np.dtype[Any] = np.dtype(stored["dtype"])
     if dtype.itemsize > _WIDEST:
         raise ValueError(f"an array of {dtype}")
@@ -105,32 +105,26 @@ def _dtype(stored: dict[str, Any]) -> np.dtype[Any]:
 
 
 def from_text(text: str, what: str, path: str | Path) -> Any:
-    """Return what `to_text` was given.
-
-    Raises
-    ------
-    FormatError
-        If the text is not JSON as `to_text` writes it.
-    """
+    """Return the value stored by `to_text`; raise a FormatError for other texts."""
     try:
-        return _restored(json.loads(text, parse_constant=_refuse, parse_int=_whole))
+        return _restore_value(json.loads(text, parse_constant=_refuse, parse_int=_whole))
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
         raise FormatError(f"{what}: not JSON as updyn writes it ({error})", path) from error
 
 
-def _restored(value: Any) -> Any:
+def _restore_value(value: Any) -> Any:
     if isinstance(value, list):
-        return [_restored(v) for v in value]
+        return [_restore_value(v) for v in value]
     if not isinstance(value, dict):
         return value
     for key in value:
         if key.startswith("__"):
             return _RESTORE[key](value)
-    return {key: _restored(v) for key, v in value.items()}
+    return {key: _restore_value(v) for key, v in value.items()}
 
 
 def _whole(digits: str) -> int:
-    """Return a whole number that is one of floating point, too: nothing overflows later."""
+    """Return an integer in the range of floating-point numbers, to prevent later overflows."""
     number = int(digits)
     float(number)
     return number
@@ -143,7 +137,7 @@ def _refuse(constant: str) -> Any:
 def plain(value: Any) -> Any:
     """Return `value` as strict JSON values.
 
-    inf and nan become None, tuples and arrays lists, objects of other types their text.
+    inf and nan become None, tuples and arrays become lists, objects of other types become text.
     """
     if isinstance(value, np.generic):
         value = value.item()

@@ -151,7 +151,7 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
         mat(dofs=np.array([1.0, 2.0], dtype=object)),
         "dofs: cell 1 is not a text",
     ),
-    "cut_short.mat": (cut(mat(), 0.7), "cut short or damaged in variable"),
+    "cut_short.mat": (cut(mat(), 0.7), "truncated or damaged in variable"),
     "version_73_cut_short.mat": (cut(mat73(), 0.5), "MATLAB file"),
     "version_73_header_only.mat": (
         cut(mat73(), 0.05),

@@ -196,8 +196,8 @@ def build(folder, text=MSH, name="mesh.msh", materials=None, **kw):
         ({"text": MSH[:300]}, "mesh.msh: the nodes cannot be read"),
         ({"text": MSH[:-60]}, "mesh.msh: "),
         ({"text": MSH.replace("4.1 0 8", "4.1 1 8")}, "a binary .msh: its node numbers are not read; save it as text"),
-        ({"text": "solid\n", "name": "mesh.xyz"}, "not a mesh that can be read"),
-        ({"text": MSH, "name": "mesh.vtu"}, "not a mesh that can be read"),
+        ({"text": "solid\n", "name": "mesh.xyz"}, "not a readable mesh"),
+        ({"text": MSH, "name": "mesh.vtu"}, "not a readable mesh"),
         ({"ungrouped": "drop"}, "ungrouped 'drop': valid: 'error', 'leave out'"),
     ],
 )  # fmt: skip
@@ -226,7 +226,7 @@ def test_what_cannot_be_built_is_named(tmp_path, given, said, capfd):
         ),
         (" 101, 0., 0.", " abc, 0., 0.", 4, "expected a node number first"),
         (" 101, 0., 0.", f" {2**63}, 0., 0.", 4, "expected a node number first"),
-        ("C3D8, ELSET=upper", "C3D8X, ELSET=upper", None, "not a mesh that can be read"),
+        ("C3D8, ELSET=upper", "C3D8X, ELSET=upper", None, "not a readable mesh"),
     ],
 )
 def test_decks_that_would_be_read_wrongly_are_refused(tmp_path, old, new, line, said):

@@ -339,7 +339,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     before = path.read_bytes()
     for changes in ({"values": {"arm.stifness": 1.0}}, {"at_bound": {"arm.stifness": "lower"}}):
         with pytest.raises(
-            InputError, match=r"names 'arm.stifness', .* did you mean 'arm.stiffness'"
+            InputError, match=r"contains 'arm.stifness', .* did you mean 'arm.stiffness'"
         ):
             write_result(sample(**changes), path)
     assert path.read_bytes() == before
@@ -347,7 +347,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 
 
 def test_an_object_among_the_options_is_kept_as_text_with_a_warning(tmp_path):
-    with pytest.warns(UpdynWarning, match="options holds a Fraction, .* '1/3' is kept"):
+    with pytest.warns(UpdynWarning, match="options contains a Fraction, .* '1/3' is stored"):
         write_result(sample(options={"ratio": Fraction(1, 3)}), tmp_path / "run.nc")
     assert read_result(tmp_path / "run.nc").options == {"ratio": "1/3"}
 
@@ -373,9 +373,9 @@ def change(name, value):
         (change("noise", '{"a": NaN}'), "noise: not JSON .*NaN is not JSON"),
         (change("identifiability", '{"rank": 1}'), "identifiability: "),
         (change("timing_s", None), "no variable 'timing_s'"),
-        (change("adequacy", '{"outcome": "noise"}'), "adequacy: not what a run records"),
-        (change("alternatives", '[{"odds": 2}]'), "alternatives: not what a run records"),
-        (change("alternatives", "2"), "alternatives: not what a run records"),
+        (change("adequacy", '{"outcome": "noise"}'), "adequacy: not a valid record of a run"),
+        (change("alternatives", '[{"odds": 2}]'), "alternatives: not a valid record of a run"),
+        (change("alternatives", "2"), "alternatives: not a valid record of a run"),
         (change("residual_correlation_length", None), "no variable 'residual_correlation_length'"),
     ],
 )

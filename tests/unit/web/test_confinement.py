@@ -109,7 +109,7 @@ def test_jobs(chain_project: Path, outside: Path) -> None:
         expected = (
             "cannot be a file"
             if keys == {"model": "loop"}
-            else "lies outside the folder of the project"
+            else "is outside the folder of the project"
         )
         assert expected in answer[1], keys
         assert answer[1].startswith(f"{path}:"), keys  # the line that names it
@@ -141,7 +141,7 @@ def test_decks(chain_project: Path, outside: Path) -> None:
     assert found[:4] == [2, 2, 2, 2]
     for deck, answer in zip([*decks, data][4:], found[4:], strict=True):
         assert isinstance(answer, list), deck
-        assert "lies outside the folder of the project" in answer[1], deck
+        assert "is outside the folder of the project" in answer[1], deck
         assert "no such file" not in answer[1], deck
     # What is refused could be read but for the confinement.
     readable = [*decks[4:14], data]
@@ -165,7 +165,7 @@ def test_the_message_says_what_to_do(tmp_path: Path) -> None:
         [sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True
     )
     assert done.stdout == (
-        f"'/a file' lies outside the folder of the project ({tmp_path}), where no file is read; copy"
-        " it into the project, or serve a folder that holds both\n"
+        f"'/a file' is outside the folder of the project ({tmp_path}), and is not read; copy"
+        " it into the project, or serve a folder that contains both\n"
     )
     assert issubclass(InputError, ValueError)

@@ -46,7 +46,7 @@ def test_answers_errors_and_ends_one_after_the_other(
     (tmp_path / "link").symlink_to(outside)
     assert desk.ask(desk_work.check, tmp_path / "x" / "y.txt") == "inside"
     for path in (outside, tmp_path / ".." / "outside.txt", tmp_path / "link"):
-        with pytest.raises(InputError, match="lies outside the folder of the project"):
+        with pytest.raises(InputError, match="is outside the folder of the project"):
             desk.ask(desk_work.check, path)
     assert desk_work.check(outside) == "inside"
 

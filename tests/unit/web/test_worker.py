@@ -169,7 +169,7 @@ def test_a_bad_job_fails_with_its_message(short_job: Path, begun: Callable[..., 
     worker = ended(begun(short_job))
     assert worker.state == "failed"
     assert worker.message.startswith(f"{short_job}:2: ")
-    assert "lies outside the folder of the project" in worker.message
+    assert "is outside the folder of the project" in worker.message
     assert "Traceback" not in worker.message
     assert not (short_job.parent / "out").exists()
 
