@@ -1,8 +1,8 @@
 """The command line: reads options, calls the library and prints.
 
-Exit codes: 0 the run converged and its verdict holds in all parts that were asked for; 2 bad input
-or usage, with one message on stderr and nothing written over; 3 the run ended without that, with
-its results written; 130 stopped by the user, 143 by SIGTERM.
+Exit codes: 0 the run converged and all requested parts of its verdict hold; 2 bad input or usage,
+with one message on stderr and no file replaced; 3 the run ended otherwise, with its results
+written; 130 stopped by the user, 143 by SIGTERM.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from updyn import __version__
-from updyn.cli.signals import ending_at_once, stop_code
+from updyn.cli.signals import end_on_signal, stop_code
 from updyn.cli.terminal import (
     BAD_INPUT,
     DONE,
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "TERMINATED", "main"]
 
 #: The commands by name: functions whose signature and docstring `cyclopts` turns into options and
-#: help. A room or another package adds one by a line here, a call of `COMMANDS.register`, or an
-#: entry point of the group ``updyn.commands``; its module is imported when the command is
-#: asked for. It returns its exit code, and prints by `updyn.cli.terminal`.
+#: help. Another package adds one by a call of `COMMANDS.register`, or an entry point of the group
+#: ``updyn.commands``; its module is imported when the command is called. A command returns its exit
+#: code, and prints by `updyn.cli.terminal`.
 COMMANDS: Registry[Any] = Registry(
     "command",
     "updyn.commands",
@@ -58,7 +58,7 @@ COMMANDS: Registry[Any] = Registry(
 )
 
 
-#: What each of them does, so that the list of them loads none.
+#: Descriptions of the commands, to list them without importing any.
 _ABOUT = {
     "new": "Write a commented job file for a model and a measurement.",
     "run": "Run a job and write its results.",
@@ -79,10 +79,7 @@ _ABOUT = {
 def app(*, listed: bool = False) -> App:
     """Return the command line with all commands, none of them imported.
 
-    Parameters
-    ----------
-    listed : bool
-        Whether the commands are to be listed, each with what it does, and none is called.
+    `listed` adds the descriptions of the commands, for a list of commands.
     """
     from cyclopts import App
 
@@ -108,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Words after the program's name; None: those of this process.
+        Words after the program's name, by default those of this process.
 
     Returns
     -------
@@ -121,10 +118,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Run a command, print its error where there is one, and return the exit code."""
+    """Run a command, print its error if any, and return the exit code."""
     with warnings_as_notes():
         try:
-            with ending_at_once():
+            with end_on_signal():
                 encode_anything()
                 code = _call(sys.argv[1:] if arguments is None else list(arguments))
                 return stop_code() if code == STOPPED else code
@@ -140,7 +137,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _call(words: list[str]) -> int:
-    """Call the command that the words name, and return its exit code."""
+    """Call the command with this name, and return its exit code."""
     from cyclopts import CycloptsError
 
     made = app(listed=not any(word in COMMANDS for word in words))

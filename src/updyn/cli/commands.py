@@ -1,4 +1,4 @@
-"""The commands of the command line; what takes time to load is imported in their bodies."""
+"""The commands of the command line; slow imports are in their bodies."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def new(
 ) -> int:
     """Write a commented job file for a model and a measurement, after a look at both.
 
-    It matches sensors to the model by label, else by coordinates, says what does not match, and
-    proposes unknowns and method. An existing file is never written over.
+    It matches sensors to the model by label, else by coordinates, reports mismatches, and proposes
+    unknowns and method. An existing file is never replaced.
 
     Parameters
     ----------
@@ -79,11 +79,11 @@ def new(
     out
         The job file to write.
     quantity
-        What was measured, where the file does not say: receptance, mobility or accelerance.
+        Measured quantity if the file does not state it: receptance, mobility or accelerance.
     scale
-        Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
+        Factor that converts the values to SI if the file does not state it: 9.80665 for g/N.
     unit
-        Unit of length of a model's deck, which does not state it: m, mm or in.
+        Unit of length of the deck of a model: m, mm or in.
     """
     from updyn.job.files import check_encodable
     from updyn.job.proposal import describe_inputs, job_text, look_at
@@ -95,7 +95,7 @@ def new(
         raise InputError(f"{out}: the folder {str(out.parent)!r} does not exist")
     stated = {"quantity": quantity, "scale": scale, "unit": unit}
     inputs = look_at(model, measurement, stated)
-    text = job_text(inputs, out, describe_model(inputs.model), _measured(inputs))
+    text = job_text(inputs, out, describe_model(inputs.model), _describe_measurement(inputs))
     with out.open("x", encoding="utf-8") as file:
         file.write(text)
     next_step = f"updyn check {shlex.quote(str(out))}"
@@ -103,8 +103,8 @@ def new(
     return DONE
 
 
-def _measured(inputs: Inputs) -> str:
-    """Return what the measurement holds; a quantity that is not known is not named."""
+def _describe_measurement(inputs: Inputs) -> str:
+    """Return a description of the measurement, without an unknown quantity."""
     text = describe_frf(inputs.frf)
     if inputs.has_quantity:
         return text
@@ -130,17 +130,16 @@ def run(
     job
         The job file (TOML).
     out
-        Folder for the results; by default the job's name without its suffix, beside it.
+        Folder for the results; by default the job's name without its suffix, in the same folder.
     workers
-        Processes on this machine to spread the work over; the result does not depend on it.
+        Number of processes on this machine; the result does not depend on it.
     cluster
-        Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to spread the work over its
-        workers instead.
+        Address of a Dask scheduler, such as tcp://10.0.0.1:8786, to use its workers instead.
     engine
-        Engine of another package, by the text that it is registered for.
+        Engine of another package, by its registered text.
     resume
-        Continue the run in that folder that was stopped or interrupted; the result is the same as
-        that of an uninterrupted run. Where nothing was saved, the run begins anew and says so.
+        Continue a stopped or interrupted run in that folder; the result is the same as that of an
+        uninterrupted run. If nothing was saved, the run starts again and reports this.
     """
     from updyn.job import load_job
 
@@ -152,8 +151,8 @@ def run(
 def check(job: Path, /, *, out: Path | None = None) -> int:
     """Check a job without running it: data, unknowns, identifiability at the start.
 
-    Prints what was found, and writes the page check.html to DIR: the structure, all channels, maps
-    of agreement, modes and identifiability before any fit; none where report = false in [output].
+    Prints its findings, and writes the page check.html to DIR: the structure, all channels, maps
+    of agreement, modes and identifiability before any fit; no page if report = false in [output].
     Exit code 3 if the data cannot determine all unknowns, or no more measured modes have a
     counterpart in the model than those of another structure would.
 
@@ -162,7 +161,7 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
     job
         The job file (TOML).
     out
-        Folder DIR; by default the job's name with -check, beside it.
+        Folder DIR; by default the job's name with -check, in the same folder.
     """
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
     from updyn.job.start import agreement_at_start, counterparts_at_start
@@ -184,7 +183,7 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
 
 
 def _start_folder(job: Job, work: str, out: Path | None) -> Path | None:
-    """Return the folder for pages before any fit; None where the job wants no page."""
+    """Return the folder for pages before any fit; None if the job disables the page."""
     from updyn.job import start_folder
 
     if not job.output.report and out is None:
@@ -193,7 +192,7 @@ def _start_folder(job: Job, work: str, out: Path | None) -> Path | None:
 
 
 def _faults(ready: Prepared) -> dict[str, tuple[Finding, ...]]:
-    """Return what seems to be wrong with the data of each test, by its name."""
+    """Return the suspected faults in the data of each test, by its name."""
     from updyn.job import job_findings
 
     return {test.name: job_findings(test, ready.parameters) for test in ready.tests}
@@ -209,7 +208,7 @@ def _write_start(
     agreement: Mapping[str, Mapping[str, float]],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> None:
-    """Write the pages of a job before any fit, and say where they are."""
+    """Write the pages of a job before any fit, and print their paths."""
     from updyn.job import write_start_pages
 
     if folder is None:
@@ -275,16 +274,16 @@ def demo(
 def _write_inputs(
     folder: Path, write: Callable[[Path], Path | None], *, more: bool = False
 ) -> Path | None:
-    """Write inputs of a demo into its folder, and return the job among them.
+    """Write inputs of a demo into its folder, and return the job.
 
     Parameters
     ----------
     folder : Path
-        For the inputs; made where there is none.
+        Folder of the inputs, created if missing.
     write : callable
-        Takes a folder, writes the inputs there and returns the job, or None.
+        Writes the inputs into a folder and returns the job, or None.
     more : bool
-        Whether those written before stay, and are there while it writes.
+        Whether to keep earlier inputs, which `write` may need.
     """
     from updyn.outputs.manifest import Manifest, obstacles
     from updyn.outputs.switch import PLAN, open_folder, replaced
@@ -324,21 +323,21 @@ def convert(
     target
         File to write; its suffix decides the format.
     from_
-        Format of IN, where its content does not decide it.
+        Format of IN, if its content is ambiguous.
     to
-        Format of OUT, where its suffix does not decide it.
+        Format of OUT, if its suffix is ambiguous.
     quantity
-        What was measured, where the file does not say: receptance, mobility or accelerance.
+        Measured quantity if the file does not state it: receptance, mobility or accelerance.
     duplicates
-        What to do with functions that occur twice; the reader's default is to refuse them.
+        Treatment of functions that occur twice; by default the reader refuses them.
     scalar_direction
-        Direction of functions whose file names none.
+        Direction of functions without direction in the file.
     scale
-        Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
+        Factor that converts the values to SI if the file does not state it: 9.80665 for g/N.
     unit
-        Unit of length of a model's deck, which does not state it: m, mm or in.
+        Unit of length of the deck of a model: m, mm or in.
     force
-        Write over OUT where it exists.
+        Replace OUT if it exists.
     """
     from updyn.io import write_frf, write_model
 
@@ -369,13 +368,13 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     file
         The file.
     quantity
-        What was measured, where the file does not say.
+        Measured quantity if the file does not state it.
     unit
-        Unit of length of a model's deck, which does not state it: m, mm or in.
+        Unit of length of the deck of a model: m, mm or in.
     """
     from updyn.outputs.switch import recover
 
-    with suppress(InputError, OSError):  # each file is whole, whatever is known of the others
+    with suppress(InputError, OSError):  # each file is complete, independent of the others
         recover(file.parent)
     of_unit = {"unit": unit}
     stated = {"contents": of_unit, "frf": {"quantity": quantity}, "model": of_unit}
@@ -389,14 +388,14 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
     """Compare the model of a job at the start of its unknowns with its measurement.
 
     Prints the figures of agreement with the data of the fit, and writes the page correlate.html to
-    DIR, as updyn check does; none where report = false in [output].
+    DIR, as updyn check does; no page if report = false in [output].
 
     Parameters
     ----------
     job
         The job file (TOML).
     out
-        Folder DIR; by default the job's name with -correlate, beside it.
+        Folder DIR; by default the job's name with -correlate, in the same folder.
     """
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import start_modes_text
@@ -442,8 +441,8 @@ def compare(
 ) -> int:
     """Run every method on the inputs of a job; write compare.html and compare.json to DIR.
 
-    The row of a method that does not apply says why. Ctrl-C ends the comparison with the rows so
-    far.
+    The row of a method that does not apply gives the reason. Ctrl-C ends the comparison with the
+    rows so far.
 
     Parameters
     ----------
@@ -452,24 +451,24 @@ def compare(
     methods
         Names with commas between them; by default every method.
     truth
-        TOML or JSON file with true values of unknowns, where they are known, to show the errors.
+        TOML or JSON file with known true values of unknowns, to show the errors.
     fewest
         Find the smallest number of lines with which each method still recovers the true values;
-        takes several fits a method.
+        takes several fits per method.
     tolerance
         Largest error of a recovered value, relative; of a loss factor absolute.
     chosen
-        How these lines are chosen: d-optimal or even.
+        Selection of these lines: d-optimal or even.
     out
-        Folder DIR; by default the job's name with -compare, beside it.
+        Folder DIR; by default the job's name with -compare, in the same folder.
     workers
-        Processes on this machine to spread the work over.
+        Number of processes on this machine.
     cluster
-        Address of a Dask scheduler to spread the work over its workers instead.
+        Address of a Dask scheduler, to use its workers instead.
     engine
-        Engine of another package, by the text that it is registered for.
+        Engine of another package, by its registered text.
     list_
-        List the methods, what they cannot update and where they come from, and do nothing.
+        List the methods, their limitations and sources, and do nothing.
     """
     from updyn.comparison.table import listing
     from updyn.job import check_out, load_job, prepare
@@ -527,7 +526,7 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
     job
         The job file (TOML).
     out
-        Folder DIR; by default the job's name with -modes, beside it.
+        Folder DIR; by default the job's name with -modes, in the same folder.
     """
     from updyn.job import load_job
     from updyn.job.folder import default_out
@@ -553,25 +552,25 @@ def plan(
 ) -> int:
     """Choose sensors and forces before a test; write plan.html and plan.json to DIR.
 
-    The table [plan] of the job says how many, out of which candidates, and in which band. [test]
-    may be left out. Ctrl-C ends the plan after the lines that are being solved; nothing is chosen
-    then, and --resume goes on from there.
+    The table [plan] of the job defines their numbers, the candidates and the band. [test] may be
+    left out. Ctrl-C ends the plan after the lines that are being solved; nothing is chosen then,
+    and --resume continues from there.
 
     Parameters
     ----------
     job
         The job file (TOML).
     out
-        Folder DIR; by default the job's name with -plan, beside it.
+        Folder DIR; by default the job's name with -plan, in the same folder.
     workers
-        Processes on this machine to spread the work over; the plan does not depend on it.
+        Number of processes on this machine; the plan does not depend on it.
     cluster
-        Address of a Dask scheduler to spread the work over its workers instead.
+        Address of a Dask scheduler, to use its workers instead.
     engine
-        Engine of another package, by the text that it is registered for.
+        Engine of another package, by its registered text.
     resume
-        Continue the plan in that folder that was stopped or interrupted; the result is the same as
-        that of an uninterrupted one. Where nothing was saved, it begins anew and says so.
+        Continue a stopped or interrupted plan in that folder; the result is the same as that of an
+        uninterrupted one. If nothing was saved, it starts again and reports this.
     """
     from updyn.job import load_job
     from updyn.job.folder import default_out
@@ -599,7 +598,7 @@ def plan(
 def _run(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
 ) -> JobRun:
-    """Run a job, and print its summary and where its results are."""
+    """Run a job, and print its summary and the place of its results."""
     from updyn.job import check_out, prepare, run_job
 
     folder = check_out(job, out)
@@ -638,14 +637,14 @@ def _exit_code(done: JobRun) -> int:
 def _kinds(
     kinds: tuple[str, ...], options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
-    """Return which kinds a file may be of, given options for one of them, and the options stated.
+    """Return the kinds that a file may have, given options for one of them, and the stated options.
 
     Parameters
     ----------
     kinds : tuple of str
         Names of `updyn.cli.reading.FILE_KINDS`.
     options : mapping of str to mapping
-        By kind, the values of its options; None where one is not stated.
+        Values of the options by kind; None for an option that is not stated.
 
     Raises
     ------
@@ -671,7 +670,7 @@ _HOST_AND_PORT = re.compile(r".+:[0-9]{1,5}")
 def open_engine(
     workers: int | None, cluster: str | None, registered: str | None = None
 ) -> Iterator[Engine]:
-    """Open the engine that the options name, and close it afterwards.
+    """Open the engine of the options, and close it afterwards.
 
     Parameters
     ----------
@@ -680,13 +679,13 @@ def open_engine(
     cluster : str, optional
         Address of a Dask scheduler.
     registered : str, optional
-        Text that an engine of another package is registered for.
+        Registered text of an engine of another package.
 
     Raises
     ------
     OptionError
-        If more than one is given, the number is not one of processes, no scheduler answers, or no
-        engine is registered for the text.
+        If more than one is given, the number is not valid, no scheduler answers, or no engine is
+        registered for the text.
     """
     from updyn.engines import choose_engine
 
@@ -733,8 +732,8 @@ def _client(address: str) -> Client:
             "--cluster needs dask.distributed: pip install 'updyn[cluster]'"
         ) from error
     try:
-        # Not as the default: xarray would ask the scheduler, perhaps gone by then, for a lock
-        # before it writes a file.
+        # Not the default client: xarray would request a lock from the scheduler, which may have
+        # ended, before it writes a file.
         return Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:  # TimeoutError is one of these
         raise OptionError(

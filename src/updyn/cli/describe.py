@@ -66,14 +66,14 @@ def describe_model(model: Model) -> str:
     texts += [
         "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous:"
         " largest diagonal entry",
-        *_unplaced(model),
+        *_describe_unplaced(model),
         "",
         _natural_frequencies(model),
     ]
     return "\n".join(texts)
 
 
-def _unplaced(model: Model) -> list[str]:
+def _describe_unplaced(model: Model) -> list[str]:
     """Return a remark on nodes without position, if there are any."""
     nodes = np.unique(model.dofs.nodes[~_is_placed(model) & (model.dofs.axes < 3)])
     if not len(nodes):
@@ -111,7 +111,8 @@ def describe_frf(frf: FRF) -> str:
     size = np.abs(frf.values)
     first, last = frf.freq[0], frf.freq[-1]
     texts = [
-        f"FRF: {frf.quantity}, {len(frf.freq)} lines from {first:g} to {last:g} Hz{_spacing(frf)}",
+        f"FRF: {frf.quantity}, {len(frf.freq)} lines from {first:g} to {last:g} Hz"
+        + _spacing_text(frf),
         f"{len(frf.responses)} responses: {_labels(frf.responses)}",
         f"{len(frf.references)} references: {_labels(frf.references)}",
         f"|H| from {size.min():.3g} to {size.max():.3g}",
@@ -130,8 +131,8 @@ def describe_frf(frf: FRF) -> str:
     return "\n".join(texts)
 
 
-def _spacing(frf: FRF) -> str:
-    """Return the distance of the lines as text; empty for a single one."""
+def _spacing_text(frf: FRF) -> str:
+    """Return the distance of the lines as text, or an empty text for a single line."""
     steps = np.diff(frf.freq)
     if not len(steps):
         return ""
@@ -310,7 +311,7 @@ def _largest(matrix: Matrix | None) -> str:
 
 
 def _natural_frequencies(model: Model) -> str:
-    """Return the first natural frequencies as text, or why there are none."""
+    """Return the first natural frequencies as text, or the reason why they are not available."""
     if model.n_dofs > _MODES_UP_TO:
         return (
             f"Natural frequencies: not computed for more than {_MODES_UP_TO} DOFs; see updyn.modes"

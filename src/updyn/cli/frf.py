@@ -1,4 +1,4 @@
-"""`frf`: the command that makes FRFs from time records."""
+"""`frf`: the command that estimates FRFs from time records."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ def frf(
     out: Path | None = None,
     force: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
-    """Estimate FRFs from the time records that a job names in [records], and write them.
+    """Estimate FRFs from the time records in [records] of a job, and write them.
 
-    Prints what is wrong with the records and the coherence of each pair. Nothing is left out but
-    what the job rejects.
+    Prints faults of the records and the coherence of each pair. Only records that the job rejects
+    are ignored.
 
     Parameters
     ----------
     job
         The job file (TOML), with a table [records]; it may have those of an update, too.
     out
-        File to write; by default that of the key output. Its suffix decides the format.
+        File to write; by default that of the key output. Its suffix selects the format.
     force
-        Write over the file where it exists.
+        Replace the file if it exists.
     """
     loaded, table = load_records_job(job)
     target = _target(loaded, table, out)
@@ -66,7 +66,7 @@ def frf(
 
 
 def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
-    """Return the file to write, which is none that is read."""
+    """Return the file to write, which must differ from all files to read."""
     if out is None and table.output is None:
         with job.located():
             raise JobError("[records] names no output; add one, or --out FILE", key=("records",))
@@ -103,7 +103,7 @@ def describe_recorded(found: Recorded) -> str:
 
 
 def _setup_text(setup: RecordedSetup) -> str:
-    """Return what was found in the records of a setup."""
+    """Return the findings about the records of a setup."""
     records = setup.records
     n, channels, samples = records.values.shape
     texts = [

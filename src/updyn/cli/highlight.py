@@ -1,4 +1,4 @@
-"""Colours of the terminal: the text is the same as without, with a style for some of its words."""
+"""Colours of the terminal: the same text with a style for some words."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ THEME = Theme(
 )
 #: First words of the header lines of tables.
 _HEADINGS = ("unknown", "agreement", "method", r"test \(Hz\)", "sensor", "response", "group")
-#: What to notice in rows and below tables.
+#: Warnings in rows and below tables.
 _DOUBTS = (
     r"at its (?:lower|upper) bound",
     r"not determined by the data",
@@ -59,7 +59,7 @@ def _status_patterns() -> list[str]:
 
 
 class SummaryHighlighter(RegexHighlighter):
-    """Colours status, headings of tables and what is in doubt."""
+    """Colours status, headings of tables and doubtful results."""
 
     base_style = "updyn."
     highlights = [  # noqa: RUF012

@@ -1,4 +1,4 @@
-"""Files that a command writes: whole, and over none except by force."""
+"""Files written by a command: complete, and replacing existing files only by force."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ _UNFINISHED = ".unfinished-"
 
 
 def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
-    """Write a file and those that its format puts beside it; over none, except by force.
+    """Write a file and its companion files; replace existing files only by force.
 
     Parameters
     ----------
     target : Path
         The file.
     write : callable
-        Takes a path and writes there.
+        Writes to a path.
     force : bool
-        Whether existing files are replaced.
+        Whether to replace existing files.
     """
     if not target.parent.is_dir():
         raise FormatError(f"the folder {str(target.parent)!r} does not exist", target)
-    # The names of further files are known when they are written.
-    with _staging(target) as folder:
+    # The names of companion files are known only after writing.
+    with _staging_folder(target) as folder:
         staged = folder / target.name
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
@@ -55,8 +55,8 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
 
 
 @contextmanager
-def _staging(target: Path) -> Iterator[Path]:
-    """Make a folder beside a file, removed in the end; those that killed processes left go, too."""
+def _staging_folder(target: Path) -> Iterator[Path]:
+    """Create a temporary folder next to a file, removed at the end; remove abandoned ones."""
     sweep(target, _UNFINISHED)
     folder = target.with_name(new_name(target, _UNFINISHED))
     try:
@@ -70,7 +70,7 @@ def _staging(target: Path) -> Iterator[Path]:
 
 
 def check_free(files: Iterable[Path], *, force: bool) -> None:
-    """Refuse to write over files, except by force."""
+    """Refuse to replace files, except by force."""
     for path in files:
         if path.is_dir() or (not force and os.path.lexists(path)):
             what = "is a folder" if path.is_dir() else "exists already; --force writes over it"

@@ -1,4 +1,4 @@
-"""The progress of a run at the command line: its display, and what Ctrl-C does."""
+"""The progress of a run at the command line: its display, and the handling of Ctrl-C."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from updyn.cli.signals import LastResort, watched
+from updyn.cli.signals import LastResort, watch_signals
 from updyn.cli.terminal import print_note
 from updyn.progress import ProgressBar, Stage
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 __all__ = ["ProgressDisplay", "show_progress"]
 
-#: What a run does that is asked to stop.
+#: Behaviour of a run that is requested to stop.
 _STOPPING = "Stopping after this step; the results so far will be written."
 _AGAIN = "Ctrl-C again to leave at once."
 _LEAVING = "Leaving at once."
-#: How long the answer to a Ctrl-C waits for its handler, in s.
+#: Delay of the answer to Ctrl-C while its handler has not run, in s.
 _ANSWER = 0.2
 
 
@@ -35,9 +35,9 @@ class ProgressDisplay(ProgressBar):
     console : rich.console.Console
         Where to write, usually stderr.
     stages : sequence of Stage
-        Of the run, as far as they are known.
+        Stages of the run, as far as known.
     stopping : str
-        What the work does that is asked to stop, in a sentence.
+        Behaviour of the work after a request to stop, in a sentence.
     """
 
     def __init__(
@@ -61,17 +61,17 @@ class ProgressDisplay(ProgressBar):
 
     def interrupt(self, _number: int, _frame: FrameType | None) -> None:
         """Ask the run to end after the lines under way; a second time, end at once."""
-        # Two signals while Python does not run are one call of this handler.
+        # Two signals during a long C call result in one call of this handler.
         if self.stopping or self._answered > 1:
             raise KeyboardInterrupt
         self.stopping = True
         self._handled.set()
 
     def answer(self, number: int) -> None:
-        """Say at once what a signal does; after the second, end the process in a while."""
+        """Report a signal at once; after the second, end the process after a grace period."""
         self._answered += 1
         if self._answered == 1:
-            # A second signal after the answer is then a second call of the handler.
+            # After this, a second signal is a second call of the handler.
             self._handled.wait(_ANSWER)
             print_note(self._stopping, "yellow", self.console)
         elif self._answered == 2:
@@ -79,7 +79,7 @@ class ProgressDisplay(ProgressBar):
             self._last_resort.begin(number)
 
     def end(self) -> None:
-        """Take back what would end the process."""
+        """Cancel the forced end of the process."""
         self._last_resort.cancel()
 
 
@@ -94,9 +94,9 @@ def show_progress(
     console : rich.console.Console
         Where to write.
     stages : sequence of Stage
-        Of the run, as far as they are known.
+        Stages of the run, as far as known.
     stopping : str
-        What the work does that is asked to stop, in a sentence.
+        Behaviour of the work after a request to stop, in a sentence.
 
     Yields
     ------
@@ -105,7 +105,7 @@ def show_progress(
     display = ProgressDisplay(console, stages, stopping)
     with display.drawn():
         try:
-            with watched(display.interrupt, display.answer):
+            with watch_signals(display.interrupt, display.answer):
                 yield display
         finally:
             display.end()

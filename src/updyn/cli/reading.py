@@ -35,26 +35,26 @@ __all__ = ["FILE_KINDS", "FileKind", "read_anything"]
 
 @dataclass(frozen=True, slots=True)
 class FileKind:
-    """A kind of content that a file may hold.
+    """A kind of content of a file.
 
     Parameters
     ----------
     noun : str
-        With its article, for messages: ``"a model"``.
+        Name with its article, for messages: ``"a model"``.
     read : callable
         Takes the path and options by keyword, and returns the content.
     describe : callable
         Takes the content and returns it as text, for ``updyn info``.
     recognises : callable
-        Takes the path and tells whether start or suffix of the file are those of this kind, so that
-        of a file that cannot be read only the messages of such kinds are shown.
+        Takes the path and returns whether the start or suffix of the file fit this kind. For an
+        unreadable file only the messages of such kinds are shown.
     other : str
-        Text in the message of an `InputError` that says that the file holds something else.
+        Text of an `InputError` that identifies other content.
     is_beside : bool
-        Whether it may stand in one file with contents of other kinds: it is then no answer where
-        one of these is there but damaged.
+        Whether files may contain other kinds in addition; it is then not the result if one of these
+        is present but damaged.
     is_tried : bool
-        Whether a file is read as this kind where it is not recognised.
+        Whether to try reading a file that is not recognised.
     """
 
     noun: str
@@ -67,7 +67,7 @@ class FileKind:
 
 
 def _has_format(verb: str) -> Callable[[Path], bool]:
-    """Return what tells whether a format of `updyn.io` fits a file."""
+    """Return a function that returns whether a format of `updyn.io` fits a file."""
 
     def fits(path: Path) -> bool:
         try:
@@ -80,7 +80,7 @@ def _has_format(verb: str) -> Callable[[Path], bool]:
 
 
 def _is_of_records(path: Path) -> bool:
-    """Return whether the format of a file holds nothing but time records."""
+    """Return whether the format of a file contains only time records."""
     try:
         return find_format(path, "read_records").can == ("read_records",)
     except FormatError:
@@ -88,7 +88,7 @@ def _is_of_records(path: Path) -> bool:
 
 
 def _is_of_geometry(path: Path) -> bool:
-    """Return whether the suffix of a file is of a format that holds nothing but a geometry."""
+    """Return whether the suffix of a file belongs to a format that contains only a geometry."""
     try:
         found = find_format(path, "read_geometry")
     except FormatError:
@@ -96,8 +96,8 @@ def _is_of_geometry(path: Path) -> bool:
     return found.can == ("read_geometry",) and path.suffix.lower() in found.suffixes
 
 
-#: Kinds of content by name, in the order in which a file is tried. A room or another package adds
-#: one by a line here, ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
+#: Kinds of content by name, in the order of trials. Another package adds one by
+#: ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
 FILE_KINDS: Registry[FileKind] = Registry(
     "kind of file",
     "updyn.file_kinds",
@@ -133,39 +133,39 @@ def read_anything(
     kinds: Sequence[str] | None = None,
     options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[str, Any]:
-    """Read a file as the first of some kinds that it holds.
+    """Read a file as the first kind of content that it contains.
 
     Parameters
     ----------
     path : path
         The file.
     kinds : sequence of str, optional
-        Of `FILE_KINDS`, in the order to try; by default all.
+        Names in `FILE_KINDS`, in the order of trials; by default all.
     options : mapping of str to mapping, optional
-        By kind, keyword arguments of its reader.
+        Keyword arguments of the reader by kind.
 
     Returns
     -------
     kind : str
         Name of its kind.
     content : object
-        What was read.
+        The content.
 
     Raises
     ------
     FormatError
-        If it holds none of these; the message says why not, kind by kind.
+        If the file contains none of these; the message gives the reason for each kind.
     """
     path = Path(path)
     if not is_file(path) or path.stat().st_size == 0:
-        find_format(path, "read_frf")  # says so; of a file that is not there it names the nearest
+        find_format(path, "read_frf")  # raises an error, with the nearest name of a missing file
     if kinds is None:
         kinds = tuple(FILE_KINDS)
     if options is None:
         options = {}
     reasons: dict[str, InputError] = {}
     for kind in kinds:
-        if FILE_KINDS[kind].is_beside and _damaged(path, reasons):
+        if FILE_KINDS[kind].is_beside and _damaged_kinds(path, reasons):
             continue
         if not (FILE_KINDS[kind].is_tried or FILE_KINDS[kind].recognises(path)):
             continue
@@ -188,8 +188,8 @@ def read_anything(
     raise FormatError(f"could not be read{why}", path)
 
 
-def _damaged(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
-    """Return the kinds that a file holds, as far as can be told, but that cannot be read."""
+def _damaged_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
+    """Return the kinds that a file appears to contain but that cannot be read."""
     return [
         kind
         for kind, error in reasons.items()
@@ -200,7 +200,7 @@ def _damaged(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
 
 
 def _likely(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
-    """Return the kinds that a file was probably meant to be of."""
+    """Return the probable kinds of a file."""
     found = [kind for kind in reasons if FILE_KINDS[kind].recognises(path)]
     found = [k for k in found if not isinstance(reasons[k], AbsentError)] or found
     if len(found) == 1:

@@ -1,4 +1,4 @@
-"""What Ctrl-C (SIGINT) and SIGTERM do: they are answered at once, and end the process in time."""
+"""Handling of Ctrl-C (SIGINT) and SIGTERM: an immediate answer, and an end within limited time."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from typing import Any
 
 from updyn.cli.terminal import STOPPED, TERMINATED, print_note
 
-__all__ = ["STOP_SIGNALS", "LastResort", "ending_at_once", "stop_code", "watched"]
+__all__ = ["STOP_SIGNALS", "LastResort", "end_on_signal", "stop_code", "watch_signals"]
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: How long the process has to end by itself, in s: a factorisation under way cannot be interrupted.
+#: Time for the process to end by itself, in s: a running factorisation cannot be interrupted.
 _GRACE = 3.0
-#: How long a signal waits for its handler before it is answered, in s.
+#: Delay of the answer to a signal while its handler has not run, in s.
 _ANSWER = 0.2
-#: Delay before a lost signal is sent again, in s: the destructor or callback has ended by then.
+#: Delay before a lost signal is sent again, in s, longer than a destructor or callback.
 _AGAIN = 0.02
 _LEAVING = "Leaving at once."
-#: The latest of them that has come; what was stopped in order asks for it.
+#: The latest signal received, for the exit code of an orderly stop.
 _latest = [int(signal.SIGINT)]
 
 
 def stop_code(number: int | None = None) -> int:
-    """Return the exit code of a process that a signal has stopped; by default the latest."""
+    """Return the exit code of a process stopped by a signal, by default the latest."""
     return TERMINATED if (number or _latest[0]) == signal.SIGTERM else STOPPED
 
 
 @contextmanager
-def watched(
+def watch_signals(
     interrupt: Callable[[int, FrameType | None], None], answer: Callable[[int], None]
 ) -> Iterator[None]:
-    """Send each SIGINT and SIGTERM to a handler, and its number to a thread, at once.
+    """Send each SIGINT and SIGTERM to a handler, and its number to a thread, immediately.
 
-    Python calls a handler only between two of its own instructions, which a long factorisation
-    holds up; the thread is not held up.
+    Python calls a handler only between two of its instructions, which a long factorisation delays;
+    the thread is not delayed.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def watched(
     before = [(number, signal.signal(number, handle)) for number in STOP_SIGNALS]
     woken = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
     try:
-        with _raised_again():
+        with _resend_lost_signals():
             yield
     finally:
         signal.set_wakeup_fd(woken)
@@ -82,7 +82,7 @@ def watched(
 
 
 def _send(number: int) -> None:
-    """Send a signal to the main thread, whose system call it interrupts where the system can."""
+    """Send a signal to the main thread, interrupting its system call if possible."""
     main = threading.main_thread().ident
     if sys.platform == "win32" or main is None:
         signal.raise_signal(number)
@@ -91,11 +91,11 @@ def _send(number: int) -> None:
 
 
 @contextmanager
-def _raised_again() -> Iterator[None]:
-    """Send a signal again whose `KeyboardInterrupt` was lost.
+def _resend_lost_signals() -> Iterator[None]:
+    """Send a signal again if its `KeyboardInterrupt` was lost.
 
-    A handler can be called in a destructor or in a callback of a C library. Python prints what is
-    raised there and goes on.
+    A handler can be called in a destructor or in a callback of a C library, where Python prints
+    exceptions and continues.
     """
     before, timers = sys.unraisablehook, list[threading.Timer]()
 
@@ -117,26 +117,26 @@ def _raised_again() -> Iterator[None]:
 
 
 class LastResort:
-    """Ends the process where it does not end by itself within `_GRACE`."""
+    """Ends the process if it does not end by itself within `_GRACE`."""
 
     def __init__(self) -> None:
         self._timer: threading.Timer | None = None
 
     def begin(self, number: int) -> None:
-        """End the process in a while, as one that a signal has stopped."""
+        """End the process after the grace period, with the exit code of a signal."""
         if self._timer is None:
             self._timer = threading.Timer(_GRACE, _end, (stop_code(number),))
             self._timer.daemon = True
             self._timer.start()
 
     def cancel(self) -> None:
-        """Take that back."""
+        """Cancel the forced end."""
         if self._timer is not None:
             self._timer.cancel()
 
 
 def _end(code: int) -> None:
-    """End the process without unwinding; its locks are given back."""
+    """End the process without unwinding, after releasing its locks."""
     from updyn.outputs.lock import release_all
 
     release_all()
@@ -144,13 +144,13 @@ def _end(code: int) -> None:
 
 
 @contextmanager
-def ending_at_once() -> Iterator[None]:
-    """Let a signal end the command that is under way, where it has nothing to stop in order.
+def end_on_signal() -> Iterator[None]:
+    """Let a signal end the running command, if it cannot stop in an orderly way.
 
     Raises
     ------
     KeyboardInterrupt
-        After a signal, whatever was raised: libraries turn an interrupt into other errors.
+        After a signal, even if libraries turn the interrupt into other errors.
     """
     last, handled = LastResort(), threading.Event()
 
@@ -164,7 +164,7 @@ def ending_at_once() -> Iterator[None]:
             print_note(_LEAVING, "yellow")
 
     try:
-        with watched(interrupt, answer):
+        with watch_signals(interrupt, answer):
             yield
     except Exception:
         if handled.is_set():

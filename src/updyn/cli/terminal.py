@@ -31,7 +31,7 @@ __all__ = [
     "printable",
     "stderr",
     "warnings_as_notes",
-    "wrapped",
+    "wrap_text",
 ]
 
 #: Exit codes.
@@ -43,14 +43,14 @@ TERMINATED = 143  # stopped by SIGTERM
 
 
 def encode_anything() -> None:
-    """Let stdout and stderr escape what their encoding has not, instead of refusing it."""
+    """Let stdout and stderr escape characters that their encoding does not support."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 def stderr() -> Console:
-    """Return a console that writes to stderr; nothing where it is closed."""
+    """Return a console that writes to stderr, or nowhere if it is closed."""
     from rich.console import Console
 
     return Console(stderr=True) if sys.stderr is not None else Console(file=io.StringIO())
@@ -59,7 +59,7 @@ def stderr() -> Console:
 def print_note(text: str, style: str | None = None, console: Console | None = None) -> None:
     """Print a note to stderr, or to a console that writes there."""
     chosen, shown = console or stderr(), printable(text)
-    with _reader_may_be_gone(sys.stderr):
+    with _ignore_closed_pipe(sys.stderr):
         if not chosen.is_terminal:
             chosen.file.write(shown + "\n")
             chosen.file.flush()
@@ -74,13 +74,13 @@ def print_error(message: str) -> int:
 
 
 def print_text(text: str) -> None:
-    """Print to stdout, in colour where it is a terminal.
+    """Print to stdout, in colour on a terminal.
 
-    A reader that has gone away (``updyn info FILE | head``) is not an error.
+    A closed pipe (``updyn info FILE | head``) is not an error.
     """
     if sys.stdout is None:  # closed before the start
         return
-    with _reader_may_be_gone(sys.stdout):
+    with _ignore_closed_pipe(sys.stdout):
         if sys.stdout.isatty():
             _print_coloured(printable(text))
         else:
@@ -89,8 +89,8 @@ def print_text(text: str) -> None:
 
 
 @contextmanager
-def _reader_may_be_gone(stream: TextIO | None) -> Iterator[None]:
-    """Write to nowhere from now on where the reader of a stream has gone away."""
+def _ignore_closed_pipe(stream: TextIO | None) -> Iterator[None]:
+    """Discard further output after the reader of a stream has closed it."""
     try:
         yield
     except BrokenPipeError:
@@ -99,23 +99,18 @@ def _reader_may_be_gone(stream: TextIO | None) -> Iterator[None]:
 
 
 def _print_coloured(text: str) -> None:
-    """Print to the terminal, as far as it and the user (``NO_COLOR``) want colours."""
+    """Print to the terminal, in colour if it and the user (``NO_COLOR``) allow it."""
     from rich.console import Console
 
     console = Console(theme=THEME, highlighter=SummaryHighlighter())
-    shown = wrapped(text, console.width)
+    shown = wrap_text(text, console.width)
     console.print(shown, markup=False, emoji=False, highlight=True, soft_wrap=True)
 
 
-def wrapped(text: str, width: int) -> str:
-    """Return text with its sentences broken at blanks; rows of tables stay as they are.
+def wrap_text(text: str, width: int) -> str:
+    """Return text with its sentences wrapped to the width of the terminal, except rows of tables.
 
-    Parameters
-    ----------
-    text : str
-        Lines; rows of a table have two blanks between their columns.
-    width : int
-        Of the terminal.
+    A row of a table has two blanks between its columns.
     """
     lines = []
     for line in text.splitlines():

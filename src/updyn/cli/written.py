@@ -18,7 +18,7 @@ from updyn.text_table import text_table
 
 __all__ = ["WRITTEN"]
 
-_START = 4096  # bytes that decide what a file is
+_START = 4096  # bytes used to identify a file
 _TITLE = re.compile(r"<title>([^<]*)</title>")
 _JOURNAL = "updyn journal "
 _KEYS = 8  # keys that a message lists
@@ -133,18 +133,18 @@ def _describe_json(content: Content, path: Path) -> str:
                 return kind.describe(content, path).rstrip()
             except (KeyError, TypeError, ValueError, AttributeError) as error:
                 raise FormatError(
-                    f"has the keys {_listed(kind.keys)} of a file of updyn, but not its content"
-                    f" ({type(error).__name__}: {error})",
+                    f"has the keys {_format_keys(kind.keys)} of a file of updyn, but not its"
+                    f" content ({type(error).__name__}: {error})",
                     path,
                 ) from error
     raise FormatError(
         "is JSON, but none of the files that updyn writes; its keys:"
-        f" {_listed(list(content)) or 'none'}",
+        f" {_format_keys(list(content)) or 'none'}",
         path,
     )
 
 
-def _listed(keys: Sequence[str]) -> str:
+def _format_keys(keys: Sequence[str]) -> str:
     return ", ".join(map(repr, keys[:_KEYS])) + (", ..." if len(keys) > _KEYS else "")
 
 
@@ -209,12 +209,12 @@ def _is_written(path: Path) -> bool:
         return False
 
 
-def _read(path: Path) -> str:
-    """Return the description of a file that the commands write."""
+def _describe_file(path: Path) -> str:
+    """Return the description of a file written by a command."""
     describe = _describer(path)
     assert describe is not None
     return describe(path)
 
 
 #: Its content is its description.
-WRITTEN = FileKind("a file that updyn writes", _read, str, _is_written, is_tried=False)
+WRITTEN = FileKind("a file that updyn writes", _describe_file, str, _is_written, is_tried=False)

@@ -18,16 +18,16 @@ __all__ = [
     "cost_chart",
     "edges",
     "frf_chart",
-    "masked",
     "parameter_chart",
-    "thinned",
+    "thin_indices",
+    "unused_bands",
 ]
 
 #: Unit of the FRFs of translations by quantity, in SI, and the reference of their decibels.
 _UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s²/N"}
 #: How magnitudes are drawn.
 SCALES = {"log": "logarithmic", "dB": "decibels", "linear": "linear"}
-#: Lines of curves by name: a wide one for measured data, inside which a curve that fits is seen.
+#: Line styles of curves by name: measured data are wide, such that a fitted curve stays visible.
 _LOOKS: Mapping[str, dict[str, Any]] = {
     "measured": {"width": 4.5},
     "start": {"width": 1.4, "type": "dotted"},
@@ -53,7 +53,7 @@ def frf_chart(
     Parameters
     ----------
     quantity : str
-        What they are.
+        Quantity of the FRFs.
     curves : mapping of str to (ndarray, ndarray)
         Lines in Hz, shape (n,), and complex values, shape (n,), by name; the first is measured.
         ``start`` and ``updated`` have their own colours.
@@ -112,14 +112,14 @@ def frf_chart(
 
 
 def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str, Any]:
-    """Return the coherence of a channel over frequency, to stand under its FRF.
+    """Return the coherence of a channel over frequency, for display under its FRF.
 
     Parameters
     ----------
     freq : ndarray of float, shape (n,)
         Lines in Hz.
     values : ndarray of float, shape (n,)
-        Between 0 and 1; nan where it is not known.
+        Between 0 and 1; NaN if unknown.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def _axis(name: str, gap: int, kind: str = "value") -> dict[str, Any]:
 def _rows(
     freq: NDArray[np.float64], magnitude: NDArray[np.float64], scale: str, points: int
 ) -> list[list[float | None]]:
-    at = thinned(magnitude, points)
+    at = thin_indices(magnitude, points)
     shown = magnitude[at].astype(float)
     if scale == "dB":
         with np.errstate(divide="ignore"):
@@ -182,15 +182,15 @@ def _rows(
     ]
 
 
-def thinned(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
-    """Return places of values such that a curve through them has the extremes of the whole.
+def thin_indices(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
+    """Return indices of values that preserve the extremes of a curve.
 
     Parameters
     ----------
     values : ndarray of float, shape (m,)
         The curve.
     n : int
-        Places at most.
+        Largest number of indices.
 
     Returns
     -------
@@ -216,19 +216,19 @@ def _area(low: float, high: float, token: str) -> list[dict[str, Any]]:
 
 
 def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, float]:
-    """Return a band that holds some lines and no other.
+    """Return the edges of a band that contains some lines and no other.
 
     Parameters
     ----------
     freq : ndarray of float, shape (n,)
         All lines in Hz, ascending.
     first, last : int
-        Places of the first and the last line of the band.
+        Indices of the first and the last line of the band.
 
     Returns
     -------
     (float, float)
-        Half a step beyond them, in Hz, so that a rounded number holds the same lines.
+        Half a step outside these lines, in Hz; rounding does not change the lines in the band.
     """
     steps = np.diff(freq) if len(freq) > 1 else 1e-3 * freq
     low = freq[first] - 0.5 * steps[max(first - 1, 0)]
@@ -236,15 +236,15 @@ def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, floa
     return max(0.0, float(low)), float(high)
 
 
-def masked(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Return the bands of lines that are not used between the first and the last that is.
+def unused_bands(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return the bands of unused lines between the first and the last used line.
 
     Parameters
     ----------
     freq : ndarray of float, shape (n,)
         Lines in Hz, ascending.
     used : ndarray of bool, shape (n,)
-        Which are used.
+        Whether each line is used.
 
     Returns
     -------
@@ -281,7 +281,7 @@ def cost_chart(steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "lineStyle": colour(token),
             "itemStyle": colour(token),
         }
-        for (name, rows), token in zip(stages.items(), _repeated(len(stages)), strict=True)
+        for (name, rows), token in zip(stages.items(), _cycle_categories(len(stages)), strict=True)
     ]
     return {
         "animation": False,
@@ -294,17 +294,17 @@ def cost_chart(steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _repeated(n: int) -> list[str]:
+def _cycle_categories(n: int) -> list[str]:
     return [CATEGORIES[i % len(CATEGORIES)] for i in range(n)]
 
 
 def parameter_chart(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, Any]:
-    """Return the unknowns beside their start, as ratios.
+    """Return the unknowns relative to their start, as ratios.
 
     Parameters
     ----------
     start, now : mapping of str to float
-        By name; those whose start is 0 are left to the table.
+        By name; unknowns with start 0 are omitted and shown only in the table.
 
     Returns
     -------

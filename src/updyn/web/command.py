@@ -28,8 +28,8 @@ def serve(
 ) -> int:
     """Open the app: a page in the browser of this machine, to set up a job, run it and compare.
 
-    The first line printed is its address, with the secret that opens it. Ctrl-C ends it; a run
-    under way is stopped with what it has written, and can be resumed.
+    The first line printed is its address, with the secret that opens it. Ctrl-C ends it; an active
+    run is stopped with its results so far, and can be resumed.
 
     Parameters
     ----------

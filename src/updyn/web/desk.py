@@ -1,7 +1,7 @@
 """`Desk`: a separate process in which files are read and models are solved for the pages.
 
-The server stays quick while a model is solved, and what a file does to its reader (time, memory, a
-crash) ends that process alone.
+The server remains responsive while a model is solved, and a damaged file (time, memory, a crash)
+ends only that process.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ _PATIENCE = 2.0
 
 
 class Desk:
-    """Calls functions in a process that is begun when it is needed and kept for the next call.
+    """Calls functions in a process that is started on demand and kept for the next call.
 
     Parameters
     ----------
     folder : Path
-        Of the project: files outside it are not read.
+        Folder of the project: files outside it are not read.
     seconds : float
-        That a call may take.
+        Time limit of a call.
     memory : int
-        Bytes that the process may take; 0: any.
+        Memory limit of the process in bytes; 0 for no limit.
     """
 
     def __init__(self, folder: Path, seconds: float, memory: int = 0) -> None:
@@ -51,25 +51,25 @@ class Desk:
         self._turn = threading.Lock()
 
     def ask(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Call a function there, one after the other.
+        """Call a function in the process; concurrent calls wait.
 
         Parameters
         ----------
         function : callable
-            Of a module; its result is plain data.
+            A function of a module; its result is plain data.
         *arguments : object
             Plain data.
 
         Returns
         -------
         object
-            What it returned.
+            Its return value.
 
         Raises
         ------
         UpdynError
-            Of the same kind and text as the function raised; `InputError` where it took too long,
-            too much memory, or ended its process.
+            With the kind and text of the error raised by the function; `InputError` if it exceeded
+            its time or memory, or ended its process.
         """
         with self._turn:
             if self._process is None or not self._process.is_alive():
@@ -100,7 +100,7 @@ class Desk:
             self._end()
 
     def end(self) -> None:
-        """End the process at once; a call under way raises `InputError`."""
+        """End the process at once; an active call raises `InputError`."""
         process = self._process
         if process is not None:
             process.kill()
@@ -140,7 +140,7 @@ def _serve(line: Connection, folder: Path, memory: int) -> None:
 
 
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[str, Any]:
-    """Return what a call gave: kind and content. What it warns of is said by the run itself."""
+    """Return the kind and content of the result of a call; the run itself reports warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UpdynWarning)
         try:
@@ -152,7 +152,7 @@ def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[s
 
 
 def _limit(memory: int) -> None:
-    """Limit the memory of this process, where the system can."""
+    """Limit the memory of this process, if the system supports it."""
     if memory <= 0:
         return
     with suppress(ImportError, OSError, ValueError):

@@ -1,4 +1,4 @@
-"""`JobDocument`: a job file as it is edited, with its comments, undo, and what was saved last."""
+"""`JobDocument`: a job file during editing, with comments, undo, and the last saved text."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from updyn.io.atomic import write_bytes
 
 __all__ = ["JobDocument"]
 
-#: Edits that can be taken back.
+#: Edits that can be undone.
 _MOST_STEPS = 200
-#: What is typed with shorter pauses than this, in s, is one edit.
+#: Typing with shorter pauses than this, in s, is one edit.
 _PAUSE = 2.0
 _TYPING = "typing"
 
@@ -37,58 +37,58 @@ class JobDocument:
     path : Path
         The file.
     text : str
-        As it stands now.
+        The present text.
     version : int
-        Counts what has changed the text.
+        Counts the changes of the text.
 
     Raises
     ------
     JobError
-        If the file is not there or is not text.
+        If the file does not exist or is not text.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.text = self._saved = _read(path)
+        self.text = self._saved = _read_text(path)
         self.version = 0
         self._typed = -math.inf  # when something was typed last
         self._done: list[tuple[str, str]] = []
         self._undone: list[tuple[str, str]] = []
 
     @property
-    def changed(self) -> bool:
-        """Whether the text is not what the file holds."""
+    def is_changed(self) -> bool:
+        """Whether the text differs from the file."""
         return self.text != self._saved
 
     @property
     def last_edit(self) -> str:
-        """What `undo` takes back; empty where there is nothing."""
+        """Name of the edit that `undo` reverts, or an empty text."""
         return self._done[-1][0] if self._done else ""
 
     @property
     def next_edit(self) -> str:
-        """What `redo` does again; empty where there is nothing."""
+        """Name of the edit that `redo` repeats, or an empty text."""
         return self._undone[-1][0] if self._undone else ""
 
     def edit(self, what: str, change: Callable[[TOMLDocument], None]) -> None:
-        """Change the content; comments and order of the file stay.
+        """Change the content; comments and order of the file are kept.
 
         Parameters
         ----------
         what : str
-            What is done, in a few words.
+            Name of the edit, in a few words.
         change : callable
-            Changes the document that it is given.
+            Changes the document passed to it.
 
         Raises
         ------
         JobError
-            If the text as it stands is not TOML.
+            If the present text is not TOML.
         """
         self.replace(what, self.with_change(change))
 
     def with_change(self, change: Callable[[TOMLDocument], None]) -> str:
-        """Return the text after a change of the content, which is not made.
+        """Return the text after a change of the content, without making it.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class JobDocument:
         Raises
         ------
         JobError
-            If the text as it stands is not TOML.
+            If the present text is not TOML.
         """
         try:
             document = tomlkit.parse(self.text)
@@ -112,14 +112,14 @@ class JobDocument:
         return tomlkit.dumps(document)
 
     def replace(self, what: str, text: str) -> None:
-        """Put another text in place of the whole.
+        """Replace the whole text.
 
         Parameters
         ----------
         what : str
-            What is done, in a few words.
+            Name of the edit, in a few words.
         text : str
-            The text.
+            The new text.
         """
         if text == self.text:
             return
@@ -128,31 +128,31 @@ class JobDocument:
         self._set(text)
 
     def type(self, text: str) -> None:
-        """Put what has been typed in place of the whole; without a longer pause it is one edit.
+        """Replace the whole text by typed text; typing without a longer pause is one edit.
 
         Parameters
         ----------
         text : str
-            The text.
+            The new text.
         """
-        if text == self.text:  # the page says again what an undo has put there
+        if text == self.text:  # the page repeats the text of an undo
             return
         now, done = time.monotonic(), self._done
-        goes_on = self.last_edit == _TYPING and now - self._typed < _PAUSE and self.changed
+        goes_on = self.last_edit == _TYPING and now - self._typed < _PAUSE and self.is_changed
         self.replace(_TYPING, text)
         self._typed = now
         if goes_on:
             self._done = done
 
     def undo(self) -> None:
-        """Take back the last edit, where there is one."""
+        """Undo the last edit, if any."""
         if self._done:
             what, text = self._done.pop()
             self._undone.append((what, self.text))
             self._set(text)
 
     def redo(self) -> None:
-        """Do again what was taken back last, where nothing else was done since."""
+        """Redo the last undone edit, if nothing was edited since."""
         if self._undone:
             what, text = self._undone.pop()
             self._done.append((what, self.text))
@@ -169,7 +169,7 @@ class JobDocument:
         FormatError
             If it cannot be written; the file is as it was then.
         """
-        if self.path.exists() and _read(self.path) != self._saved:
+        if self.path.exists() and _read_text(self.path) != self._saved:
             raise InputError(
                 f"{self.path}: another program has changed this file since it was opened; open it"
                 " again, or save under another name"
@@ -209,7 +209,7 @@ class JobDocument:
         self.version += 1
 
 
-def _read(path: Path) -> str:
+def _read_text(path: Path) -> str:
     """Return the text of a file, line ends as they are."""
     try:
         return path.read_bytes().decode("utf-8-sig")

@@ -32,7 +32,7 @@ __all__ = [
 
 Edit = Callable[[TOMLDocument], None]
 
-#: What is expected of an entry by its kind, and the characters of it that a message repeats.
+#: Expected form of an entry by its kind, and the number of its characters repeated in messages.
 _EXPECTED = {
     "whole": "a whole number",
     "number": "a number",
@@ -56,7 +56,7 @@ def set_band(low: float, high: float, test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        _put(_test(document, test), "band", _numbers((low, high)))
+        _set_key(_test(document, test), "band", _numbers((low, high)))
         _keep_lines(document, lambda line: low <= line <= high)
 
     return edit
@@ -84,7 +84,7 @@ def exclude(low: float, high: float, test: int = 0) -> Edit:
         else:
             made = tomlkit.array()
             made.append(entry)
-            _put(table, "exclude", made)
+            _set_key(table, "exclude", made)
         _keep_lines(document, lambda line: not low <= line <= high)
 
     return edit
@@ -137,7 +137,7 @@ def add_repair(written: str, test: int = 0) -> Edit:
         table = _test(document, test)
         present = _texts(table.get("repair", []))
         if written not in present:
-            _put(table, "repair", [*present, written])
+            _set_key(table, "repair", [*present, written])
 
     return edit
 
@@ -148,10 +148,10 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
     Parameters
     ----------
     responses : sequence of str
-        Their labels in the model; none: nothing is held out.
+        Their labels in the model; an empty sequence holds out nothing.
     test : int
-        Which test. Of several each gets its own ``validation``, as their responses may differ; else
-        that of ``[method]`` is changed where the test has none.
+        Index of the test. Each of several tests gets a separate ``validation``, because their
+        responses may differ; for a single test without it, that of ``[method]`` is changed.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -161,7 +161,7 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
             _share_out(document, "validation")
         table = own if several or "validation" in own else _table(document, "method")
         if responses:
-            _put(table, "validation", list(responses))
+            _set_key(table, "validation", list(responses))
         else:
             table.pop("validation", None)
 
@@ -169,18 +169,18 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
 
 
 def _share_out(document: TOMLDocument, key: str) -> None:
-    """Move a key from ``[method]`` to all tests that have none of their own."""
+    """Move a key from ``[method]`` to all tests that do not have it."""
     method = document.get("method")
     if not isinstance(method, MutableMapping) or key not in method:
         return
     value = method.pop(key).unwrap()
     for test in cast(AoT, document["test"]):
         if key not in test:
-            _put(test, key, value)
+            _set_key(test, key, value)
 
 
 def match_sensor(sensor: str, dof: str) -> Edit:
-    """Return the edit that says which DOF of the model a sensor or force is.
+    """Return the edit that matches a sensor or force to a DOF of the model.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def match_sensor(sensor: str, dof: str) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        _put(_table(_table(document, "match"), "table"), sensor, dof)
+        _set_key(_table(_table(document, "match"), "table"), sensor, dof)
 
     return edit
 
@@ -210,7 +210,7 @@ def set_key(table: str, key: str, value: Any) -> Edit:
         if value is None:
             changed.pop(key, None)
         else:
-            _put(changed, key, value)
+            _set_key(changed, key, value)
 
     return edit
 
@@ -236,26 +236,26 @@ def set_keys(table: str, values: Mapping[str, Any]) -> Edit:
 
 
 def as_value(kind: str, text: str, label: str) -> Any:
-    """Return what was typed as a value of a job.
+    """Convert typed text to a value of a job.
 
     Parameters
     ----------
     kind : {"number", "whole", "numbers", "band", "text", "texts", "choice"}
-        What is expected; several are separated by commas.
+        Expected kind; several values are separated by commas.
     text : str
-        What was typed.
+        The typed text.
     label : str
-        Of the entry, for messages.
+        Name of the entry, for messages.
 
     Returns
     -------
     object
-        None of an empty text.
+        None for an empty text.
 
     Raises
     ------
     InputError
-        If it is not what is expected.
+        If the text is not of this kind.
     """
     text = text.strip()
     if not text:
@@ -308,7 +308,7 @@ def set_picks(pick: Sequence[float], poles: Sequence[float]) -> Edit:
         table = _table(document, "modes")
         for key, values in (("pick", pick), ("poles", poles)):
             if values:
-                _put(table, key, sorted(float(f"{value:.7g}") for value in values))
+                _set_key(table, key, sorted(float(f"{value:.7g}") for value in values))
             else:
                 table.pop(key, None)
 
@@ -340,9 +340,9 @@ def set_unknowns(
             if "groups" not in table or "quantity" not in table:
                 continue  # a linked unknown
             quantity = str(table["quantity"])
-            present = _fitting(groups.get(quantity, ()), table["groups"])
+            present = _match_groups(groups.get(quantity, ()), table["groups"])
             if quantity not in missing or not present:
-                continue  # not what is chosen here; masses that a test adds
+                continue  # a quantity that is not chosen here, such as masses added by a test
             kept = [name for name in present if name in missing[quantity]]
             missing[quantity].difference_update(kept)
             if not kept:
@@ -381,7 +381,7 @@ def chosen_groups(text: str, groups: Mapping[str, Sequence[str]]) -> dict[str, s
     for table in _tables(tomlkit.parse(text)):
         quantity = str(table.get("quantity", ""))
         if quantity in chosen and "groups" in table:
-            chosen[quantity].update(_fitting(groups[quantity], table["groups"]))
+            chosen[quantity].update(_match_groups(groups[quantity], table["groups"]))
     return chosen
 
 
@@ -391,7 +391,7 @@ def _add(tables: AoT, quantity: str, new: Sequence[str], groups: Sequence[str]) 
         return
     for table in tables:
         if str(table.get("quantity", "")) == quantity and "nominal" not in table:
-            both = {*_fitting(groups, table.get("groups", [])), *new}
+            both = {*_match_groups(groups, table.get("groups", [])), *new}
             table["groups"] = [name for name in groups if name in both]
             return
     table = tomlkit.table()
@@ -422,10 +422,10 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
     def edit(document: TOMLDocument) -> None:
         tables = _tables(document)
         for table in tables:
-            present = _fitting([*groups, group], table.get("groups", []))
+            present = _match_groups([*groups, group], table.get("groups", []))
             is_own = str(table.get("quantity", "")) == quantity and group in present
             if str(table.get("name", "")) == name or (is_own and set(present) == {group}):
-                _put(table, "bounds", bounds)
+                _set_key(table, "bounds", bounds)
                 return
             if is_own:
                 own = tomlkit.table()
@@ -444,8 +444,8 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
     return edit
 
 
-def _fitting(groups: Sequence[str], patterns: Any) -> list[str]:
-    """Return the groups that patterns of a table name."""
+def _match_groups(groups: Sequence[str], patterns: Any) -> list[str]:
+    """Return the groups that match the patterns of a table."""
     texts = _texts(patterns)
     return [
         name
@@ -499,7 +499,7 @@ def _has_several_tests(document: TOMLDocument) -> bool:
 
 
 def _table(outer: MutableMapping[str, Any], name: str) -> Table:
-    """Return a table, made where there is none."""
+    """Return a table, created if missing."""
     if name not in outer:
         outer[name] = tomlkit.table()
     found = outer[name]
@@ -509,7 +509,7 @@ def _table(outer: MutableMapping[str, Any], name: str) -> Table:
 
 
 def _tables(document: TOMLDocument) -> AoT:
-    """Return the tables ``[[parameter]]``, which may be none."""
+    """Return the tables ``[[parameter]]``, possibly empty."""
     if not document.get("parameter"):
         document.pop("parameter", None)  # an empty one, whose place may be before other keys
         document["parameter"] = tomlkit.aot()
@@ -521,8 +521,8 @@ def _tables(document: TOMLDocument) -> AoT:
     return found
 
 
-def _put(table: Table, key: str, value: Any) -> None:
-    """Set a key; a new one goes before what is said of the next table."""
+def _set_key(table: Table, key: str, value: Any) -> None:
+    """Set a key; a new one precedes the comments about the next table."""
     if key in table or not isinstance(table, Table):
         table[key] = value
         return
@@ -532,7 +532,7 @@ def _put(table: Table, key: str, value: Any) -> None:
 
 
 def _append(tables: AoT, table: Table) -> None:
-    """Append a table; what is said after the last one is about what follows."""
+    """Append a table; comments after the last table stay after the new one."""
     tail = []
     if tables:
         last = _end(tables)
@@ -543,7 +543,7 @@ def _append(tables: AoT, table: Table) -> None:
 
 
 def _remove(document: TOMLDocument, tables: AoT, table: Table) -> None:
-    """Remove a table, but not what is said after it, which is about the next."""
+    """Remove a table, but not the comments after it, which belong to the next table."""
     number = next(i for i, each in enumerate(tables) if each is table)
     tail = _cut_tail(_end(table))
     if number:
@@ -569,9 +569,9 @@ def _end(item: Table | AoT) -> Table:
 
 
 def _cut_tail(table: Table) -> list[tuple[Any, Item]]:
-    """Cut off what stands after a table's last key, from the first empty line on, and return it.
+    """Remove and return the lines after a table's last key, from the first empty line on.
 
-    In a document it belongs to the table; but it is said of the next one.
+    They belong to the table in the document, but comment on the next table.
     """
     body = table.value.body
     start = len(body)

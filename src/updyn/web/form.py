@@ -32,7 +32,7 @@ class Form:
     pending : dict of str to str
         By key, the entries that are not in the job.
     reason : str
-        Why they are not in the job; empty if writing them was not tried.
+        The reason why they are not in the job; empty if writing them was not tried.
     """
 
     def __init__(self, table: str, fields: Sequence[Field]) -> None:
@@ -54,21 +54,21 @@ class Form:
         dict of str to str
             By key.
         """
-        return {**self._written(text), **self.pending}
+        return {**self._job_entries(text), **self.pending}
 
     def note(self, key: str, entry: str, text: str) -> None:
-        """Take an entry as it is typed.
+        """Store a typed entry.
 
         Parameters
         ----------
         key : str
             Of the table.
         entry : str
-            What was typed.
+            The typed text.
         text : str
             The job.
         """
-        if entry.strip() == self._written(text)[key]:
+        if entry.strip() == self._job_entries(text)[key]:
             self.pending.pop(key, None)
         else:
             self.pending[key] = entry
@@ -102,8 +102,8 @@ class Form:
         self.pending.clear()
         self.reason = ""
 
-    def _written(self, text: str) -> dict[str, str]:
-        """Return what the job says, as it is typed; a choice that it leaves out as its default."""
+    def _job_entries(self, text: str) -> dict[str, str]:
+        """Return the entries of the job as typed text; the default for a choice without value."""
         table = written_table(text, self._table)
         found = {key: _as_text(table.get(key)) for key in self._fields}
         for key, field in self._fields.items():

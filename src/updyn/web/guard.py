@@ -1,8 +1,8 @@
-"""`Guard`: who may talk to the server, and how much they may send.
+"""`Guard`: access control of the server, and limits on the size of requests.
 
-The server listens on this machine alone; but every page that a browser has open can send requests
-there, and so can every other user of the machine. So a request passes only with the secret that the
-program printed, to the name under which it was printed, and from a page of its own.
+The server listens only on this machine, but every page that is open in a browser can send requests
+to it, and so can every other user of the machine. A request therefore passes only with the secret
+that the program printed, to the printed host name, and from a page of the server.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 _TOKEN = "token"
-#: What a page may load, by its content security policy: nothing from elsewhere. The framework makes
+#: Content security policy of a page: it may load nothing from other hosts. The framework creates
 #: functions from text, and styles of single elements.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self'"
@@ -41,7 +41,7 @@ _AGAINST_THE_RULES = 1008
 
 
 class Guard:
-    """Passes on what may pass, and refuses the rest before any of it is read.
+    """Passes on permitted requests, and refuses all others before reading them.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Guard:
     def __init__(self, app: App, *, port: int, token: str, most_bytes: int) -> None:
         self._app = app
         self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
-        self._cookie = f"updyn-{port}"  # cookies do not tell ports apart
+        self._cookie = f"updyn-{port}"  # cookies do not distinguish ports
         self._token = token
         self._most_bytes = most_bytes
 
@@ -76,10 +76,10 @@ class Guard:
         elif self._asked_token(scope) is not None:
             await self._welcome(scope, send)
         else:
-            await self._pass_on(scope, receive, _hardened(send, headers["host"]))
+            await self._pass_on(scope, receive, _add_rules(send, headers["host"]))
 
     def _refusal(self, scope: Scope, headers: Mapping[str, str]) -> tuple[int, str] | None:
-        """Return status and reason of a refusal; None for what may pass."""
+        """Return status and reason of a refusal; None for a permitted request."""
         if headers.get("host") not in self._hosts:
             return 421, "This server answers under the address that it printed, and no other."
         origin = headers.get("origin")
@@ -105,16 +105,16 @@ class Guard:
         try:
             await self._app(scope, limit.receive, limit.send)
         except Exception:
-            if not limit.exceeded:  # else the application complains of a body that ends early
+            if not limit.exceeded:  # otherwise the application reports a truncated body
                 raise
 
     def _asked_token(self, scope: Scope) -> str | None:
-        """Return the secret that stands in the address."""
+        """Return the secret in the address."""
         asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(_TOKEN)
         return asked[0] if asked else None
 
     def _knows_token(self, scope: Scope, headers: Mapping[str, str]) -> bool:
-        """Return whether the secret stands in the address or in the cookie."""
+        """Return whether the secret is in the address or in the cookie."""
         asked = self._asked_token(scope) if scope["type"] == "http" else None
         given = _cookies(headers, self._cookie) if asked is None else [asked]
         secret = self._token.encode()
@@ -153,7 +153,7 @@ def _cookies(headers: Mapping[str, str], name: str) -> list[str]:
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
     """Answer that a request is refused."""
     if scope["type"] == "websocket":
-        await receive()  # the wish to connect, which has to be taken before it is answered
+        await receive()  # the connection request, which must be received before the answer
         await send({"type": "websocket.close", "code": _AGAINST_THE_RULES, "reason": reason})
     else:
         await _answer(send, status, reason, {"connection": "close"})
@@ -175,7 +175,7 @@ async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]
 
 
 class _Limit:
-    """A request whose body is cut where it exceeds a size, and then refused.
+    """A request whose body is truncated at a size limit, and then refused.
 
     Parameters
     ----------
@@ -214,14 +214,14 @@ class _Limit:
             await self._send(message)
 
 
-def _hardened(send: Send, host: str) -> Send:
+def _add_rules(send: Send, host: str) -> Send:
     """Return a sink that adds the rules for browsers to every answer."""
     added = {
         b"content-security-policy": _POLICY.format(host=host).encode(),
         **{name.encode(): value.encode() for name, value in _RULES.items()},
     }
 
-    async def hardened(message: Message) -> None:
+    async def send_with_rules(message: Message) -> None:
         if message["type"] == "http.response.start":
             given = list(message.get("headers", ()))
             present = {name.lower() for name, _ in given}
@@ -229,4 +229,4 @@ def _hardened(send: Send, host: str) -> Send:
             message = {**message, "headers": [*given, *missing]}
         await send(message)
 
-    return hardened
+    return send_with_rules

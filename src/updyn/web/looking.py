@@ -1,4 +1,4 @@
-"""What pages show of a job, as plain data: read, matched and solved in the process of a `Desk`."""
+"""Content of the pages about a job, as plain data: read, matched and solved in a `Desk`."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ class TestView:
     number : int
         Which test of the job it is.
     name : str
-        Of the test; empty where it is the only one.
+        Name of the test; empty for a single test.
     quantity : str
-        What was measured.
+        Measured quantity.
     freq : ndarray of float, shape (n_lines,)
         Lines in Hz.
     values : ndarray of complex, shape (n_lines, n_responses, n_references)
@@ -76,16 +76,16 @@ class TestView:
     band : (float, float) or None
         Of the job, in Hz.
     matches : list of mapping of str to str
-        Who sits where; empty where that could not be found.
+        Sensors with their DOFs; empty if they could not be matched.
     held : list of str
         Responses that are held out of the fit, as the job writes them: labels of the model.
     held_band : (float, float) or None
         The band in Hz that is held out in their place.
     holdable : mapping of str to str
-        What may be held out, by the label that the job reads: the responses as the model labels
-        them, with their sensors; those of `held` where it is not known who sits where.
+        Responses that can be held out, by the label in the job: the labels of the model with their
+        sensors, or those of `held` if the sensors are not matched.
     coherence : ndarray of float, shape of `values`, or None
-        Where the file has it.
+        The coherence, if the file contains it.
     """
 
     number: int
@@ -113,12 +113,12 @@ class ModalView:
     number : int
         Which test of the job it is.
     name : str
-        Of the test; empty where it is the only one.
+        Name of the test; empty for a single test.
     modes : list of mapping of str to str
-        By mode ``mode``, ``frequency`` in Hz and ``damping``, each with its standard deviation
-        where it is known; of the band.
+        ``mode``, ``frequency`` in Hz and ``damping`` of each mode in the band, with known standard
+        deviations.
     matches : list of mapping of str to str
-        Who sits where.
+        Sensors with their DOFs.
     """
 
     number: int
@@ -164,11 +164,11 @@ class View:
     tests : list of TestView
         Its tests with FRFs.
     modal : list of ModalView
-        Its tests with modes, where they could be read and matched.
+        Its tests with modes that could be read and matched.
     unknowns : list of UnknownRow
         Those of the job.
     wrong : mapping of str to str
-        What could not be read or matched, by part: ``"job"``, ``"test"``, ``"all"``.
+        Errors of reading and matching, by part: ``"job"``, ``"test"``, ``"all"``.
     has_picture : bool
         Whether the model has a geometry, by which it can be drawn.
     """
@@ -214,11 +214,11 @@ class FindingRow:
     Attributes
     ----------
     statement, remedy : str
-        What it is, and what to do.
+        The finding, and its remedy.
     written : str
-        As ``repair`` of the job undoes it; empty where it cannot.
+        Entry of ``repair`` in the job that corrects it; empty if it cannot.
     odds : float
-        How likely it is.
+        Its odds.
     test : int
         Which test.
     """
@@ -247,12 +247,12 @@ class Curve:
 
 
 @lru_cache(maxsize=2)
-def _prepared(path: Path, text: str) -> Prepared:
+def _load_and_prepare(path: Path, text: str) -> Prepared:
     return prepare(load_job(path, text=text))
 
 
 def look(path: Path, text: str) -> View:
-    """Read a job and all that it names; what cannot be read is said in its place.
+    """Read a job and all its files; errors replace parts that cannot be read.
 
     Parameters
     ----------
@@ -266,14 +266,14 @@ def look(path: Path, text: str) -> View:
     View
     """
     wrong: dict[str, str] = {}
-    job = _tried(lambda: load_job(path, text=text), "job", wrong)
+    job = _try_part(lambda: load_job(path, text=text), "job", wrong)
     if job is None:
         return View("", "", [], {}, [], [], [], wrong)
-    ready = _tried(lambda: _prepared(path, text), "all", wrong)
+    ready = _try_part(lambda: _load_and_prepare(path, text), "all", wrong)
     tests = []
     for number, part in enumerate(job.parts):
         if not part.has_modes:
-            seen = _tried(lambda part=part, at=number: _test(part, at, ready), "test", wrong)  # type: ignore[misc]
+            seen = _try_part(lambda part=part, at=number: _test(part, at, ready), "test", wrong)  # type: ignore[misc]
             tests += [] if seen is None else [seen]
     if ready is None:
         return View(job.title or path.stem, "", [], {}, tests, [], [], wrong)
@@ -300,8 +300,8 @@ def _able(model: Model) -> dict[str, list[str]]:
     return {"stiffness": stiff, "mass": heavy, "loss_factor": stiff}
 
 
-def _tried(make: Callable[[], T], what: str, wrong: dict[str, str]) -> T | None:
-    """Return what a function makes; None, and a text in `wrong`, where it cannot."""
+def _try_part(make: Callable[[], T], what: str, wrong: dict[str, str]) -> T | None:
+    """Return the result of a function, or None after storing its error in `wrong`."""
     try:
         return make()
     except UpdynError as error:
@@ -317,9 +317,9 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         whole = read_measurement(part.model_copy(update={"test": free}))
     try:
         used = np.isin(whole.freq, whole.select(band=table.band, exclude=table.exclude or ()).freq)
-    except InputError:  # no line is left, which the whole job is said to suffer from
+    except InputError:  # no line remains; the error is reported for the whole job
         used = np.zeros(len(whole.freq), dtype=bool)
-    held, held_band = _held(part)
+    held, held_band = _held_out(part)
     return TestView(
         number,
         table.name,
@@ -339,7 +339,7 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
 
 
 def _matches(test: PreparedTest) -> list[dict[str, str]]:
-    """Return who sits where."""
+    """Return the sensors with their DOFs."""
     return [
         {
             "sensor": row.sensor,
@@ -351,7 +351,7 @@ def _matches(test: PreparedTest) -> list[dict[str, str]]:
     ]
 
 
-def _held(part: Job) -> tuple[list[str], tuple[float, float] | None]:
+def _held_out(part: Job) -> tuple[list[str], tuple[float, float] | None]:
     """Return the responses and the band that a test holds out; one of them, or none."""
     labels: list[str] = []
     numbers: list[float] = []
@@ -403,7 +403,7 @@ def _with_std(values: NDArray[np.float64], std: NDArray[np.float64], form: str) 
 
 
 def identifiability(path: Path, text: str) -> Separability:
-    """Say what the data of a job could determine.
+    """Return which unknowns the data of a job could determine.
 
     Parameters
     ----------
@@ -416,7 +416,7 @@ def identifiability(path: Path, text: str) -> Separability:
     -------
     Separability
     """
-    found = job_identifiability(_prepared(path, text))
+    found = job_identifiability(_load_and_prepare(path, text))
     trades: dict[str, str] = {}
     for direction in found.null_directions:
         for name in direction:
@@ -426,7 +426,7 @@ def identifiability(path: Path, text: str) -> Separability:
 
 
 def findings(path: Path, text: str) -> list[FindingRow]:
-    """Say what seems to be wrong with the data of a job, before any fit.
+    """Return the suspected faults in the data of a job, before any fit.
 
     Parameters
     ----------
@@ -440,7 +440,7 @@ def findings(path: Path, text: str) -> list[FindingRow]:
     list of FindingRow
         The likeliest first.
     """
-    ready = _prepared(path, text)
+    ready = _load_and_prepare(path, text)
     found = []
     for number, test in enumerate(ready.tests):
         for each in job_findings(test, ready.parameters):
@@ -450,7 +450,7 @@ def findings(path: Path, text: str) -> list[FindingRow]:
 
 
 def counterparts(path: Path, text: str) -> list[str]:
-    """Say of each test how many of its modes have a counterpart in the model.
+    """Return for each test how many of its modes have a counterpart in the model.
 
     Parameters
     ----------
@@ -464,7 +464,7 @@ def counterparts(path: Path, text: str) -> list[str]:
     list of str
         A statement for each test.
     """
-    ready = _prepared(path, text)
+    ready = _load_and_prepare(path, text)
     found = counterparts_at_start(ready, ready.parameters)
     return [f"{name}: {one.statement}".removeprefix(": ") for name, one in found.items()]
 
@@ -490,7 +490,7 @@ def curve(
     Curve
         At the lines of the band, or at evenly spaced ones among them.
     """
-    ready = _prepared(path, text)
+    ready = _load_and_prepare(path, text)
     own = ready.tests[test]
     data: FRF = own.frf
     freq = data.freq[:: max(1, len(data.freq) // _MOST_LINES)]
@@ -522,14 +522,14 @@ def structure(path: Path, text: str, n_modes: int = 0) -> str:
     text : str
         Its text.
     n_modes : int
-        How many of the lowest modes at the start values are animated, where the model has as many.
+        Largest number of the lowest modes at the start values to animate.
 
     Returns
     -------
     str
         HTML.
     """
-    ready = _prepared(path, text)
+    ready = _load_and_prepare(path, text)
     own = ready.tests[0]
     data = own.data
     sensors, forces = ([], []) if not isinstance(data, FRF) else (data.responses, data.references)
@@ -555,7 +555,7 @@ def propose(model: Path, measurement: Path, job: Path, stated: dict[str, object]
     model, measurement, job : Path
         The files; that of the job is not written.
     stated : dict of str to object
-        What the files leave open: ``quantity``, ``scale``, ``unit``; None where one is not stated.
+        Values missing in the files: ``quantity``, ``scale``, ``unit``; None if not stated.
 
     Returns
     -------

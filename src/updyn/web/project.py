@@ -121,7 +121,7 @@ class Project:
             if _RESULT in names:
                 jobs = [path for path in jobs if not _is_of_a_run(path)]
             found += jobs
-        return sorted(found, key=_written, reverse=True)
+        return sorted(found, key=_modified_time, reverse=True)
 
     def inputs(self) -> list[Path]:
         """Return the files that a job could name: all but results and job files."""
@@ -160,7 +160,7 @@ class Project:
             except (OSError, ValueError, RecursionError):
                 continue
             if isinstance(record, dict) and isinstance(record.get("status"), str):
-                found.append(RunFolder(folder, record, _written(path)))
+                found.append(RunFolder(folder, record, _modified_time(path)))
         return sorted(found, key=lambda run: run.written, reverse=True)
 
     def runs_of(self, job: Path) -> list[Path]:
@@ -197,7 +197,7 @@ class Project:
                 with suppress(FormatError):
                     entry = Manifest.read(folder).entries.get(page)
                     found += [folder / page] if entry and entry.command == command else []
-        return sorted(found, key=_written, reverse=True)
+        return sorted(found, key=_modified_time, reverse=True)
 
     def free_name(self, stem: Path, suffix: str = "") -> Path:
         """Return a folder for results that does not exist.
@@ -350,7 +350,7 @@ def _is_shown(name: str) -> bool:
     return not name.startswith(".") and is_encodable(name)
 
 
-def _written(path: Path) -> float:
+def _modified_time(path: Path) -> float:
     try:
         return path.stat().st_mtime
     except OSError:

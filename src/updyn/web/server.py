@@ -1,4 +1,4 @@
-"""`serve`: the server of the window, on this machine alone."""
+"""`serve`: the server of the pages, only for this machine."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from updyn.web.workspace import Workspace
 __all__ = ["bind", "serve"]
 
 _HOST = "127.0.0.1"
-#: Bytes of one message of a page, and of what a form holds beside a file.
+#: Largest size of a message of a page, and of form data in addition to a file, in bytes.
 _MOST_MESSAGE = 4 * 2**20
 _BESIDE = 2**16
 
@@ -111,7 +111,7 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
         try:
             uvicorn.Server(config).run(sockets=[listening])
         finally:
-            workspace.close()  # where it was ended before it could
+            workspace.close()  # if the server ended before closing it
 
 
 @contextmanager

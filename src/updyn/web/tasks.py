@@ -39,7 +39,7 @@ class Ended:
     status : str
         In a word or two, such as the status of the result.
     summary : str
-        What was found, as at the command line.
+        Summary of the results, as on the command line.
     values : mapping of str to float
         The unknowns that were found, where there are some.
     """
@@ -60,9 +60,9 @@ class Field:
     label : str
         For the page, with the unit.
     kind : {"number", "whole", "numbers", "band", "text", "texts", "choice"}
-        What is written: ``"numbers"``, ``"band"`` (two frequencies) and ``"texts"`` as arrays.
+        Kind of value: ``"numbers"``, ``"band"`` (two frequencies) and ``"texts"`` are arrays.
     choices : sequence of str
-        For ``"choice"``; the first is what holds where the key is not written.
+        For ``"choice"``; the first is the default of a missing key.
     """
 
     key: str
@@ -82,17 +82,17 @@ class Task:
     page : str
         The HTML file that it writes.
     suffix : str
-        What is added to the job's stem for the folder.
+        Suffix added to the stem of the job for the folder.
     table : str
-        Of the job; empty: none of its own.
+        Table of the job; empty if it has no table.
     fields : sequence of Field
         Keys of the table that a page offers.
     about : str
-        What it does, in a sentence.
+        Description, in a sentence.
     stops : bool
-        Whether it stops with what it has; else it is ended.
+        Whether it can stop with its results so far; otherwise it is ended.
     resumes : bool
-        Whether one that was stopped or ended can go on from there.
+        Whether a stopped or ended task can be resumed.
     """
 
     do: Callable[[Path, Path, Reporter, bool], Ended]

@@ -2,7 +2,7 @@
 
 Each line that it writes is an object of JSON, with its `kind`.
 
-A line on its standard input asks it to stop and to write what it has.
+A line on its standard input requests it to stop and to write its results so far.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class _StopFlag:
 
     def __init__(self) -> None:
         self.stop = False
-        threading.Thread(target=self._listen, daemon=True).start()
+        threading.Thread(target=self._wait_for_stop, daemon=True).start()
 
-    def _listen(self) -> None:
+    def _wait_for_stop(self) -> None:
         os.read(sys.stdin.fileno(), 1)  # no buffer, which could not be left at the end
         self.stop = True
 
@@ -88,7 +88,7 @@ def write(kind: str, **content: Any) -> None:
     Parameters
     ----------
     kind : str
-        What it is about: ``"progress"``, ``"stage"``, ``"note"``, ``"error"``, ``"done"``.
+        Kind of content: ``"progress"``, ``"stage"``, ``"note"``, ``"error"``, ``"done"``.
     **content
         Plain data.
     """

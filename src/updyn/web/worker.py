@@ -1,4 +1,4 @@
-"""`Worker`: a task in a separate process, which goes on whether or not a page shows it."""
+"""`Worker`: a task in a separate process, which continues whether or not a page shows it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from updyn.web.tasks import TASKS
 
 __all__ = ["Worker"]
 
-#: Of a task, how many steps and notes are kept for the pages, and lines of what it wrote on stderr.
+#: Numbers of steps, notes and lines of stderr of a task that are kept for the pages.
 _MOST_STEPS, _MOST_NOTES, _MOST_LINES = 5000, 200, 50
 #: How long a stopped task may take to write its results, in s.
 _PATIENCE = 60.0
@@ -47,11 +47,11 @@ class Worker:
     steps : deque of mapping
         Its steps, with ``stage``, ``iteration``, ``cost`` and ``values``.
     now : mapping
-        Where it is.
+        Its present step.
     values : mapping of str to float
-        Its unknowns where it is, in the end those that it found; empty where it has stated none.
+        Its present unknowns, in the end its estimates; empty without unknowns.
     stages : deque of str
-        What it has said of its work.
+        Its descriptions of its work.
     notes : deque of str
         Its warnings.
     state : {"running", "stopping", "done", "stopped", "failed"}
@@ -100,7 +100,7 @@ class Worker:
         )
         collecting = threading.Thread(target=self._collect, daemon=True)
         collecting.start()
-        threading.Thread(target=self._listen, args=(collecting,), daemon=True).start()
+        threading.Thread(target=self._read_events, args=(collecting,), daemon=True).start()
 
     @property
     def active(self) -> bool:
@@ -108,9 +108,9 @@ class Worker:
         return self.state in ("running", "stopping")
 
     def stop(self) -> None:
-        """Ask the task to stop after the lines under way and to write what it has.
+        """Request the task to stop after the active lines and to write its results so far.
 
-        One that has nothing to write before its end is ended.
+        A task without intermediate results is ended.
         """
         if self._process is None or not self.active:
             return
@@ -144,7 +144,7 @@ class Worker:
             for line in lines:
                 self._errors.append(line.rstrip("\n"))
 
-    def _listen(self, collecting: threading.Thread) -> None:
+    def _read_events(self, collecting: threading.Thread) -> None:
         """Take what the process writes until it ends."""
         assert self._process is not None
         assert self._process.stdout is not None

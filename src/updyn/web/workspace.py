@@ -1,4 +1,4 @@
-"""`Workspace`: what all tabs share: the project, the open job, what was read of it, and its run."""
+"""`Workspace`: the shared state of all tabs: the project, the open job with its data, its run."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ class Workspace:
     def version(self) -> tuple[object, ...]:
         """Changes whenever what a page shows of the job may have changed."""
         document = self.document
-        return () if document is None else (document.path, document.version, document.changed)
+        return () if document is None else (document.path, document.version, document.is_changed)
 
     @property
-    def unsaved(self) -> bool:
-        """Whether the open job, or a form of it, has edits that its file does not have."""
+    def has_unsaved(self) -> bool:
+        """Whether the open job or a form of it has edits that are not saved."""
         pending = any(form.pending for form in self._forms.values())
-        return self.document is not None and (self.document.changed or pending)
+        return self.document is not None and (self.document.is_changed or pending)
 
     @property
     def run(self) -> Worker | None:
@@ -137,14 +137,14 @@ class Workspace:
         Raises
         ------
         InputError
-            If there is none.
+            If no job is open.
         """
         if self.document is None:
             raise InputError("no job is open; open one on the page Start")
         return self.document
 
     def open_job(self, name: str | Path) -> None:
-        """Open a job of the project, where no other has edits that are not saved.
+        """Open a job of the project, unless another one has unsaved edits.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Workspace:
         """
         path = self.project.inside(name)
         document = self.document
-        if document is not None and document.changed and document.path == path:
+        if document is not None and document.is_changed and document.path == path:
             return
         self._check_saved()
         self.document = JobDocument(path)
@@ -177,7 +177,7 @@ class Workspace:
         """Check that the open job, where there is one, has no edits that would be lost."""
         if self.document is None:
             return
-        if self.document.changed:
+        if self.document.is_changed:
             raise InputError(
                 f"{self.document.path.name} has edits that are not saved; save or undo"
             )
@@ -242,7 +242,7 @@ class Workspace:
         task, key : str
             Which entry.
         entry : str
-            What was typed.
+            The typed text.
         """
         self.form(task).note(key, entry, self.opened.text)
 
@@ -254,7 +254,7 @@ class Workspace:
         task, key : str
             Which entry.
         entry : str
-            What was typed.
+            The typed text.
         """
         self.note(task, key, entry)
         self.form(task).commit(self.opened)
@@ -295,7 +295,7 @@ class Workspace:
         self.open_job(demo.write_inputs(folder))
 
     def save_as(self, name: str) -> None:
-        """Save the job under another name, beside the one that it was opened from.
+        """Save the job under another name, in its present folder.
 
         Parameters
         ----------
@@ -312,7 +312,7 @@ class Workspace:
         self.opened.save_as(self.project.new_job(own))
 
     def view(self) -> View:
-        """Return what the job holds as it stands; it is read once."""
+        """Return the content of the present job, which is read once."""
         self._forget_changed()
         document = self.opened
         seen = self._seen
@@ -336,7 +336,7 @@ class Workspace:
         Returns
         -------
         object
-            What it returned.
+            Its return value.
         """
         self._forget_changed()
         document = self.opened
@@ -366,11 +366,11 @@ class Workspace:
         self.open_job(path)
 
     def _forget_changed(self) -> None:
-        """Forget what was read of files that have changed since."""
+        """Discard data of files that have changed since they were read."""
         stamp = self.project.stamp()
         if stamp != self._stamp:
             self._stamp, self._seen = stamp, None
-            self._desk.close()  # it keeps what it has read
+            self._desk.close()  # its process caches data
 
     def begin(self, task: str, folder: str, *, resume: bool = False) -> Worker:
         """Save the job and begin a task of it.
@@ -403,7 +403,7 @@ class Workspace:
         form.commit(document)
         if form.pending:
             raise InputError(f"not begun: {form.reason}")
-        if document.changed:
+        if document.is_changed:
             document.save()
         worker = Worker(task, document.path, out, self.project.folder, resume=resume)
         self.workers[task] = worker

@@ -18,7 +18,7 @@ from updyn import progress as module
 from updyn.cli import main
 from updyn.cli.highlight import STATUS_STYLES, THEME, SummaryHighlighter
 from updyn.cli.progress import ProgressDisplay
-from updyn.cli.terminal import wrapped
+from updyn.cli.terminal import wrap_text
 from updyn.progress import Stage, StageClock
 from updyn.updating.fit.monitor import Progress
 from updyn.updating.result import STATUSES
@@ -222,7 +222,7 @@ def test_every_status_has_a_colour() -> None:
 def test_sentences_are_broken_at_blanks_and_tables_are_not() -> None:
     row = "part1.mass            1       1.09975    0.000382"
     text = f"{row}\n  a sentence of some length in words\nResults/in/one/long/path/stay"
-    assert wrapped(text, 20).splitlines() == [
+    assert wrap_text(text, 20).splitlines() == [
         row,
         "  a sentence of some",
         "  length in words",

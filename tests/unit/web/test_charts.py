@@ -13,9 +13,9 @@ from updyn.web.charts import (
     coherence_chart,
     cost_chart,
     frf_chart,
-    masked,
     parameter_chart,
-    thinned,
+    thin_indices,
+    unused_bands,
 )
 
 FREQ = np.array([1.0, 2.0, 3.0, 4.0])
@@ -76,7 +76,7 @@ def test_bands_are_shaded_on_the_first_curve():
 def test_a_thinned_curve_has_the_extremes_of_each_part(m, n):
     values = np.random.default_rng(m + n).normal(size=m)
     values[[m // 3, m // 2]] = 50.0, -50.0
-    at = thinned(values, n)
+    at = thin_indices(values, n)
     assert len(at) <= n
     assert np.all(np.diff(at) > 0)
     assert {m // 3, m // 2} <= set(at.tolist())
@@ -89,15 +89,15 @@ def test_a_thinned_curve_has_the_extremes_of_each_part(m, n):
 
 @pytest.mark.parametrize("m", [0, 1, 5])
 def test_a_short_curve_is_not_thinned(m):
-    assert thinned(np.arange(float(m)), 5).tolist() == list(range(m))
+    assert thin_indices(np.arange(float(m)), 5).tolist() == list(range(m))
 
 
 def test_one_point_at_most_and_values_that_are_no_numbers():
-    assert len(thinned(np.arange(10.0), 1)) <= 2
+    assert len(thin_indices(np.arange(10.0), 1)) <= 2
     values = np.full(100, np.nan)
     values[57] = 3.0
     values[91] = -3.0
-    at = thinned(values, 10)
+    at = thin_indices(values, 10)
     assert {57, 91} <= set(at.tolist())
     assert np.all(np.diff(at) > 0)
 
@@ -125,7 +125,7 @@ def test_the_peak_of_a_long_curve_is_drawn():
 )
 def test_bands_of_lines_that_are_not_used(used, bands):
     freq = np.arange(1, 8) * 10.0
-    assert masked(freq, np.array([c == "1" for c in used])) == bands
+    assert unused_bands(freq, np.array([c == "1" for c in used])) == bands
 
 
 # -- steps and values

@@ -39,10 +39,10 @@ def test_an_edit_changes_its_key_and_nothing_else(path: Path) -> None:
     job = JobDocument(path)
     job.edit("band", set_band)
     assert job.text == TEXT.replace("[5.0, 400.0]", "[1.0, 2.0]")
-    assert job.changed
+    assert job.is_changed
     assert path.read_text() == TEXT
     job.save()
-    assert not job.changed
+    assert not job.is_changed
     assert path.read_text() == TEXT.replace("[5.0, 400.0]", "[1.0, 2.0]")
     assert [found.name for found in path.parent.iterdir()] == ["job.toml"]
 
@@ -59,7 +59,7 @@ def test_undo_and_redo(path: Path) -> None:
     assert (job.text, job.last_edit, job.next_edit) == ("1 = 1\n", "one", "two")
     job.undo()
     assert (job.text, job.last_edit, job.next_edit) == (TEXT, "", "one")
-    assert not job.changed
+    assert not job.is_changed
     job.redo()
     job.redo()
     assert (job.text, job.last_edit, job.next_edit) == ("2 = 2\n", "two", "")
@@ -93,7 +93,7 @@ def test_what_is_typed_without_a_pause_is_one_edit(path, monkeypatch) -> None:
     job.save()
     job.type("dem")
     job.undo()
-    assert (job.text, job.changed) == ("de", False), "undo leads back to what was saved"
+    assert (job.text, job.is_changed) == ("de", False), "undo leads back to what was saved"
 
 
 def test_the_version_changes_with_the_text_and_only_with_it(path: Path) -> None:
@@ -151,10 +151,10 @@ def test_what_another_program_has_written_is_not_lost(path: Path) -> None:
     ):
         job.save()
     assert path.read_text() == "# by another program\n"
-    assert job.changed
+    assert job.is_changed
     job.save_as(path.with_name("second.toml"))
     assert path.with_name("second.toml").read_text() == job.text
-    assert (job.path.name, job.changed) == ("second.toml", False)
+    assert (job.path.name, job.is_changed) == ("second.toml", False)
     assert path.read_text() == "# by another program\n"
 
 
@@ -173,7 +173,7 @@ def test_a_folder_in_place_of_the_file_is_one_message(path: Path) -> None:
     path.mkdir()
     with pytest.raises(InputError, match=r"job\.toml"):
         job.save()
-    assert job.changed
+    assert job.is_changed
 
 
 def test_save_as_writes_over_nothing(path: Path) -> None:
@@ -188,7 +188,7 @@ def test_save_as_writes_over_nothing(path: Path) -> None:
             job.save_as(taken)
     assert other.read_text() == "mine"
     assert path.read_text() == TEXT
-    assert (job.path, job.changed) == (path, True)
+    assert (job.path, job.is_changed) == (path, True)
 
 
 def test_save_as_into_a_folder_that_is_not_there_keeps_the_job(path: Path) -> None:
@@ -263,6 +263,6 @@ def test_a_full_disk_leaves_the_old_file(path: Path) -> None:
         assert str(caught.value) == f"{path}: cannot be written: {os.strerror(errno.EFBIG)}"
         assert path.read_text() == TEXT
         assert [found.name for found in path.parent.iterdir()] == ["job.toml"]
-        assert job.changed
+        assert job.is_changed
     job.save()
     assert path.read_text() == job.text

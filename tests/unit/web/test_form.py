@@ -174,7 +174,7 @@ def test_an_edit_that_breaks_the_job_is_refused(workspace: Workspace) -> None:
         workspace.edit("key", edits.set_key("test", "bnad", 3))
     assert workspace.opened.text == before
     workspace.edit("band", edits.set_band(1.0, 10.0))
-    assert workspace.opened.changed
+    assert workspace.opened.is_changed
 
 
 def test_an_edit_that_mends_a_job_in_part_is_made(workspace: Workspace) -> None:

@@ -14,13 +14,13 @@ from updyn.errors import UpdynError
 from updyn.style import LOOKS
 from updyn.web.looking import structure
 from updyn.web.pages import job, measurement, model, results, running, start, unknowns
-from updyn.web.pages.frame import framed
+from updyn.web.pages.frame import add_frame
 from updyn.web.pages.task import task_page
 from updyn.web.workspace import Workspace
 
 __all__ = ["PAGES", "add_pages"]
 
-#: The pages by their place: name, and what fills it.
+#: The pages by their address: name, and function that fills it.
 PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/": ("Start", start.show),
     "/job": ("Job file", job.show),
@@ -39,18 +39,18 @@ _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
 
 def add_pages(app: FastAPI, workspace: Workspace) -> None:
-    """Add all pages to an application, and what they embed.
+    """Add all pages and embedded pages to an application.
 
     Parameters
     ----------
     app : FastAPI
         The application.
     workspace : Workspace
-        What they show.
+        The shared state.
     """
     places = {place: name for place, (name, _) in PAGES.items()}
     for place, (name, fill) in PAGES.items():
-        ui.page(place, title=f"{name} – updyn")(framed(workspace, places, place, fill))
+        ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))
 
     @app.get("/embedded/structure")
     def shown_structure(modes: int = Query(0, ge=0, le=_MOST_MODES)) -> HTMLResponse:
@@ -58,7 +58,7 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
             content = workspace.ask(structure, modes)
         except UpdynError as error:
             return _plain(str(error), 200)  # the page around it says the same
-        return _sandboxed(content, workspace.theme)
+        return _sandbox_page(content, workspace.theme)
 
     @app.get("/embedded/page/{name:path}")
     def shown_page(name: str) -> HTMLResponse:
@@ -69,18 +69,18 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
             content = path.read_text(encoding="utf-8")
         except (UpdynError, OSError, UnicodeDecodeError) as error:
             return _plain(f"{name}: cannot be shown: {error}")
-        return _sandboxed(content, workspace.theme)
+        return _sandbox_page(content, workspace.theme)
 
 
-def _sandboxed(page: str, theme: str) -> HTMLResponse:
-    """Return a page of the package, light or dark as the window is."""
+def _sandbox_page(page: str, theme: str) -> HTMLResponse:
+    """Return a page of the package, light or dark like the pages of the app."""
     if theme in LOOKS:
         page = page.replace("<html ", f'<html data-look="{theme}" ', 1)
     return HTMLResponse(page, headers={"content-security-policy": _SANDBOX})
 
 
 def _plain(text: str, status: int = 404) -> HTMLResponse:
-    """Return a text as a page that says why there is no other."""
+    """Return a text as a page that replaces a page that cannot be shown."""
     head = (
         '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
         '<meta name="color-scheme" content="light dark">'

@@ -1,4 +1,4 @@
-"""What all pages have: the way to the others, the open job with undo and save, and messages."""
+"""The common parts of all pages: navigation, the open job with undo and save, and messages."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from updyn.web.document import JobDocument
 from updyn.web.look import HEAD, THEMES
 from updyn.web.workspace import Workspace
 
-__all__ = ["asked", "complain", "embedded", "framed", "redraw", "said", "watch"]
+__all__ = ["add_frame", "complain", "embed_page", "redraw", "run_slow", "show_errors", "watch"]
 
 T = TypeVar("T")
 
-#: How often a page looks whether something has changed, in s.
+#: Interval at which a page checks for changes, in s.
 _PERIOD = 0.5
 _DARK = {"auto": None, "light": False, "dark": True}
 
 
-def framed(
+def add_frame(
     workspace: Workspace, places: Mapping[str, str], here: str, fill: Callable[[Workspace], Any]
 ) -> Callable[[], Awaitable[None]]:
     """Return a page with its frame.
@@ -31,7 +31,7 @@ def framed(
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     places : mapping of str to str
         Names of the pages by their place.
     here : str
@@ -85,15 +85,14 @@ def _theme(workspace: Workspace) -> None:
 def _job_bar(workspace: Workspace) -> None:
     """Show the open job, with undo, redo and save.
 
-    The buttons stay the same while the job changes: a click on one that is made anew meanwhile
-    would be lost.
+    The buttons are never rebuilt while the job changes, because a click during this would be lost.
     """
 
     def on_document(action: Callable[[JobDocument], None]) -> Callable[[], None]:
-        return said(lambda: action(workspace.opened))
+        return show_errors(lambda: action(workspace.opened))
 
     def saved() -> None:
-        said(workspace.save)()
+        show_errors(workspace.save)()
         update()
 
     with ui.row().classes("items-center gap-1"):
@@ -117,30 +116,30 @@ def _job_bar(workspace: Workspace) -> None:
         if document is None:
             name.set_text("no job open")
             return
-        edited = " (edited)" if workspace.unsaved else ""
+        edited = " (edited)" if workspace.has_unsaved else ""
         name.set_text(workspace.project.name_of(document.path) + edited)
         last, following = document.last_edit, document.next_edit
         undo_tip.set_text(f"Undo: {last}" if last else "Nothing to undo")
         redo_tip.set_text(f"Redo: {following}" if following else "Nothing to redo")
         undo.set_enabled(bool(last))
         redo.set_enabled(bool(following))
-        save.set_enabled(workspace.unsaved)
+        save.set_enabled(workspace.has_unsaved)
 
     update()
-    watch(lambda: (workspace.version, workspace.unsaved), update)
+    watch(lambda: (workspace.version, workspace.has_unsaved), update)
 
 
 def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
-    """Do something whenever a value has changed: what another tab or a run has done is seen so.
+    """Call a function whenever a value has changed, also by another tab or a run.
 
-    To be called before what shows the value: a change while that is being made is seen, too.
+    It has to be called before the value is shown, to detect changes in the meantime.
 
     Parameters
     ----------
     version : callable
         Returns the value.
     refresh : callable
-        What is done.
+        The function to call.
     """
     last = version()
 
@@ -155,10 +154,10 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
 
 
 def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
-    """Show other options in a chart that is there.
+    """Show other options in an existing chart.
 
-    A chart that is made anew instead may be gone before the browser has drawn it, which ends in an
-    error of the browser.
+    A rebuilt chart might be removed before the browser has drawn it, which causes an error of the
+    browser.
 
     Parameters
     ----------
@@ -172,8 +171,8 @@ def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
     chart.update()
 
 
-def said(action: Callable[..., Any]) -> Callable[..., None]:
-    """Return an action whose error is shown as a message.
+def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
+    """Return an action that shows its error as a message.
 
     Parameters
     ----------
@@ -207,8 +206,8 @@ def complain(text: str) -> None:
     ui.notify(text, type="negative", timeout=0, actions=close, multi_line=True)
 
 
-async def asked(function: Callable[..., T], *arguments: Any) -> T | None:
-    """Return what a slow function gives, the page alive meanwhile; its error is shown in place.
+async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
+    """Return the result of a slow function without blocking the page; show its error instead.
 
     Parameters
     ----------
@@ -220,7 +219,7 @@ async def asked(function: Callable[..., T], *arguments: Any) -> T | None:
     Returns
     -------
     object or None
-        None where it raised, or the page was drawn anew meanwhile.
+        None if it raised an error, or the page was rebuilt in the meantime.
     """
     with ui.row().classes("items-center") as waiting:
         ui.spinner()
@@ -231,22 +230,22 @@ async def asked(function: Callable[..., T], *arguments: Any) -> T | None:
     except UpdynError as error:
         found, trouble = None, str(error)
     if waiting.is_deleted:
-        return None  # the page was drawn anew meanwhile
+        return None  # the page was rebuilt in the meantime
     waiting.delete()
     if trouble:
         ui.label(trouble).classes("whitespace-pre-wrap text-negative")
     return found
 
 
-def embedded(place: str, title: str, height: str) -> None:
-    """Show another page within this one; it cannot reach this one but by messages.
+def embed_page(place: str, title: str, height: str) -> None:
+    """Show another page within this one; it can reach this one only by messages.
 
     Parameters
     ----------
     place : str
         Its address on this server.
     title : str
-        What it is, for readers of the screen.
+        Its title, for screen readers.
     height : str
         In the units of style sheets.
     """

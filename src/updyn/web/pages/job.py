@@ -1,4 +1,4 @@
-"""The page Job file: its text, and what is wrong with it."""
+"""The page Job file: its text and its faults."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any
 from nicegui import events, ui
 
 from updyn.web.looking import View
-from updyn.web.pages.frame import asked, said, watch
+from updyn.web.pages.frame import run_slow, show_errors, watch
 from updyn.web.workspace import Workspace
 
 __all__ = ["no_job", "show", "troubles"]
 
 
 def no_job(workspace: Workspace) -> bool:
-    """Return whether no job is open, and say so then.
+    """Return whether no job is open, and show this.
 
     Parameters
     ----------
     workspace : Workspace
-        What the page shows.
+        The shared state.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def no_job(workspace: Workspace) -> bool:
 
 
 def troubles(view: View) -> None:
-    """Show what could not be read or matched.
+    """Show errors of reading and matching.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ async def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
     if no_job(workspace):
         return
@@ -69,14 +69,14 @@ async def show(workspace: Workspace) -> None:
             workspace.save_as(copy.value)
             ui.notify(f"Saved as {workspace.project.name_of(document.path)}", type="positive")
 
-        ui.button("Save as", on_click=said(save_as)).props("outline no-caps")
+        ui.button("Save as", on_click=show_errors(save_as)).props("outline no-caps")
     editor = ui.codemirror(document.text, language="TOML", on_change=typed)
     editor.classes("w-full").style("height: 60vh")
     watch(lambda: document.text, lambda: editor.set_value(document.text))
 
     @ui.refreshable
     async def checked() -> None:
-        view = await asked(workspace.view)
+        view = await run_slow(workspace.view)
         if view is None:
             return
         troubles(view)

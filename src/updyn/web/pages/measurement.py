@@ -1,4 +1,4 @@
-"""The page Measurement: FRFs, their band by dragging, lines that are left out, what seems wrong."""
+"""The page Measurement: FRFs, selection of the band by dragging, excluded lines, faults."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from nicegui import events, ui
 
 from updyn.web import edits
-from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, masked
+from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, unused_bands
 from updyn.web.looking import FindingRow, ModalView, TestView, counterparts, findings
-from updyn.web.pages.frame import asked, redraw, said, watch
+from updyn.web.pages.frame import redraw, run_slow, show_errors, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.workspace import Workspace
 
@@ -24,7 +24,7 @@ _MODES = [
 ]
 #: Channels that are drawn at once, and points of each.
 _MOST_CHANNELS, _FEW_POINTS = 200, 600
-#: A click beside which the pointer has not moved by more than some px, as the frequency there.
+#: A click during which the pointer moved by at most a few px, as the frequency of its position.
 _PRESSED = "(e) => { window.updynPressed = e.offsetX; }"
 _CLICKED = """(e) => {
   if (Math.abs(e.offsetX - window.updynPressed) > 3) return;
@@ -39,7 +39,7 @@ async def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
     if no_job(workspace):
         return
@@ -47,7 +47,7 @@ async def show(workspace: Workspace) -> None:
 
     @ui.refreshable
     async def content() -> None:
-        view = await asked(workspace.view)
+        view = await run_slow(workspace.view)
         if view is None:
             return
         troubles(view)
@@ -71,7 +71,7 @@ def _show_modes(test: ModalView) -> None:
 
 
 class _Choice:
-    """What is shown of a test, kept when the page is drawn anew."""
+    """The selected view of a test, kept when the page is rebuilt."""
 
     def __init__(self) -> None:
         self.response, self.reference = 0, 0
@@ -84,11 +84,11 @@ class _Measurement:
     Parameters
     ----------
     workspace : Workspace
-        What is shown.
+        The shared state.
     test : TestView
         The test.
     choice : _Choice
-        What is shown of it.
+        Its selected view.
     """
 
     def __init__(self, workspace: Workspace, test: TestView, choice: _Choice) -> None:
@@ -111,17 +111,19 @@ class _Measurement:
             ui.toggle(
                 {"band": "Drag chooses the band", "exclude": "Drag or click leaves lines out"}
             ).bind_value(choice, "mode").props("no-caps")
-            whole = said(lambda: self._edit("all lines", edits.include_all(self._test.number)))
+            whole = show_errors(
+                lambda: self._edit("all lines", edits.include_all(self._test.number))
+            )
             ui.button("Leave nothing out", on_click=whole).props("flat no-caps")
         used = test.freq[test.used]
         text = f"{len(used)} of {len(test.freq)} lines are used"
         ui.label(f"{text}, {used[0]:g} to {used[-1]:g} Hz." if len(used) else f"{text}.")
         self._chart = ui.echart(self._options()).classes("w-full h-96").mark("frf")
-        self._chart.on("chart:brushEnd", self._dragged, ["areas"])
+        self._chart.on("chart:brushEnd", self._apply_drag, ["areas"])
         self._chart.on("chart:finished", self._ready, [])
         self._chart.on("mousedown", js_handler=_PRESSED)
         clicked = _CLICKED.replace("ID", str(self._chart.id))
-        self._chart.on("click", self._clicked, js_handler=clicked)
+        self._chart.on("click", self._exclude_click, js_handler=clicked)
         self._is_ready = False
         self._coherence = ui.echart(coherence_chart(test.freq[:0], test.freq[:0]))
         self._coherence.classes("w-full h-32").mark("coherence")
@@ -134,7 +136,7 @@ class _Measurement:
 
         def held(event: events.ValueChangeEventArguments[Any]) -> None:
             names = [name for name in test.holdable if name in (event.value or ())]
-            said(self._edit)("responses held out", edits.hold_out(names, self._test.number))
+            show_errors(self._edit)("responses held out", edits.hold_out(names, self._test.number))
 
         label = "responses held out of the fit, to validate it with"
         if test.held_band is not None:
@@ -178,13 +180,13 @@ class _Measurement:
             {name: curves[name] for name in names},
             scale=choice.scale,
             band=(float(used[0]), float(used[-1])) if len(used) else None,
-            excluded=masked(test.freq, test.used),
+            excluded=unused_bands(test.freq, test.used),
             brush=True,
             **({} if len(names) == 1 else {"points": _FEW_POINTS}),
         )
 
     def _show_coherence(self) -> None:
-        """Show the coherence of the channel, where one is chosen and it is known."""
+        """Show the coherence of the channel, if one is selected and its coherence is known."""
         test, choice = self._test, self._choice
         known = test.coherence is not None and _ALL not in (choice.response, choice.reference)
         self._coherence.set_visibility(known)
@@ -197,21 +199,21 @@ class _Measurement:
         redraw(self._chart, self._options())
         self._show_coherence()
 
-    def _dragged(self, event: events.GenericEventArguments) -> None:
+    def _apply_drag(self, event: events.GenericEventArguments) -> None:
         areas = event.args.get("areas") or []
         if areas and areas[0].get("coordRange"):
             low, high = sorted(map(float, areas[0]["coordRange"][:2]))
-            said(self._apply)(low, high)
+            show_errors(self._apply)(low, high)
 
-    def _clicked(self, event: events.GenericEventArguments) -> None:
+    def _exclude_click(self, event: events.GenericEventArguments) -> None:
         """Leave out the line that is nearest to a click."""
         if self._choice.mode == "exclude" and isinstance(event.args, int | float):
             freq = self._test.freq
             line = float(freq[np.argmin(np.abs(freq - event.args))])
-            said(self._apply)(line, line)
+            show_errors(self._apply)(line, line)
 
     def _apply(self, low: float, high: float) -> None:
-        """Take a band that was dragged; one without a line is none."""
+        """Apply a dragged band, unless it contains no line."""
         inside = np.flatnonzero((self._test.freq >= low) & (self._test.freq <= high))
         if not inside.size:
             return
@@ -239,27 +241,27 @@ def _places(chosen: int, n: int) -> range:
 
 
 def _look_for_faults(workspace: Workspace) -> None:
-    """Offer to look at the data for what seems to be wrong, with a button for each repair."""
+    """Offer a search for faults of the data, with a button for each repair."""
 
     async def look() -> None:
         button.delete()
         with place:
-            for statement in await asked(workspace.ask, counterparts) or ():
+            for statement in await run_slow(workspace.ask, counterparts) or ():
                 ui.label(statement)
-            found = await asked(workspace.ask, findings)
+            found = await run_slow(workspace.ask, findings)
             if found is None:
                 return
             if not found:
                 ui.label("Nothing found that is wrong with these data.")
             for row in found:
-                _finding(workspace, row)
+                _show_finding(workspace, row)
 
     place = ui.column().classes("w-full")
     with place:
         button = ui.button("Look for faults of the data", on_click=look).props("outline no-caps")
 
 
-def _finding(workspace: Workspace, row: FindingRow) -> None:
+def _show_finding(workspace: Workspace, row: FindingRow) -> None:
     with ui.card().classes("w-full"):
         ui.label(row.statement)
         ui.label(row.remedy).classes("opacity-80")
@@ -267,5 +269,5 @@ def _finding(workspace: Workspace, row: FindingRow) -> None:
             repair = edits.add_repair(row.written, row.test)
             ui.button(
                 f"Repair: {row.written}",
-                on_click=said(lambda: workspace.edit(f"repair {row.written}", repair)),
+                on_click=show_errors(lambda: workspace.edit(f"repair {row.written}", repair)),
             ).props("no-caps")

@@ -1,4 +1,4 @@
-"""The page Structure: the model with its sensors, and who sits where.
+"""The page Structure: the model with its sensors, and the matching of sensors to nodes.
 
 A sensor is moved by two clicks: on it, in the table or in the picture, and on its node.
 """
@@ -14,14 +14,14 @@ from updyn.dofs import Dof
 from updyn.errors import UpdynError
 from updyn.web import edits
 from updyn.web.looking import ModalView, TestView
-from updyn.web.pages.frame import asked, embedded, said, watch
+from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.picks import hear_picks
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
 
-#: How many are shown when asked for.
+#: Number of modes shown on request.
 _MODES = 12
 _DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _COLUMNS = [
@@ -38,7 +38,7 @@ async def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
     if no_job(workspace):
         return
@@ -54,7 +54,7 @@ async def show(workspace: Workspace) -> None:
 
     @ui.refreshable
     async def content() -> None:
-        view = await asked(workspace.view)
+        view = await run_slow(workspace.view)
         if view is None:
             return
         troubles(view)
@@ -64,7 +64,7 @@ async def show(workspace: Workspace) -> None:
             ui.label(view.model)
             if view.has_picture:
                 address = f"/embedded/structure?modes={modes}&{workspace.opened.version}"
-                embedded(address, "Structure", "640px")
+                embed_page(address, "Structure", "640px")
             else:
                 ui.label("The model has no positions of its nodes, so that it cannot be drawn.")
             if view.has_picture and not modes:
@@ -74,7 +74,7 @@ async def show(workspace: Workspace) -> None:
             ui.label(f"Sensors and forces {test.name}").classes("text-lg")
             rows = test.matches
             if not rows and isinstance(test, TestView):
-                rows = _unmatched(test)
+                rows = _unmatched_rows(test)
             table = ui.table(
                 rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
             )
@@ -84,8 +84,8 @@ async def show(workspace: Workspace) -> None:
     await content()
 
 
-def _unmatched(test: TestView) -> list[dict[str, str]]:
-    """Return the rows of sensors and forces of which nothing else is known."""
+def _unmatched_rows(test: TestView) -> list[dict[str, str]]:
+    """Return the rows of sensors and forces without a match."""
     roles = (("response", test.responses), ("reference", test.references))
     return [
         {"sensor": label, "is": role, "dof": "", "distance": ""}
@@ -111,7 +111,7 @@ class _Mover:
     def show(self, tests: Sequence[TestView | ModalView]) -> None:
         """Show which sensor is chosen, and what to do."""
         rows = [row for test in tests for row in test.matches]
-        self._sensor_of = {_unsigned(row["dof"]): row["sensor"] for row in rows}
+        self._sensor_of = {_strip_sign(row["dof"]): row["sensor"] for row in rows}
         with ui.row().classes("items-center"):
             self._says = ui.label().mark("mover")
             self._direction = ui.select(list(_DIRECTIONS), value="Z", label="direction")
@@ -125,15 +125,15 @@ class _Mover:
         self._choose(str(event.selection[0]["sensor"]) if event.selection else "")
 
     def take(self, picked: Mapping[str, Any]) -> None:
-        """Take a node of the picture: that of the sensor to move, or where it goes."""
+        """Select the sensor at a picked node, or move the selected sensor to it."""
         node = picked.get("label")
         if not isinstance(node, int):
             return
         if self._sensor:
-            said(self._move)(node)
+            show_errors(self._move)(node)
             return
         at = [*_texts(picked.get("sensors")), *_texts(picked.get("forces"))]
-        names = [self._sensor_of.get(_unsigned(label), "") for label in at]
+        names = [self._sensor_of.get(_strip_sign(label), "") for label in at]
         self._choose(next((name for name in names if name), ""))
 
     def _choose(self, sensor: str) -> None:
@@ -154,11 +154,11 @@ class _Mover:
         sign = "-" if self._flip.value else ""
         dof = f"{node}:{sign}{self._direction.value}"
         sensor, self._sensor = self._sensor, ""
-        edit = edits.match_sensor(_unsigned(sensor), dof)
+        edit = edits.match_sensor(_strip_sign(sensor), dof)
         self._workspace.edit(f"{sensor} at {dof}", edit)
 
 
-def _unsigned(label: str) -> str:
+def _strip_sign(label: str) -> str:
     return label.replace("-", "").replace("+", "")
 
 

@@ -26,7 +26,7 @@ def hear_picks(hear: Callable[[Mapping[str, Any]], Any]) -> None:
     Parameters
     ----------
     hear : callable
-        Takes what the embedded page says of it; it has to be checked.
+        Takes the message of the embedded page, which is not checked.
     """
 
     def take(event: events.GenericEventArguments) -> None:

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from updyn.web.pages.frame import embedded, watch
+from updyn.web.pages.frame import embed_page, watch
 from updyn.web.project import RunFolder
 from updyn.web.tasks import RUN
 from updyn.web.workspace import Workspace
@@ -31,7 +31,7 @@ def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
 
     @ui.refreshable
@@ -60,17 +60,17 @@ def show(workspace: Workspace) -> None:
                     place = f"/embedded/page/{quote(name)}/{RUN.page}"
                     ui.link(f"Report of {name} in a separate tab", place, new_tab=True)
                     if len(picked) == 1:
-                        embedded(f"{place}?{run.written:g}", "Report", "85vh")
+                        embed_page(f"{place}?{run.written:g}", "Report", "85vh")
 
         chosen.on_value_change(content.refresh)
         content()
 
     page()
-    watch(lambda: _ended(workspace), page.refresh)
+    watch(lambda: _run_states(workspace), page.refresh)
 
 
-def _ended(workspace: Workspace) -> object:
-    """Return what changes when a run has ended."""
+def _run_states(workspace: Workspace) -> object:
+    """Return a value that changes when a run has ended."""
     run = workspace.run
     return None if run is None else (id(run), run.active)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
 from updyn.web.looking import Curve, TestView, curve
-from updyn.web.pages.frame import asked, redraw, watch
+from updyn.web.pages.frame import redraw, run_slow, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.task import controls, state_of
 from updyn.web.workspace import Workspace
@@ -25,13 +25,13 @@ async def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
     if no_job(workspace):
         return
     controls(workspace, "run", begin="Save and run")
     _watched(workspace)
-    view = await asked(workspace.view)
+    view = await run_slow(workspace.view)
     if view is None:
         return
     troubles(view)
@@ -91,13 +91,13 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
         values = dict(run.values) if run is not None and own else {}
         with place:
             if (row, column) not in kept:
-                first = await asked(workspace.ask, curve, {}, test.number, row, column)
+                first = await run_slow(workspace.ask, curve, {}, test.number, row, column)
                 if first is None:
                     return
                 kept[row, column] = first
             now = None
             if values:
-                now = await asked(workspace.ask, curve, values, test.number, row, column)
+                now = await run_slow(workspace.ask, curve, values, test.number, row, column)
         if number != begun:
             return  # a later step is drawn meanwhile
         curves = {"measured": (test.freq[test.used], test.values[test.used, row, column])}

@@ -9,7 +9,7 @@ from nicegui import events, run, ui
 from updyn.demos import DEMOS
 from updyn.errors import UpdynError
 from updyn.frf import QUANTITIES
-from updyn.web.pages.frame import complain, said
+from updyn.web.pages.frame import complain, show_errors
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -25,7 +25,7 @@ def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
     ui.label(str(workspace.project.folder)).classes("text-sm opacity-70")
     with ui.row().classes("w-full items-stretch"):
@@ -52,7 +52,7 @@ def _jobs(workspace: Workspace) -> None:
             workspace.open_job(name)
             ui.navigate.to("/measurement")
 
-        ui.button(name, on_click=said(opened)).props("flat no-caps align=left")
+        ui.button(name, on_click=show_errors(opened)).props("flat no-caps align=left")
 
 
 def _demos(workspace: Workspace) -> None:
@@ -71,8 +71,12 @@ def _demos(workspace: Workspace) -> None:
         with ui.column().classes("gap-0"):
             ui.label(f"{demo.description[:1].upper()}{demo.description[1:]}")
             with ui.row().classes("gap-1"):
-                ui.button(f"Open {demo.name}", on_click=said(opened)).props("flat dense no-caps")
-                ui.button(f"Run {demo.name}", on_click=said(finished)).props("flat dense no-caps")
+                ui.button(f"Open {demo.name}", on_click=show_errors(opened)).props(
+                    "flat dense no-caps"
+                )
+                ui.button(f"Run {demo.name}", on_click=show_errors(finished)).props(
+                    "flat dense no-caps"
+                )
 
 
 class _Stated:

@@ -12,7 +12,7 @@ from nicegui import events, ui
 from updyn.group import is_number
 from updyn.web import edits
 from updyn.web.form import written_table
-from updyn.web.pages.frame import embedded, said, watch
+from updyn.web.pages.frame import embed_page, show_errors, watch
 from updyn.web.pages.job import no_job
 from updyn.web.pages.picks import hear_picks
 from updyn.web.tasks import TASKS, Field
@@ -45,10 +45,10 @@ def controls(workspace: Workspace, task: str, *, begin: str) -> None:
     with ui.row().classes("items-center"):
         folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
         folder.classes("w-80")
-        start = said(lambda: workspace.begin(task, folder.value))
+        start = show_errors(lambda: workspace.begin(task, folder.value))
         ui.button(begin, on_click=start).props("no-caps")
         if TASKS.find(task).resumes:
-            resume = said(lambda: workspace.begin(task, folder.value, resume=True))
+            resume = show_errors(lambda: workspace.begin(task, folder.value, resume=True))
             ui.button("Resume", on_click=resume).props("outline no-caps")
 
         def stop() -> None:
@@ -158,7 +158,7 @@ def _written_pages(workspace: Workspace, task: str, known: dict[str, str]) -> No
             path = workspace.project.inside(chosen.value)
             stamp = path.stat().st_mtime_ns if path.is_file() else 0
             place = f"/embedded/page/{quote(chosen.value)}?{stamp}{known['picks']}"
-            embedded(place, TASKS.find(task).page, "85vh")
+            embed_page(place, TASKS.find(task).page, "85vh")
 
     def follow() -> None:
         if picks() != known.get("picks", ""):  # changed elsewhere, such as by Undo
@@ -220,17 +220,17 @@ def _entry(workspace: Workspace, task: str, field: Field) -> Any:
     if field.kind == "choice":
 
         def chosen(event: events.ValueChangeEventArguments[Any]) -> None:
-            said(workspace.enter)(task, field.key, str(event.value or ""))
+            show_errors(workspace.enter)(task, field.key, str(event.value or ""))
 
         choices = list(dict.fromkeys([*field.choices, text]))
         select = ui.select(choices, value=text, label=field.label, on_change=chosen)
         return select.classes("min-w-40")
 
     def typed(event: events.ValueChangeEventArguments[Any]) -> None:
-        said(workspace.note)(task, field.key, str(event.value or ""))
+        show_errors(workspace.note)(task, field.key, str(event.value or ""))
 
     def left() -> None:
-        said(workspace.enter)(task, field.key, str(entry.value or ""))
+        show_errors(workspace.enter)(task, field.key, str(entry.value or ""))
 
     entry = ui.input(field.label, value=text, on_change=typed).classes("min-w-56")
     return entry.on("blur", left).on("keydown.enter", left)
@@ -250,7 +250,7 @@ def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
     def take(picked: Mapping[str, Any]) -> None:
         pick, poles = picked.get("pick"), picked.get("poles")
         if _are_frequencies(pick) and _are_frequencies(poles):
-            said(workspace.edit)("pick modes", edits.set_picks(pick, poles))
+            show_errors(workspace.edit)("pick modes", edits.set_picks(pick, poles))
             known["picks"] = _picks_of(workspace)
 
     hear_picks(take)

@@ -11,7 +11,7 @@ from tomlkit.exceptions import TOMLKitError
 from updyn.errors import InputError, UpdynError
 from updyn.web import edits
 from updyn.web.looking import CHOICES, Separability, UnknownRow, View, identifiability
-from updyn.web.pages.frame import asked, embedded, said, watch
+from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.picks import hear_picks
 from updyn.web.workspace import Workspace
@@ -33,7 +33,7 @@ async def show(workspace: Workspace) -> None:
     Parameters
     ----------
     workspace : Workspace
-        What it shows.
+        The shared state.
     """
     if no_job(workspace):
         return
@@ -54,7 +54,7 @@ async def show(workspace: Workspace) -> None:
 
             @ui.refreshable
             async def determined() -> None:
-                view = await asked(workspace.view)
+                view = await run_slow(workspace.view)
                 if view is None:
                     return
                 troubles(view)
@@ -65,7 +65,7 @@ async def show(workspace: Workspace) -> None:
                 choices.take(view)
                 if view.wrong:
                     return
-                found = await asked(workspace.ask, identifiability)
+                found = await run_slow(workspace.ask, identifiability)
                 if found is not None:
                     _separability(found)
                     _table(workspace, view, found)
@@ -77,7 +77,7 @@ async def show(workspace: Workspace) -> None:
 
 def _structure() -> None:
     """Show the picture of the model."""
-    embedded("/embedded/structure", "Structure", "560px")
+    embed_page("/embedded/structure", "Structure", "560px")
     ui.label("A click on a node shows the groups there.").classes("text-sm opacity-80")
 
 
@@ -170,7 +170,7 @@ class _Choices:
                 return  # the box shows what the job says
             (names[quantity].add if event.value else names[quantity].discard)(group)
             edit = edits.set_unknowns(names, self._able)
-            said(self._workspace.edit)(f"{group}.{quantity}", edit)
+            show_errors(self._workspace.edit)(f"{group}.{quantity}", edit)
             self.update()  # as it was, where the edit is refused
 
         return change
@@ -235,6 +235,6 @@ def _bounds(workspace: Workspace, view: View, unknown: UnknownRow) -> None:
             dialog.close()
 
         with ui.row():
-            ui.button("Set", on_click=said(take)).props("no-caps")
+            ui.button("Set", on_click=show_errors(take)).props("no-caps")
             ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
     dialog.value = True
