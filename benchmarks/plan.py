@@ -87,7 +87,7 @@ class Structure:
         freq = np.linspace(*self.band, self.lines)
         found = Candidates.compile(
             model, unknowns, dofs, dofs, freq, "accelerance", find_noise(NOISE)
-        ).levelled()
+        ).with_level()
         information = PairInformation.compute(found, [found.part.coordinates.home])
         return Planning(found, information, tuple(range(len(unknowns))))
 
@@ -240,7 +240,7 @@ def _sizes_off(model: Model, unknowns: ParameterSet, plans: list[updyn.Plan]) ->
     freq, noise = plans[0].freq, find_noise(NOISE)
     found = Candidates.compile(
         model, unknowns, rows, columns, freq, "accelerance", noise
-    ).levelled()
+    ).with_level()
     home, rng = found.part.coordinates.home, np.random.default_rng(2)
     sizes = []
     for _ in range(DRAWS):

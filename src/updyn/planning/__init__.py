@@ -1,7 +1,7 @@
-"""Test planning: sensors, forces and band, chosen before a test by what they tell of the unknowns.
+"""Test planning: sensors, forces and band, selected before a test by the information they give.
 
-The room imports what an update is made of (`updyn.updating.problem`, `updyn.updating.judge`) and
-knows no file, job or page. A criterion of another package is registered in
+The room imports parts of an update (`updyn.updating.problem`, `updyn.updating.judge`), but no file,
+job or page. A criterion of another package is registered in
 `updyn.planning.criteria.CRITERIA`, or by an entry point of the group ``updyn.plan_criteria``.
 """
 

@@ -1,4 +1,4 @@
-"""`Choice`: the layout that a criterion has chosen in a band, in the order of gains."""
+"""`Choice`: the layout selected by a criterion in a band, in the order of gains."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["Choice"]
 
 _Real = NDArray[np.float64]
 
-#: Further sensors and forces whose gain is stated.
+#: Number of further sensors and forces with a stated gain.
 _FURTHER = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
-    """The layout that a criterion has chosen in a band.
+    """The layout selected by a criterion in a band.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Choice:
     planning : Planning
         Candidates and their information.
     score : DesignScore
-        By which gains are stated.
+        Score of the gains.
     rows, columns : list of int
-        Candidates that are chosen, largest gain first.
+        Selected candidates, largest gain first.
     row_gain, column_gain : tuple of float
         Their gains.
     """
@@ -51,8 +51,8 @@ class Choice:
     column_gain: tuple[float, ...]
 
     @classmethod
-    def ordered(cls, band: Band, planning: Planning, layout: Layout, rule: Criterion) -> Choice:
-        """Bring a layout into the order of gains."""
+    def in_order(cls, band: Band, planning: Planning, layout: Layout, rule: Criterion) -> Choice:
+        """Return a layout in the order of gains."""
         information, score = planning.information, rule.score(planning)
         before = np.broadcast_to(information.before, information.points_shape)
         rows, row_gain = _in_order(
@@ -79,13 +79,7 @@ class Choice:
         return float(np.exp(-0.5 * score - np.mean(np.log(scale))))
 
     def gain(self, more: _Real, less: _Real) -> float:
-        """Return by what share all standard deviations fall with more information.
-
-        Parameters
-        ----------
-        more, less : ndarray of float, shape (n_points, n, n)
-            Information of two designs.
-        """
+        """Return the relative decrease of all standard deviations with more information."""
         return _gain(self.score, more, less)
 
     def further_responses(self) -> tuple[Worth, ...]:
@@ -107,13 +101,7 @@ class Choice:
         return tuple(Worth(label, gain) for label, gain in zip(labels, gains, strict=True))
 
     def rivals(self, criterion: str) -> Iterator[Rival]:
-        """Yield the layouts of the criteria besides one.
-
-        Parameters
-        ----------
-        criterion : str
-            Name of that one.
-        """
+        """Yield the layouts of all criteria except one."""
         information, candidates = self.planning.information, self.planning.candidates
         for name in CRITERIA:
             if name == criterion:
@@ -133,14 +121,14 @@ class Choice:
 def _in_order(
     items: _Real, before: _Real, chosen: Sequence[int], score: DesignScore
 ) -> tuple[list[int], tuple[float, ...]]:
-    """Return chosen items in the order of gains, and the gains."""
+    """Return selected items in the order of gains, and the gains."""
     at = np.array(chosen, dtype=np.intp)
     order, _ = greedy(items[at], before, len(at), score)
     return at[order].tolist(), tuple(_gains(items[at[order]], before, score))
 
 
 def _gains(items: _Real, total: _Real, score: DesignScore) -> Iterator[float]:
-    """Yield the gain of each item after those before it."""
+    """Yield the gain of each item after the previous ones."""
     for item in items:
         yield _gain(score, total + item, total)
         total = total + item

@@ -1,6 +1,6 @@
-"""Classical criteria, which look at mode shapes and not at unknowns, for comparison.
+"""Classical criteria, based on mode shapes instead of parameters, for comparison.
 
-They choose responses for the modes in the band. References are those with the largest driving-point
+They select responses for the modes in the band. References are those with the largest driving-point
 residues.
 """
 
@@ -35,8 +35,8 @@ class EffectiveIndependence(Criterion):
     source = "Kammer, J. Guidance, Control and Dynamics 14 (1991) 251-259"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
-        """Choose responses by effective independence."""
-        rows = effective_independence(_seen(planning), n_responses)
+        """Select responses by effective independence."""
+        rows = effective_independence(_observed_shapes(planning), n_responses)
         return Layout(tuple(rows), _references(planning, n_references))
 
 
@@ -46,24 +46,24 @@ class LeastMac(Criterion):
     source = "Carne & Dohrmann, Proc. IMAC XIII (1995) 927-933"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
-        """Choose responses by the largest MAC off the diagonal."""
-        rows = least_mac(_seen(planning), n_responses)
+        """Select responses by the largest MAC off the diagonal."""
+        rows = least_mac(_observed_shapes(planning), n_responses)
         return Layout(tuple(rows), _references(planning, n_references))
 
 
 class DrivingPointResidue(Criterion):
-    """Responses with the largest mean driving-point residue: where the modes move most."""
+    """Responses with the largest mean driving-point residue."""
 
     source = "Kientzy, Richardson & Blakely, Sound and Vibration 23 (6) (1989) 16-23"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
-        """Choose responses by driving-point residue."""
+        """Select responses by driving-point residue."""
         residue = driving_point_residues(planning.response_shapes, planning.modes.frequency)
         return Layout(_largest(residue, n_responses), _references(planning, n_references))
 
 
-def _seen(planning: Planning) -> _Real:
-    """Return the target modes at the candidate responses, without those that are at rest there."""
+def _observed_shapes(planning: Planning) -> _Real:
+    """Return the target modes at the candidate responses, without those at rest."""
     shapes = planning.response_shapes
     move = moving(shapes, planning.modes.shapes)
     if not move.any():
@@ -83,40 +83,17 @@ def _largest(values: _Real, count: int) -> tuple[int, ...]:
 def driving_point_residues(shapes: _Real, frequency: _Real) -> _Real:
     """Return the sum over modes of the driving-point residue of the receptance, phi^2 / (2 omega).
 
-    Parameters
-    ----------
-    shapes : ndarray of float, shape (n, n_modes)
-        Mode shapes normalised by mass, in 1/sqrt(kg).
-    frequency : ndarray of float, shape (n_modes,)
-        In Hz.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        In s/kg.
+    `shapes` are normalised by mass, in 1/sqrt(kg), `frequency` is in Hz, the result in s/kg.
     """
     return np.asarray((shapes**2 / (4.0 * np.pi * frequency)).sum(axis=1))
 
 
 def effective_independence(shapes: _Real, count: int) -> list[int]:
-    """Choose DOFs by deleting those that contribute least to the rank of the shapes, one by one.
+    """Return DOFs, ascending, after deletion of those that contribute least to the rank.
 
-    Parameters
-    ----------
-    shapes : ndarray of float, shape (n, n_modes)
-        Mode shapes at the candidates. Of more modes than DOFs to keep, the first are taken.
-    count : int
-        DOFs to keep.
-
-    Returns
-    -------
-    list of int
-        Positions, ascending.
-
-    Notes
-    -----
-    The contribution of a DOF is its diagonal entry of phi (phi^T phi)^-1 phi^T (Kammer 1991, eq.
-    15), here from orthonormal columns of phi.
+    `shapes` has shape (n, n_modes); at most `count` modes are used. The contribution of a DOF is
+    its diagonal entry of phi (phi^T phi)^-1 phi^T (Kammer 1991, eq. 15), here from orthonormal
+    columns of phi.
     """
     phi = shapes[:, : min(count, shapes.shape[1])]
     left = np.arange(len(phi))
@@ -139,27 +116,12 @@ class _LargestMac(DesignScore):
 
 
 def least_mac(shapes: _Real, count: int) -> list[int]:
-    """Choose DOFs with the smallest largest MAC between different modes.
+    """Return DOFs, ascending, with the smallest maximum MAC between different modes.
 
-    Parameters
-    ----------
-    shapes : ndarray of float, shape (n, n_modes)
-        Mode shapes at the candidates.
-    count : int
-        How many.
-
-    Returns
-    -------
-    list of int
-        Positions, ascending: greedily from the best pair, then by exchange.
-
-    Raises
-    ------
-    DataError
-        If there are fewer than two modes.
+    Greedy from the best pair, then by exchange. Raises DataError for fewer than two modes.
     """
     if shapes.shape[1] < 2:
-        raise DataError("MAC needs two modes in the band or more, and there is one")
+        raise DataError("MAC requires at least two modes in the band, found one")
     unit = shapes / np.linalg.norm(shapes, axis=0)
     items = unit[:, :, None] * unit[:, None, :]
     criterion = _LargestMac()

@@ -1,4 +1,4 @@
-"""`Criterion`: what a layout is chosen by, and the registry of the criteria."""
+"""`Criterion`: selection of a layout, and the registry of criteria."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ _Real = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Planning:
-    """What a criterion may look at.
+    """Input of a criterion.
 
     Attributes
     ----------
     candidates : Candidates
         Model, candidate responses and references, and lines of the band.
     information : PairInformation
-        Fisher information of every pair, at the start of the unknowns and at further points.
+        Fisher information of every pair, at the start of the parameters and at further points.
     wanted : tuple of int
-        Positions of the unknowns that count.
+        Indices of the parameters of interest.
     """
 
     candidates: Candidates
@@ -44,12 +44,7 @@ class Planning:
     def modes(self) -> Modes:
         """Undamped modes in the band, without rigid-body modes: the target modes.
 
-        Where none is in the band, those below it.
-
-        Raises
-        ------
-        DataError
-            If there is none.
+        Without any in the band, those below it. Raises DataError without any mode.
         """
         freq = self.candidates.freq
         found = undamped_modes(self.candidates.model, float(freq[-1]))
@@ -68,23 +63,23 @@ class Planning:
 
 
 class Criterion(ABC):
-    """Chooses a layout out of candidates; derive from it, and state its `source`."""
+    """Selects a layout from candidates; derive from it, and state its `source`."""
 
-    #: Where it comes from: author, journal, year.
+    #: Reference: author, journal, year.
     source: ClassVar[str]
-    #: Whether very many candidates may be screened by their information before the choice.
+    #: Whether candidates may be screened by their information if they are very many.
     by_information: ClassVar[bool] = False
 
     @abstractmethod
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
-        """Choose responses and references.
+        """Select responses and references.
 
         Parameters
         ----------
         planning : Planning
-            Candidates and what is known of them.
+            Candidates and their information.
         n_responses, n_references : int
-            How many; not more than there are candidates.
+            Numbers to select, at most those of the candidates.
 
         Returns
         -------
@@ -93,16 +88,16 @@ class Criterion(ABC):
         Raises
         ------
         DataError
-            If the criterion says nothing for this model and band.
+            If the criterion does not apply to this model and band.
         """
 
     def score(self, planning: Planning) -> DesignScore:
-        """Return the score by which gains are stated; by default that of the volume.
+        """Return the score of the gains; by default that of the volume.
 
         Parameters
         ----------
         planning : Planning
-            Candidates and what is known of them.
+            Candidates and their information.
 
         Returns
         -------
@@ -112,18 +107,10 @@ class Criterion(ABC):
 
 
 def volume_score(planning: Planning) -> DesignScore:
-    """Return the score of the volume of the confidence ellipsoid.
+    """Return the score of the volume of the confidence ellipsoid of the parameters of interest.
 
-    Parameters
-    ----------
-    planning : Planning
-        Candidates; its unknowns that count are those of the ellipsoid.
-
-    Returns
-    -------
-    DesignScore
-        Minus twice the logarithm of the geometric mean of its semi-axes (at one standard
-        deviation), averaged over the points of the unknowns, up to a constant.
+    Minus twice the logarithm of the geometric mean of its semi-axes (at one standard deviation),
+    averaged over the points of the parameters, up to a constant.
     """
     n = len(planning.information.scale)
     others = tuple(i for i in range(n) if i not in planning.wanted)
@@ -132,7 +119,7 @@ def volume_score(planning: Planning) -> DesignScore:
 
 @dataclass(frozen=True, slots=True)
 class _PerUnknown(DesignScore):
-    """A score over the number of unknowns that it counts."""
+    """A score divided by the number of its parameters."""
 
     base: DesignScore
     n: int
@@ -142,28 +129,28 @@ class _PerUnknown(DesignScore):
 
 
 class DOptimalLayout(Criterion):
-    """Smallest volume of the confidence ellipsoid of the unknowns that count."""
+    """Smallest volume of the confidence ellipsoid of the parameters of interest."""
 
     by_information = True
     source = "Fedorov, Theory of Optimal Experiments, 1972, chapters 2 and 3"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
-        """Choose by greedy choice and exchange."""
+        """Select by greedy selection and exchange."""
         score = self.score(planning)
         return best_layout(planning.information, n_responses, n_references, score)
 
 
 class AOptimalLayout(Criterion):
-    """Smallest mean variance of the unknowns that count, each relative to its least.
+    """Smallest mean variance of the parameters of interest, each relative to its minimum.
 
-    The least is the variance with all candidates at the start of the unknowns.
+    The minimum is the variance with all candidates at the start of the parameters.
     """
 
     by_information = True
     source = "Fedorov, Theory of Optimal Experiments, 1972, chapter 2"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
-        """Choose by greedy choice and exchange."""
+        """Select by greedy selection and exchange."""
         score = self.score(planning)
         return best_layout(planning.information, n_responses, n_references, score)
 
@@ -175,8 +162,8 @@ class AOptimalLayout(Criterion):
         return OverPoints(AOptimal.of(whole, planning.wanted))
 
 
-#: The criteria by name. One of another package is registered by a call of `CRITERIA.register`, or
-#: by an entry point: a class derived from `Criterion`.
+#: The criteria by name. Another package registers a class derived from `Criterion` by a call of
+#: `CRITERIA.register`, or by an entry point.
 CRITERIA: Registry[type[Criterion]] = Registry(
     "planning criterion",
     "updyn.plan_criteria",

@@ -1,4 +1,4 @@
-"""What a test with a chosen layout is expected to tell, by the exact Jacobian of its data."""
+"""Expected results of a test with a selected layout, from the exact Jacobian of its data."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ __all__ = ["Expected"]
 
 _Real = NDArray[np.float64]
 
-#: Parts of the band whose gain is stated.
+#: Number of parts of the band with a stated gain.
 _PARTS = 10
-#: Unknowns that a message names.
+#: Number of parameters that a message names.
 _NAMED = 3
-#: Variance of a channel that is rounding: it is measured as zero, and has no say.
+#: Variance of a channel that is rounding: it has no influence.
 _BOUNDLESS = np.finfo(np.float64).max ** 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """The data that are expected of a layout, and what they determine.
+    """The expected data of a layout, and the parameters they determine.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class Expected:
     layout : Candidates
         Its responses and references.
     part : Part
-        As of an update with the expected data.
+        The part of an update with the expected data.
     each : ndarray of float, shape (n_f, n, n)
-        Scaled information of each line at the start of the unknowns.
+        Scaled information of each line at the start of the parameters.
     """
 
     choice: Choice
@@ -52,9 +52,9 @@ class Expected:
 
     @classmethod
     def of(cls, choice: Choice) -> Expected:
-        """Compute the data that are expected of a layout."""
+        """Return the expected data of a layout."""
         layout = choice.planning.candidates.only(choice.rows, choice.columns)
-        part = _measured(layout)
+        part = _expected_part(layout)
         return cls(choice, layout, part, _of_each_line(part, choice.planning.information.scale))
 
     @property
@@ -64,12 +64,9 @@ class Expected:
         return self.part.frf.variance
 
     def std(self) -> dict[str, float]:
-        """Return the standard deviation of each unknown by the Cramer-Rao bound, priors included.
+        """Return the standard deviation of each parameter by the Cramer-Rao bound, with the priors.
 
-        Raises
-        ------
-        ParameterError
-            If some are undetermined, whatever the noise; the message names them.
+        Raises ParameterError with the names of undetermined parameters.
         """
         coordinates = self.part.coordinates
         noise = choose_noise("variance", self.part.frf)
@@ -77,11 +74,11 @@ class Expected:
         names = coordinates.parameters.names
         analysis = analyse(np.vstack([local.R, np.diag(coordinates.prior[1])]), names)
         if not np.isfinite(analysis.report.condition):
-            raise self._undetermined(analysis)
+            raise self._undetermined_error(analysis)
         std = np.sqrt(np.diag(analysis.covariance)) * coordinates.slope(coordinates.home)
         return dict(zip(names, std.tolist(), strict=True))
 
-    def _undetermined(self, analysis: Analysis) -> ParameterError:
+    def _undetermined_error(self, analysis: Analysis) -> ParameterError:
         names = self.part.coordinates.parameters.names
         lost = [names[i] for i in np.flatnonzero(analysis.involved)]
         shown = ", ".join(lost[:_NAMED])
@@ -90,14 +87,14 @@ class Expected:
         frf = self.part.frf
         return ParameterError(
             f"plan: sensors {', '.join(frf.responses.labels)} with forces"
-            f" {', '.join(frf.references.labels)} leave undetermined, whatever the noise: {shown}."
-            " Leave one of them out, state a prior_std for it, or plan for more sensors, forces or"
+            f" {', '.join(frf.references.labels)} leave undetermined, for any noise: {shown}."
+            " Remove one of them, state a prior_std for it, or plan for more sensors, forces or"
             " a wider band",
             key=("parameters",),
         )
 
     def std_range(self) -> dict[str, tuple[float, float]]:
-        """Return the least and largest standard deviation of each unknown over the drawn starts."""
+        """Return the range of the standard deviation of each parameter over the drawn starts."""
         total, coordinates = self.choice.total, self.part.coordinates
         if len(total) == 1:
             return {}
@@ -109,7 +106,7 @@ class Expected:
         return dict(zip(coordinates.parameters.names, ends, strict=True))
 
     def parts_of_band(self) -> tuple[BandWorth, ...]:
-        """Return what each part of the band adds to the others, at the start of the unknowns."""
+        """Return the gain of each part of the band over the others, at the start."""
         total = self.each.sum(axis=0) + self.choice.planning.information.before
         edges = np.linspace(*self.choice.band, _PARTS + 1)
         which = np.searchsorted(edges, self.layout.freq, side="right") - 1
@@ -121,8 +118,8 @@ class Expected:
             out.append(BandWorth(float(edges[i]), float(edges[i + 1]), gain))
         return tuple(out)
 
-    def doubled(self) -> dict[str, float]:
-        """Return the gains of twice the lines and of twice the averages."""
+    def doubling_gains(self) -> dict[str, float]:
+        """Return the gains of doubling the lines and of doubling the averages."""
         information = self.choice.planning.information
         own = self.each.sum(axis=0)
         now = (own + information.before)[None]
@@ -130,7 +127,7 @@ class Expected:
         freq = self.layout.freq
         if len(freq) > 1:
             between = self.layout.at_lines(0.5 * (freq[1:] + freq[:-1]))
-            also = _of_each_line(_measured(between), information.scale)
+            also = _of_each_line(_expected_part(between), information.scale)
             out["lines"] = self.choice.gain(now + also.sum(axis=0), now)
         out["averages"] = self.choice.gain(now + own, now)
         return out
@@ -150,7 +147,7 @@ def _of_each_line(part: Part, scale: _Real) -> _Real:
     return np.concatenate(out)
 
 
-def _measured(layout: Candidates) -> Part:
+def _expected_part(layout: Candidates) -> Part:
     """Return the part of an update with the expected data of a layout, without noise."""
     coordinates = layout.part.coordinates
     nothing = np.zeros((len(layout.freq), len(layout.responses), len(layout.references)))

@@ -1,13 +1,13 @@
 """Fisher information of every pair of a response and a reference, for all candidates at once.
 
 Each line is factorised once. The fields for unit forces on all candidates give H and, by
-reciprocity, the derivatives of every pair (`updyn.sensitivity`). Noise is independent from channel
-to channel, so that the information of a layout is the sum over its pairs of
+reciprocity, the derivatives of every pair (`updyn.sensitivity`). Noise is independent between
+channels, so the information of a layout is the sum over its pairs of
 
     I_ij = sum over lines of  2 / E|dH_ij|^2  Re(dH_ij/dx^H dH_ij/dx),
 
-by the optimiser's coordinates x (logarithm of a factor, loss factor): Pintelon & Schoukens, System
-Identification, 2nd ed. 2012, section 9.11, for circular complex noise.
+with respect to the optimiser's coordinates x (logarithm of a factor, loss factor): Pintelon &
+Schoukens, System Identification, 2nd ed. 2012, section 9.11, for circular complex noise.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ __all__ = ["Candidates", "PairInformation", "Stage", "check_size"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-#: A point of the unknowns and some of the lines: what is worked on at a time, here or elsewhere.
+#: A point of the parameters and a range of lines: a unit of work, local or remote.
 _Item: TypeAlias = "tuple[_Real, slice]"
-#: Names a stage of the work, as a context.
+#: Context that names a stage of the work.
 Stage: TypeAlias = Callable[[str], AbstractContextManager[object]]
 
-#: Bytes that the information of all pairs may take.
+#: Largest memory for the information of all pairs, in bytes.
 _MOST_BYTES = 2**30
-#: Bytes of the derivatives, and of the forces that they come from, that are worked on at a time.
+#: Memory for the derivatives and their forces that are processed at a time, in bytes.
 _CHUNK_BYTES = 32 * 2**20
-#: Pieces that the lines of a point are distributed in.
+#: Number of pieces of the lines of a point.
 _PIECES = 16
-#: Channels below this share of the loudest of their unit are rounding.
+#: Share of the largest channel of its unit below which a channel is rounding.
 _ROUNDING = 1e-9
 
 
@@ -61,19 +61,19 @@ class Candidates:
     model : Model
         The structure.
     part : Part
-        Model and unknowns compiled; its data are placeholders. Its session does the work.
+        Compiled model and parameters, with placeholders for the data. Its session does the work.
     responses, references : DofSet
         Candidates, n_i and n_j of them.
     noise : Stated
         Expected noise.
     level : ndarray of float, shape (n_i, n_j)
-        The rms of all candidate channels of the same unit, at the start of the unknowns: the floor
-        of the noise is a share of it. Infinite for channels that are too weak.
+        The rms of all candidate channels of the same unit, at the start of the parameters, which
+        scales the floor of the noise. Infinite for channels that are too weak.
     reduced : FieldSolver or None
-        A reduced model that gives the fields for unit forces on the candidates; None: the model.
+        A reduced model for the fields of unit forces on the candidates. None: the model.
     error : float
-        Channels below this share of the loudest of their unit say nothing: they are rounding, or
-        the error of the reduced model.
+        Share of the largest channel of its unit below which a channel carries no information:
+        rounding, or the error of the reduced model.
     """
 
     model: Model
@@ -97,12 +97,9 @@ class Candidates:
         noise: Stated,
         session: Session | None = None,
     ) -> Candidates:
-        """Compile a model for its candidates; the level of the noise is not known yet.
+        """Compile a model for its candidates, without the level of the noise.
 
-        Raises
-        ------
-        DataError
-            If the quantity or the lines are not usable.
+        Raises DataError for an invalid quantity or line.
         """
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, responses[:1], references[:1], quantity)
@@ -110,22 +107,15 @@ class Candidates:
         level = np.zeros((len(responses), len(references)))
         return cls(model, part, responses, references, noise, level)
 
-    def levelled(self, among: Candidates | None = None) -> Candidates:
+    def with_level(self, among: Candidates | None = None) -> Candidates:
         """Return the candidates with the level of the noise.
 
-        Parameters
-        ----------
-        among : Candidates, optional
-            A sample with channels of every unit, whose rms it is; no channel is then left out as
-            too weak. By default these candidates themselves.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved at a line.
+        `among` is a sample with channels of every unit that defines the rms; no channel is then
+        removed as too weak. By default these candidates. Raises SolverError if the model cannot be
+        solved at a line.
         """
         there = self if among is None else among
-        squared, of_kind = _squared(there), unit_kinds(there.responses, there.references)
+        squared, of_kind = _mean_square(there), unit_kinds(there.responses, there.references)
         kinds = unit_kinds(self.responses, self.references)
         level = np.zeros(kinds.shape)
         for kind in np.unique(kinds):
@@ -135,14 +125,11 @@ class Candidates:
         return found._without_weak(squared) if among is None else found
 
     def without_weak(self) -> Candidates:
-        """Return the candidates with an infinite level of the noise in channels that are too weak.
+        """Return the candidates with an infinite level of the noise in weak channels.
 
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved at a line.
+        Raises SolverError if the model cannot be solved at a line.
         """
-        return self._without_weak(_squared(self))
+        return self._without_weak(_mean_square(self))
 
     def _without_weak(self, squared: _Real) -> Candidates:
         kinds = unit_kinds(self.responses, self.references)
@@ -154,7 +141,7 @@ class Candidates:
 
     @property
     def solver(self) -> FieldSolver:
-        """What gives the fields for unit forces on the candidates."""
+        """Solver for the fields of unit forces on the candidates."""
         return self.reduced or self.part.solver
 
     @property
@@ -164,7 +151,7 @@ class Candidates:
 
     @property
     def quantity(self) -> str:
-        """What is measured."""
+        """The measured quantity."""
         return self.part.frf.quantity
 
     def at_lines(self, freq: _Real) -> Candidates:
@@ -176,7 +163,7 @@ class Candidates:
     def only(
         self, rows: Sequence[int] | NDArray[np.intp], columns: Sequence[int] | NDArray[np.intp]
     ) -> Candidates:
-        """Return some of the candidates, by position, with the same level of the noise."""
+        """Return some of the candidates, by index, with the same level of the noise."""
         at = np.ix_(list(rows), list(columns))
         responses, references = self.responses[list(rows)], self.references[list(columns)]
         return replace(self, responses=responses, references=references, level=self.level[at])
@@ -188,19 +175,10 @@ class Candidates:
         return self.part.work + 4.0 * n_values * self.part.n**2 > SPREAD
 
     def over_lines(self, function: Callable[[Candidates, _Item], _Real], x: _Real) -> _Real:
-        """Return the sum of a function over all lines, worked on by the session in pieces.
+        """Return the sum of a function over all lines at a point, computed in pieces.
 
-        Parameters
-        ----------
-        function : callable
-            Of a module. Takes the candidates, and the point with a piece of the lines.
-        x : ndarray of float, shape (n,)
-            The point.
-
-        Raises
-        ------
-        Stopped
-            If the user wants to stop.
+        The module-level function takes the candidates, and the point with a piece of the lines.
+        Raises Stopped if the user stops the work.
         """
         session, n_lines = self.part.session, len(self.freq)
         session.check()
@@ -213,7 +191,7 @@ class Candidates:
         return total
 
     def key(self, kind: str, x: _Real) -> list[object]:
-        """Return what a sum over lines at a point follows from, within a run."""
+        """Return the key of a sum over lines at a point, within a run."""
         labels = [*self.responses.labels, "/", *self.references.labels]
         return [kind, *labels, self.freq, self.level, self.solver.label, x]
 
@@ -222,18 +200,18 @@ class Candidates:
         return two_part(self.noise.relative, self.noise.floor, H, self.level)
 
 
-def _squared(candidates: Candidates) -> _Real:
-    """Return the mean of |H|^2 over the lines at the start of the unknowns, shape (n_i, n_j)."""
-    return candidates.over_lines(_squared_at, candidates.part.coordinates.home)
+def _mean_square(candidates: Candidates) -> _Real:
+    """Return the mean of |H|^2 over the lines at the start of the parameters, shape (n_i, n_j)."""
+    return candidates.over_lines(_mean_square_at, candidates.part.coordinates.home)
 
 
-def _squared_at(candidates: Candidates, item: _Item) -> _Real:
+def _mean_square_at(candidates: Candidates, item: _Item) -> _Real:
     """Return the share of some lines in the mean of |H|^2, shape (n_i, n_j)."""
     x, piece = item
     solver, dofs = candidates.solver, candidates.model.dofs
     read = dofs.match(candidates.responses).index
     loaded = dofs.match(candidates.references).index
-    turned = len(read) < len(loaded)  # H is symmetric: forces stand where there are fewer DOFs
+    turned = len(read) < len(loaded)  # H is symmetric: apply forces at the fewer DOFs
     if turned:
         read, loaded = loaded, read
     state, freq = candidates.part.state(x), candidates.freq[piece]
@@ -256,10 +234,10 @@ class _Block:
     freq : ndarray of float, shape (n_f,)
         The lines in Hz.
     V, U : ndarray of complex, shape (N, n_f, n_i) and (N, n_f, n_j)
-        Fields for unit forces on the responses and the references, in m/N; of a reduced model their
-        coordinates.
+        Fields for unit forces on the responses and the references, in m/N; coordinates for a
+        reduced model.
     H : ndarray of complex, shape (n_f, n_i, n_j)
-        In the measured quantity, but for the phase of its factor.
+        In the measured quantity, except for the phase of its factor.
     """
 
     freq: _Real
@@ -269,7 +247,7 @@ class _Block:
 
 
 def _blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
-    """Yield the fields block by block of lines; each line is factorised once."""
+    """Yield the fields by block of lines; each line is factorised once."""
     x, piece = item
     solver = candidates.solver
     dofs = candidates.model.dofs
@@ -290,18 +268,18 @@ def _blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairInformation:
-    """Fisher information of every pair of candidates, at one or more points of the unknowns.
+    """Fisher information of every pair of candidates, at one or more points of the parameters.
 
     Attributes
     ----------
     packed : ndarray of float, shape (n_i, n_j, n_points, n (n + 1) / 2)
         Lower triangles, scaled.
     before : ndarray of float, shape (n, n)
-        Information of the priors, scaled, and a little besides: layouts that determine nothing
-        have a determinant, too.
+        Scaled information of the priors, with a small addition that makes the determinant of
+        designs without information nonzero.
     scale : ndarray of float, shape (n,)
-        Square root of the information of all pairs and the priors at the first point, by which rows
-        and columns are divided.
+        Square root of the information of all pairs and the priors at the first point, which divides
+        rows and columns.
     """
 
     packed: _Real
@@ -315,25 +293,11 @@ class PairInformation:
         points: Sequence[_Real],
         stage: Stage = nullcontext,
     ) -> PairInformation:
-        """Compute the information of every pair.
+        """Return the information of every pair at points in the optimiser's coordinates.
 
-        Parameters
-        ----------
-        candidates : Candidates
-            Model and candidates.
-        points : sequence of ndarray of float, shape (n,)
-            Where, in the optimiser's coordinates.
-        stage : callable
-            Names the work at each point.
-
-        Raises
-        ------
-        OptionError
-            If there are too many pairs for the memory; the message says how many there may be.
-        SolverError
-            If the model cannot be solved at a line.
-        Stopped
-            If the user wants to stop.
+        `stage` names the work at each point. Raises OptionError if memory does not suffice, with
+        the permitted number; SolverError if the model cannot be solved at a line; Stopped if the
+        user stops the work.
         """
         n = candidates.part.n
         shape = (len(candidates.responses), len(candidates.references), len(points))
@@ -358,45 +322,29 @@ class PairInformation:
 
     @property
     def points_shape(self) -> tuple[int, int, int]:
-        """Number of points, and of unknowns twice."""
+        """Number of points, and twice the number of parameters."""
         return self.packed.shape[2], len(self.scale), len(self.scale)
 
     def of_responses(self, columns: Sequence[int]) -> _Real:
-        """Return the information of each response with some references together.
+        """Return the information of each response with all given references, (n_i, n_points, n, n).
 
-        Parameters
-        ----------
-        columns : sequence of int
-            Positions of the references.
-
-        Returns
-        -------
-        ndarray of float, shape (n_i, n_points, n, n)
-            Without the prior.
+        Without the prior.
         """
-        return self._unpacked(self.packed[:, list(columns)].sum(axis=1))
+        return self._unpack(self.packed[:, list(columns)].sum(axis=1))
 
     def of_references(self, rows: Sequence[int]) -> _Real:
-        """Return the information of each reference with some responses together.
+        """Return the information of each reference with all given responses, (n_j, n_points, n, n).
 
-        Parameters
-        ----------
-        rows : sequence of int
-            Positions of the responses.
-
-        Returns
-        -------
-        ndarray of float, shape (n_j, n_points, n, n)
-            Without the prior.
+        Without the prior.
         """
-        return self._unpacked(self.packed[list(rows)].sum(axis=0))
+        return self._unpack(self.packed[list(rows)].sum(axis=0))
 
     def of_layout(self, rows: Sequence[int], columns: Sequence[int]) -> _Real:
         """Return the information of a layout with the prior, shape (n_points, n, n)."""
         total = self.packed[np.ix_(list(rows), list(columns))].sum(axis=(0, 1))
-        return self._unpacked(total) + self.before
+        return self._unpack(total) + self.before
 
-    def _unpacked(self, packed: _Real) -> _Real:
+    def _unpack(self, packed: _Real) -> _Real:
         n = len(self.scale)
         place = np.zeros((n, n), dtype=np.intp)
         lower = np.tril_indices(n)
@@ -405,27 +353,14 @@ class PairInformation:
 
 
 def check_size(candidates: Candidates, n_points: int) -> None:
-    """Check that the information of all pairs has room in memory.
-
-    Parameters
-    ----------
-    candidates : Candidates
-        Responses and references.
-    n_points : int
-        Of the unknowns.
-
-    Raises
-    ------
-    OptionError
-        If it has not; the message says how many candidates there may be.
-    """
+    """Raise OptionError if the information of all pairs needs too much memory."""
     n, rows, columns = candidates.part.n, len(candidates.responses), len(candidates.references)
     one = 8 * n_points * (n * (n + 1) // 2)
     if rows * columns * one <= _MOST_BYTES:
         return
     text = (
         f"{rows} candidate responses with {columns} candidate references and {n} unknowns, at"
-        f" {n_points} starts, need {rows * columns * one / 2**30:.3g} GiB, more than"
+        f" {n_points} starts, need {rows * columns * one / 2**30:.3g} GiB; expected at most"
         f" {_MOST_BYTES / 2**30:g}; name fewer candidates"
     )
     fits = _MOST_BYTES // (rows * one)
@@ -453,7 +388,7 @@ def _information(candidates: Candidates, x: _Real) -> _Real:
 def _information_at(candidates: Candidates, item: _Item) -> _Real:
     """Return the information of each pair at some lines, shape (n_i, n_j, n (n + 1) / 2).
 
-    By reciprocity, pairs of the same candidates are computed once: those below the diagonal.
+    By reciprocity, pairs of the same candidates are computed once, below the diagonal.
     """
     x, _ = item
     part = candidates.part
@@ -474,7 +409,7 @@ def _information_at(candidates: Candidates, item: _Item) -> _Real:
             part.session.check()
             some = slice(first, first + step)
             seen = slice(first, None) if is_square else slice(None)
-            # The sign of the derivatives does not matter.
+            # The sign of the derivatives has no influence.
             J = contract(system, unknowns, slopes, block.V[:, :, seen], block.U[:, :, some])
             J *= weight[:, seen, some]
             rows = np.ascontiguousarray(J.transpose(2, 3, 0, 1)).view(np.float64)

@@ -1,4 +1,4 @@
-"""The search for the layout with the largest score: sensors and forces in turn."""
+"""Search for the layout with the largest score, of sensors and forces in turn."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ __all__ = ["Layout", "OverPoints", "best_layout"]
 
 _Real = NDArray[np.float64]
 
-#: References that the search starts from, the best of their own.
+#: Number of initial references of the search, those with the best separate scores.
 _STARTS = 6
-#: Rounds of exchange of responses, then references.
+#: Largest number of exchanges of responses, then references.
 _ROUNDS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Chosen candidates, by position.
+    """Selected candidates, by index.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class OverPoints(DesignScore):
-    """Mean of a score over the points of the unknowns.
+    """Mean of a score over the points of the parameters.
 
     Parameters
     ----------
@@ -55,24 +55,11 @@ class OverPoints(DesignScore):
 def best_layout(
     information: PairInformation, n_rows: int, n_columns: int, criterion: DesignScore
 ) -> Layout:
-    """Choose responses and references with the largest score of their information.
+    """Return responses and references with the largest score of their information.
 
-    References are chosen greedily as if all responses were measured, beginning with each of those
-    that are best alone; responses are then chosen for them greedily. Both are exchanged in turn
-    while the score rises.
-
-    Parameters
-    ----------
-    information : PairInformation
-        Of all pairs.
-    n_rows, n_columns : int
-        How many responses and references.
-    criterion : DesignScore
-        The score of the information at all points.
-
-    Returns
-    -------
-    Layout
+    References are selected greedily as if all responses were measured, starting with each of the
+    best separate ones; responses are then selected greedily for them. Both are exchanged in turn
+    while the score increases.
     """
     all_rows = range(information.shape[0])
     alone = information.of_references(all_rows)
@@ -81,7 +68,7 @@ def best_layout(
     for first in firsts.tolist():
         total = information.before + alone[first]
         columns = [first, *_further(alone, total, [first], n_columns - 1, criterion)]
-        found = _improved(information, columns, n_rows, criterion)
+        found = _improve_layout(information, columns, n_rows, criterion)
         score = float(criterion.score(information.of_layout(found.rows, found.columns)))
         if score > highest:
             best, highest = found, score
@@ -91,16 +78,16 @@ def best_layout(
 def _further(
     items: _Real, total: _Real, chosen: Sequence[int], count: int, criterion: DesignScore
 ) -> list[int]:
-    """Choose further items greedily."""
+    """Return further items by greedy selection."""
     left = np.setdiff1d(np.arange(len(items)), chosen)
     order, _ = greedy(items[left], total, count, criterion)
     return [int(i) for i in left[order]]
 
 
-def _improved(
+def _improve_layout(
     information: PairInformation, columns: list[int], n_rows: int, criterion: DesignScore
 ) -> Layout:
-    """Return the layout that greedy choice and exchange reach from some references."""
+    """Return the layout from some references by greedy selection and exchange."""
     items = information.of_responses(columns)
     rows, _ = greedy(items, information.before, n_rows, criterion)
     for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""The arguments of `plan` as checked objects: noise, bands, lines, draws of the start."""
+"""Checked arguments of `plan`: noise, bands, lines, draws of the start."""
 
 from __future__ import annotations
 
@@ -32,33 +32,20 @@ _Real = NDArray[np.float64]
 
 Band = tuple[float, float]
 
-#: Largest number of lines of a plan: the model is solved at each line, and all sensitivities are
-#: kept in memory.
+#: Largest number of lines of a plan: the model is solved at each line, and all sensitivities are in
+#: memory.
 _MOST_LINES = 100_000
-#: Largest number of draws of the start: the plan is computed at each.
+#: Largest number of draws of the start, as the plan is computed at each.
 _MOST_STARTS = 1_000
 
 
 def check_unknowns(unknowns: ParameterSet, model: Model) -> None:
-    """Check that all unknowns are of the model.
-
-    Parameters
-    ----------
-    unknowns : ParameterSet
-        The unknowns.
-    model : Model
-        The structure.
-
-    Raises
-    ------
-    ParameterError
-        If one is a calibration factor, or acts on what the model lacks.
-    """
+    """Raise ParameterError for a calibration factor, or a parameter that the model lacks."""
     for p in unknowns:
         if p.is_channel:
             raise ParameterError(
                 f"plan: {p.name!r} is a calibration factor of a sensor, and the sensors are not"
-                " chosen yet; leave it out",
+                " selected yet; remove it",
                 key=("parameters",),
             )
         for drive in p.acts_on:
@@ -72,18 +59,7 @@ def check_unknowns(unknowns: ParameterSet, model: Model) -> None:
 
 
 def check_quantity(quantity: str) -> None:
-    """Check the name of a measured quantity.
-
-    Parameters
-    ----------
-    quantity : str
-        Its name.
-
-    Raises
-    ------
-    OptionError
-        If it is not known.
-    """
+    """Raise OptionError for an unknown measured quantity."""
     if quantity not in QUANTITIES:
         raise OptionError(
             f"quantity {quantity!r}: {suggest(str(quantity), QUANTITIES)}", key=("quantity",)
@@ -91,42 +67,18 @@ def check_quantity(quantity: str) -> None:
 
 
 def find_wanted(interest: str | Iterable[str] | None, unknowns: ParameterSet) -> tuple[int, ...]:
-    """Return the positions of the unknowns that count.
-
-    Parameters
-    ----------
-    interest : None, str or iterable of str
-        Names or globs; None: all.
-    unknowns : ParameterSet
-        All unknowns.
-
-    Raises
-    ------
-    OptionError
-        If a glob fits none.
-    """
+    """Return the indices of the parameters of interest, by names and globs."""
     if interest is None:
         return tuple(range(len(unknowns)))
     patterns = [interest] if isinstance(interest, str) else list(interest)
     if not patterns:
-        raise OptionError("interest: no unknown is named; leave it out for all", key=("interest",))
+        raise OptionError("interest: no unknown is named; omit it for all", key=("interest",))
     with key_path("interest"):
         return tuple(named_unknowns("interest", patterns, unknowns.names))
 
 
 def find_noise(given: Mapping[str, float] | None) -> Stated:
-    """Return the noise that is expected.
-
-    Parameters
-    ----------
-    given : None or mapping
-        ``relative`` and/or ``floor``; None: noise of ordinary size.
-
-    Raises
-    ------
-    OptionError
-        If it states something else, or a number is not usable.
-    """
+    """Return the expected noise, by default of ordinary size; raises OptionError if invalid."""
     if given is None:
         return Stated(**ASSUMED)
     if not isinstance(given, Mapping) or not given or set(given) - set(ASSUMED):
@@ -140,18 +92,7 @@ def find_noise(given: Mapping[str, float] | None) -> Stated:
 
 
 def find_bands(given: Band | Sequence[Band]) -> list[Band]:
-    """Return the bands to choose from.
-
-    Parameters
-    ----------
-    given : (float, float), or sequence of (float, float)
-        In Hz.
-
-    Raises
-    ------
-    OptionError
-        If one is not two frequencies, the lower first.
-    """
+    """Return the bands to select from, in Hz; raises OptionError if invalid."""
     try:
         table = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
@@ -167,7 +108,7 @@ def find_bands(given: Band | Sequence[Band]) -> list[Band]:
     for low, high in table.tolist():
         if not 0.0 <= low < high:
             raise OptionError(
-                f"band {low:g} to {high:g} Hz: expected 0 or more, and the lower end first",
+                f"band {low:g} to {high:g} Hz: expected 0 <= low < high",
                 key=("band",),
             )
     return [(low, high) for low, high in table.tolist()]
@@ -176,17 +117,8 @@ def find_bands(given: Band | Sequence[Band]) -> list[Band]:
 def find_lines(given: int | ArrayLike, band: Band) -> _Real:
     """Return the lines of a band in Hz, ascending.
 
-    Parameters
-    ----------
-    given : int or array_like of float
-        How many, evenly spaced with both ends; or lines in Hz, of which those in the band count.
-    band : (float, float)
-        In Hz.
-
-    Raises
-    ------
-    OptionError
-        If it is neither, or no line lies in the band.
+    A number gives evenly spaced lines with both ends; of given lines, those in the band are used.
+    Raises OptionError if invalid, or if no line is in the band.
     """
     low, high = band
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
@@ -216,21 +148,21 @@ def find_lines(given: int | ArrayLike, band: Band) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """Draws of the start of the unknowns, to plan for.
+    """Draws of the start of the parameters.
 
     Parameters
     ----------
     robust : int
-        How many.
+        Number of draws.
     off : float
-        Standard deviation of the logarithm of each unknown.
+        Standard deviation of the logarithm of each parameter.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Raises
     ------
     OptionError
-        If a number is not usable.
+        If a number is invalid.
     """
 
     robust: int
@@ -258,13 +190,7 @@ class Draws:
             )
 
     def points(self, coordinates: Coordinates) -> list[_Real]:
-        """Return the start of the unknowns and the draws, each shape (n,).
-
-        Parameters
-        ----------
-        coordinates : Coordinates
-            In which they are returned; draws stay within the bounds.
-        """
+        """Return the start of the parameters and the draws within the bounds, each shape (n,)."""
         home, rng = coordinates.home, np.random.default_rng(self.seed)
         is_factor = coordinates.parameters.is_factor
         out = [home]

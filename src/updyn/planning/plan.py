@@ -30,7 +30,7 @@ from updyn.planning.options import (
     find_wanted,
 )
 from updyn.planning.result import BandWorth, Plan, Rival
-from updyn.planning.screening import is_many, screened, where_reduced
+from updyn.planning.screening import is_many, screen, where_reduced
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.problem.parameters import ParameterSet
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LINES", "ROBUST", "plan"]
 
-#: Lines where none are stated.
+#: Default number of lines.
 LINES = 200
-#: Draws of the start where their number is not stated.
+#: Default number of draws of the start.
 ROBUST = 4
 
 
@@ -72,62 +72,62 @@ def plan(
     checkpoint: str | Path | None = None,
     resume: bool = False,
 ) -> Plan:
-    """Choose sensors and forces out of candidates, before a test, for the unknowns of a model.
+    """Select sensors and forces from candidates before a test, for the parameters of a model.
 
     Parameters
     ----------
     model : Model
-        The model as it is known before the test.
+        The model before the test.
     parameters : ParameterSet or Selection
-        The unknowns that the test is to determine, from `updyn.parameters`.
+        The parameters that the test is to determine, from `updyn.parameters`.
     candidates : None, str or iterable of str or Dof
-        Where sensors may be: labels and globs such as ``"*:Z"``, or ``"all"`` DOFs. None: all
-        translational DOFs, or all where none is translational.
+        Possible sensors: labels and globs such as ``"*:Z"``, or ``"all"`` DOFs. None: all
+        translational DOFs, or all DOFs without any.
     n_sensors, n_references : int
         Number of sensors and of forces.
     band : (float, float), or sequence of (float, float)
-        In Hz. Of several bands the one is chosen that leaves the unknowns least uncertain, each
-        measured with as many lines.
+        In Hz. Of several bands, that with the smallest uncertainty of the parameters is selected,
+        each with the same number of lines.
     criterion : str
         ``"d-optimal"``: smallest volume of the confidence ellipsoid; ``"a-optimal"``: smallest mean
-        variance, each relative to its least. For comparison, by mode shapes alone:
+        variance, each relative to its minimum. For comparison, from mode shapes only:
         ``"effective-independence"``, ``"mac"``, ``"driving-point-residue"``.
     reference_candidates : None, str or iterable of str or Dof
-        Where forces may act. None: as for `candidates`.
+        Possible forces. None: as for `candidates`.
     quantity : {"receptance", "mobility", "accelerance"}
-        What is measured.
+        Measured quantity.
     lines : int or array_like of float
-        Number of lines, evenly spaced over the band, or lines in Hz, of which those in the band
-        count.
+        Number of lines, evenly spaced over the band, or lines in Hz, of which those in the band are
+        used.
     noise : mapping, optional
-        ``relative`` and ``floor`` of the FRFs that are to be measured: E|dH|^2 = (relative |H|)^2 +
-        (floor rms)^2, the rms over all candidate channels of one unit. By default 5 % and 0.1 %,
-        as for `updyn.identifiability`.
+        ``relative`` and ``floor`` of the measured FRFs: E|dH|^2 = (relative |H|)^2 + (floor rms)^2,
+        with the rms over all candidate channels of one unit. By default 5 % and 0.1 %, as for
+        `updyn.identifiability`.
     interest : str or iterable of str, optional
-        Names or globs of the unknowns that count; the others are fitted all the same. By default
+        Names or globs of the parameters of interest; the others are fitted nevertheless. By default
         all.
     robust : int
-        Starts to draw besides; the layout is that of the largest mean score over all of them. 0:
-        for the start alone, in a fifth of the time; where the truth is off it may be no better than
-        a classical layout.
+        Number of additional starts to draw; the layout has the largest mean score over all starts.
+        0: for the given start only, in a fifth of the time; if the start is wrong, it may be no
+        better than a classical layout.
     off : float
-        How far these are off: standard deviation of the logarithm of each unknown.
+        Distance of these starts: standard deviation of the logarithm of each parameter.
     seed : int
-        Of the draws.
+        Seed of the draws.
     compare : bool
-        Whether to choose by the other criteria as well, and to state how much worse they are.
+        Whether to select by the other criteria as well, and to state the ratio of their results.
     engine : None, int, dask.distributed Client or Engine
-        Where lines are worked on, as for `updyn.update`; the plan does not depend on it.
+        Engine for the lines, as for `updyn.update`; the plan does not depend on it.
     callback : callable, optional
         Called with a `Progress` before each long step and between blocks of lines; returning True
         stops the work, which then raises `updyn.errors.StoppedError`.
     checkpoint : path, optional
-        File that receives what is found at each start as soon as it is known (read `resume`). It
-        stays; remove it once the plan is safe.
+        File that receives the results of each start as soon as they are available (see `resume`).
+        It is kept; remove it once the plan is saved.
     resume : bool
-        Go on with the work that `checkpoint` holds, however it ended: with the same plan, to the
-        last bit. Everything has to be as it was but `engine` and `compare`. Where the file is not
-        there, the work begins anew, with a warning.
+        Continue the work stored in `checkpoint`, however it ended, to the identical plan. All
+        arguments except `engine` and `compare` must be unchanged. If the file is missing, the work
+        starts from the beginning, with a warning.
 
     Returns
     -------
@@ -137,25 +137,26 @@ def plan(
     Raises
     ------
     InputError
-        If a candidate is not in the model, there are fewer candidates than are to be chosen, an
-        option is not usable, the layout leaves unknowns undetermined, or the checkpoint to resume
-        is of other work; the message names them.
+        If a candidate is not in the model, there are fewer candidates than to be selected, an
+        option is invalid, the layout leaves parameters undetermined, or the checkpoint to resume
+        belongs to other work; the message names them.
     SolverError
         If the model cannot be solved at a line.
     StoppedError
-        If the callback asks to stop: there is no plan before the end.
+        If the callback stops the work.
 
     Notes
     -----
-    Models above 600 DOFs are reduced for the choice, with a certified error. Of more than 40,000
-    pairs of a sensor and a force (200 of each), those candidates are kept that a reduced model
-    shows to tell most at a few lines, and the layout is chosen among them; the result says so.
+    Models above 600 DOFs are reduced for the selection, with a certified error. Of more than 40,000
+    pairs of a sensor and a force (200 of each), the most informative candidates at a few lines of a
+    reduced model are kept, and the layout is selected from these; the result states this.
 
     Each line is factorised once for all candidates. Noise that is independent between channels
-    makes the Fisher information of a layout a sum over its pairs; log det of it is maximised by
-    greedy choice and exchange (Fedorov, Theory of Optimal Experiments, 1972, chapter 3; for sensors
-    Udwadia, J. Eng. Mech. 120 (1994) 368; Papadimitriou, J. Sound Vib. 278 (2004) 923). Standard
-    deviations are then those of the exact Jacobian of the chosen layout.
+    Noise that is independent between channels makes the Fisher information of a layout a sum over
+    its pairs; log det of it is maximised by greedy selection and exchange (Fedorov, Theory of
+    Optimal Experiments, 1972, chapter 3; for sensors Udwadia, J. Eng. Mech. 120 (1994) 368;
+    Papadimitriou, J. Sound Vib. 278 (2004) 923). Standard deviations are then those of the exact
+    Jacobian of the selected layout.
 
     Examples
     --------
@@ -201,7 +202,7 @@ def plan(
         except Stopped:
             if isinstance(session.memory, Checkpoint):
                 session.memory.keep()
-            text = "stopped before its end, so that nothing is chosen"
+            text = "stopped before the end; no layout is selected"
             raise StoppedError(text) from None
 
 
@@ -209,7 +210,7 @@ _Callback = Callable[[Progress], "bool | None"]
 
 
 def _head(among: Sequence[Candidates], task: _Task) -> dict[str, Any]:
-    """Return what identifies the work, for its checkpoint."""
+    """Return the identification of the work, for its checkpoint."""
     first = among[0]
     stated = {
         "candidates": first.responses.labels,
@@ -227,7 +228,7 @@ def _head(among: Sequence[Candidates], task: _Task) -> dict[str, Any]:
 
 
 def _stages(candidates: Candidates, callback: _Callback | None) -> Stage:
-    """Return what names the stages of the work in a band, and shows them to the caller."""
+    """Return a context that names the stages of the work in a band and reports them."""
     monitor = Monitor(Problem.of([candidates.part]), callback)
 
     @contextmanager
@@ -241,20 +242,20 @@ def _stages(candidates: Candidates, callback: _Callback | None) -> Stage:
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """What is to be chosen.
+    """The selection to make.
 
     Attributes
     ----------
     criterion : str
         Name of the criterion.
     rule : Criterion
-        It.
+        The criterion.
     wanted : tuple of int
-        Unknowns that count.
+        Parameters of interest.
     counts : (int, int)
-        How many responses and references.
+        Number of responses and references.
     draws : Draws
-        Of the start of the unknowns.
+        Draws of the start of the parameters.
     """
 
     criterion: str
@@ -264,22 +265,22 @@ class _Task:
     draws: Draws
 
     def choose(self, band: Band, candidates: Candidates, callback: _Callback | None) -> Choice:
-        """Choose a layout in a band."""
+        """Return the selected layout in a band."""
         stage = _stages(candidates, callback)
         points = self.draws.points(candidates.part.coordinates)
         pairs = f"{len(candidates.responses)} x {len(candidates.references)} pairs"
         if self.rule.by_information and is_many(candidates):
             with stage(f"screening of {pairs}"):
-                candidates = screened(candidates, points, self.rule, self.wanted, self.counts)
+                candidates = screen(candidates, points, self.rule, self.wanted, self.counts)
         else:
             check_size(candidates, len(points))
             with stage(f"level of {pairs}"):
-                candidates = where_reduced(candidates, points).levelled()
+                candidates = where_reduced(candidates, points).with_level()
         information = PairInformation.compute(candidates, points, stage)
         planning = Planning(candidates, information, self.wanted)
         with stage("layout"), key_path("criterion"):
             layout = self.rule.choose(planning, *self.counts)
-            return Choice.ordered(band, planning, layout, self.rule)
+            return Choice.in_order(band, planning, layout, self.rule)
 
     def plan(
         self,
@@ -289,19 +290,7 @@ class _Task:
         *,
         compare: bool,
     ) -> Plan:
-        """Return the plan for the best of several bands.
-
-        Parameters
-        ----------
-        found : sequence of Choice
-            The layout in each band.
-        among : Candidates
-            All there were.
-        callback : callable, optional
-            As for `plan`.
-        compare : bool
-            Whether to choose by the other criteria as well.
-        """
+        """Return the plan for the best of several bands; `among` are all candidates."""
         best = min(found, key=lambda choice: choice.radius)
         stage = _stages(best.planning.candidates, callback)
         bands = [BandWorth(*one.band, one.radius / best.radius - 1.0) for one in found]
@@ -311,7 +300,7 @@ class _Task:
                 rivals = list(best.rivals(self.criterion))
         with stage("expectation of the layout"):
             return replace(
-                _expected(best, self.criterion),
+                _expected_plan(best, self.criterion),
                 bands=tuple(bands) if len(bands) > 1 else (),
                 rivals=tuple(rivals),
                 draws=self.draws.robust,
@@ -322,19 +311,19 @@ class _Task:
 
 
 def _left_out(kept: Candidates, among: Candidates) -> str:
-    """Return how many candidates were left out before the choice, in words; empty if none."""
+    """Return a text on the number of candidates removed before the selection; empty if none."""
     of = len(among.responses), len(among.references)
     if (len(kept.responses), len(kept.references)) == of:
         return ""
     return (
         f"chosen among {len(kept.responses)} of {of[0]} candidate sensors and"
-        f" {len(kept.references)} of {of[1]} candidate forces, those that tell most by a"
+        f" {len(kept.references)} of {of[1]} candidate forces, the most informative ones of a"
         " reduced model"
     )
 
 
-def _expected(choice: Choice, criterion: str) -> Plan:
-    """Return a chosen layout with what is expected of it."""
+def _expected_plan(choice: Choice, criterion: str) -> Plan:
+    """Return the plan of a selected layout, with its expected results."""
     expected = Expected.of(choice)
     layout, names = expected.layout, expected.part.coordinates.parameters.names
     return Plan(
@@ -353,7 +342,7 @@ def _expected(choice: Choice, criterion: str) -> Plan:
         further=choice.further_responses(),
         further_references=choice.further_references(),
         parts=expected.parts_of_band(),
-        doubled=expected.doubled(),
+        doubled=expected.doubling_gains(),
         wanted=tuple(names[i] for i in choice.planning.wanted),
         parameters=expected.part.coordinates.parameters,
         model=layout.model,

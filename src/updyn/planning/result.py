@@ -1,4 +1,4 @@
-"""`Plan`: a layout of sensors and forces, and what is expected of it."""
+"""`Plan`: a layout of sensors and forces, and its expected results."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["BandWorth", "Plan", "Rival", "Worth"]
 
-#: Further sensors that a summary names.
+#: Number of further sensors in a summary.
 _NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """What a sensor or a force beyond the plan would add.
+    """Gain of a sensor or a force in addition to the plan.
 
     Attributes
     ----------
     label : str
         The DOF.
     gain : float
-        By what share all standard deviations fall, in the geometric mean (or, A-optimal, in the
-        root mean square).
+        Relative decrease of all standard deviations, in the geometric mean (for A-optimal plans in
+        the root mean square).
     """
 
     label: str
@@ -37,15 +37,15 @@ class Worth:
 
 @dataclass(frozen=True, slots=True)
 class BandWorth:
-    """A part of the band, or a band that might have been chosen.
+    """A part of the band, or an alternative band.
 
     Attributes
     ----------
     low, high : float
         In Hz.
     gain : float
-        Of a part: by what share its lines lower all standard deviations. Of a band: how much larger
-        they are with it than with the chosen one, as a share; 0 for that.
+        For a part: relative decrease of all standard deviations by its lines. For a band: relative
+        increase of all standard deviations compared with the selected one; 0 for that one.
     """
 
     low: float
@@ -60,14 +60,14 @@ class Rival:
     Attributes
     ----------
     criterion : str
-        Its name.
+        Name of the criterion.
     responses, references : tuple of str
-        What it chooses; empty where it cannot.
+        Its selection; empty if not possible.
     ratio : float
         Geometric mean of the semi-axes of its confidence ellipsoid over that of the plan: above 1
-        where it is worse. nan where it cannot choose.
+        if it is worse. nan without a selection.
     note : str
-        Why it cannot; else empty.
+        The reason if the selection is not possible; else empty.
     """
 
     criterion: str
@@ -79,62 +79,63 @@ class Rival:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """A layout of sensors and forces, and what is expected of it.
+    """A layout of sensors and forces, and its expected results.
 
     Attributes
     ----------
     criterion : str
-        What it was chosen by.
+        Criterion of the selection.
     responses, references : tuple of str
         Sensors and forces, those with the largest gain first.
     band : (float, float)
         In Hz.
     freq : ndarray of float, shape (n_f,)
-        The lines for which it was chosen, in Hz.
+        The lines of the selection, in Hz.
     quantity : str
-        What is measured.
+        Measured quantity.
     noise : dict of str to float
         ``relative`` and ``floor`` of the expected noise.
     variance : ndarray of float, shape (n_f, n_responses, n_references)
-        E|dH|^2 that follows, in squared units of the quantity, in the order of `responses` and
-        `references`.
+        E|dH|^2 of the expected noise, in squared units of the quantity, in the order of `responses`
+        and `references`.
     std : dict of str to float
-        Expected standard deviation of each unknown by the Cramer-Rao bound, as of
-        `UpdateResult.std`, where the truth is where the unknowns start.
+        Expected standard deviation of each parameter by the Cramer-Rao bound, as in
+        `UpdateResult.std`, if the truth is at the start.
     std_range : dict of str to (float, float)
-        Smallest and largest of it over the drawn starts; empty where none were drawn.
+        Range of `std` over the drawn starts; empty without draws.
     radius : float
         Geometric mean of the semi-axes of the confidence ellipsoid (at one standard deviation) of
-        the unknowns that count: of logarithms of factors, and of loss factors. Over draws, too.
+        the parameters of interest: of logarithms of factors, and of loss factors. Also averaged
+        over draws.
     gain, reference_gain : tuple of float
-        By what share all standard deviations fall with each sensor (force) after those before it
-        and with all forces (sensors): in the geometric mean, or, A-optimal, in the root mean
-        square. The first begins from knowing nothing but the priors.
+        Relative decrease of all standard deviations with each sensor (force) after those before it
+        and with all forces (sensors): in the geometric mean, or, for A-optimal plans, in the root
+        mean square. The first starts from the priors alone.
     further, further_references : tuple of Worth
-        The next sensors and forces, each after those before it, as far as there are candidates.
+        The next sensors and forces, each after those before it, if there are candidates.
     parts : tuple of BandWorth
-        What each tenth of the band adds to the rest.
+        Gain of each tenth of the band over the rest.
     doubled : dict of str to float
-        Gain of twice the ``lines`` (the distance between them halved) and of twice the
-        ``averages`` (half the variance of the noise).
+        Gain of twice the ``lines`` (half the distance between them) and of twice the ``averages``
+        (half the variance of the noise).
     wanted : tuple of str
-        The unknowns that count.
+        The parameters of interest.
     parameters : ParameterSet
-        All unknowns.
+        All parameters.
     model : Model
         The structure.
     bands : tuple of BandWorth
-        The bands to choose from, where there were several.
+        The bands to select from, if several.
     rivals : tuple of Rival
-        Layouts of the other criteria, where they were asked for.
+        Layouts of the other criteria, if requested.
     draws : int
-        Starts that were drawn besides.
+        Number of additional starts.
     off : float
-        How far they are off, as a standard deviation of the logarithm.
+        Their standard deviation in the logarithm.
     seed : int
-        Of the draws.
+        Seed of the draws.
     screened : str
-        Of very many candidates, among how many the layout was chosen; else empty.
+        The number of candidates after screening, if screened; else empty.
 
     Examples
     --------
@@ -180,10 +181,10 @@ class Plan:
         )
 
     def summary(self) -> str:
-        """Return layout, expected standard deviations and marginal worths as text."""
-        blocks = [self._head(), self._layout(), self._expected(), self._worth()]
+        """Return layout, expected standard deviations and gains as text."""
+        blocks = [self._head(), self._layout(), self._expected_text(), self._worth()]
         if self.rivals:
-            blocks.append(self._compared())
+            blocks.append(self._comparison())
         return "\n\n".join(blocks)
 
     def _head(self) -> str:
@@ -221,7 +222,7 @@ class Plan:
         rows += [["next force", w.label, _percent(w.gain)] for w in self.further_references[:1]]
         return text_table(["", "DOF", "gain"], rows, left=(0, 1))
 
-    def _expected(self) -> str:
+    def _expected_text(self) -> str:
         header = ["unknown", "start", "std"]
         if self.std_range:
             header += ["least", "largest"]
@@ -241,7 +242,7 @@ class Plan:
         rows = [[f"{p.low:.4g} to {p.high:.4g} Hz", _percent(p.gain)] for p in self.parts]
         return "\n".join([*lines, "", text_table(["part of the band", "gain"], rows)])
 
-    def _compared(self) -> str:
+    def _comparison(self) -> str:
         rows = [[self.criterion, "1", ", ".join(self.responses), ", ".join(self.references)]]
         for rival in self.rivals:
             ratio = rival.note or f"{rival.ratio:.3g}"

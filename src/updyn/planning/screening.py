@@ -1,12 +1,12 @@
-"""Reduced models for the choice, and screening of very many candidates.
+"""Reduced models for the selection, and screening of very many candidates.
 
-The information of all pairs grows with the product of the candidates. Of very many those are kept
-that tell most of the unknowns at some lines by a reduced model: first references, as if a sample of
-all responses were measured, then responses for these references: those of the layouts that greedy
-choice reaches from some of the references. One half of all others that are kept are the next best
-in greedy choice (they complement each other), the other half the best by themselves. Among those
-kept a layout is then chosen as among few: in a reduced model whose error is certified at every
-point of the unknowns, where the model is not small.
+The information of all pairs grows with the product of the candidates. Of very many, the most
+informative at some lines of a reduced model are kept: first references, as if a sample of all
+responses were measured, then responses for these references, those of the layouts that greedy
+selection reaches from some of the references. Half of the remaining places go to the next best in
+greedy selection (which complement each other), the others to the best separate ones. The layout is
+then selected from these, for a large model in a reduced model with a certified error at every point
+of the parameters.
 """
 
 from __future__ import annotations
@@ -25,73 +25,57 @@ from updyn.planning.information import Candidates, PairInformation
 from updyn.updating.problem.optimal_design import DesignScore, greedy
 from updyn.updating.problem.session import Record
 
-__all__ = ["is_many", "screened", "where_reduced"]
+__all__ = ["is_many", "screen", "where_reduced"]
 
 _Real = NDArray[np.float64]
 
-#: More pairs of candidates than this are screened.
+#: Number of pairs of candidates above which they are screened.
 _PAIRS = 40_000
-#: Lines that are looked at; candidates that stand for all of them.
+#: Number of lines evaluated; number of candidates in a sample.
 _LINES, _SAMPLE = 16, 40
-#: How many responses and references are kept at least, and for each that is to be chosen.
+#: Least number of responses and references kept, and number per selected one.
 _KEPT, _FOR_EACH = (96, 24), 6
-#: References of which each is the first of a layout whose responses are kept.
+#: Number of references that each start a layout whose responses are kept.
 _LAYOUTS = 8
-#: Larger models than this are reduced.
+#: Number of DOFs above which models are reduced.
 _DOFS = 600
-#: Least number of states, each solved at another shift, of which a basis is made; what they add;
-#: root of the share of the energy of fields that may be dropped of it.
+#: Least number of states of a basis, each solved at another shift, with their additional vectors;
+#: square root of the share of the energy of fields that may be dropped.
 _STATES, _DROPPED = 6, 1e-4
 _ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
-#: Largest error of a reduced model that is used, as a share of the largest receptance of a line:
-#: what is expected of the layout is computed by the model itself.
+#: Largest error of a reduced model, as a share of the largest receptance of a line; the expected
+#: results of the layout are computed with the model itself.
 _ERROR = 1e-2
-#: Lines at which it is certified.
+#: Number of lines of the certification.
 _CERTIFIED = 40
 
 
 def is_many(candidates: Candidates) -> bool:
-    """Return whether there are so many candidates that they are screened."""
+    """Return whether the number of candidates requires screening."""
     return len(candidates.responses) * len(candidates.references) > _PAIRS
 
 
-def screened(
+def screen(
     candidates: Candidates,
     points: Sequence[_Real],
     rule: Criterion,
     wanted: tuple[int, ...],
     counts: tuple[int, int],
 ) -> Candidates:
-    """Return the candidates that tell most, with the level of the noise, in a reduced model.
+    """Return the most informative candidates, with the level of the noise, in a reduced model.
 
-    Parameters
-    ----------
-    candidates : Candidates
-        All of them.
-    points : sequence of ndarray of float, shape (n,)
-        Points of the unknowns; the first is their start.
-    rule : Criterion
-        Which states how good a layout is.
-    wanted : tuple of int
-        Unknowns that count.
-    counts : (int, int)
-        How many responses and references are to be chosen.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved.
-    Stopped
-        If the user wants to stop.
+    The first of the `points` is the start of the parameters; `wanted` are the indices of those of
+    interest; `counts` are the numbers of responses and references to select. Raises SolverError if
+    the model cannot be solved, Stopped if the user stops the work.
     """
     solver = _around(candidates, points).solver()
     rows = np.arange(len(candidates.responses))
     columns = np.arange(len(candidates.references))
     some_rows, some_columns = _sample(candidates.responses), _sample(candidates.references)
     rough = replace(candidates, reduced=solver)
-    rough = rough.levelled(rough.only(rows, some_columns))
+    rough = rough.with_level(rough.only(rows, some_columns))
     kept = [max(least, _FOR_EACH * count) for least, count in zip(_KEPT, counts, strict=True)]
-    few = rough.at_lines(_even(candidates.freq, _LINES))
+    few = rough.at_lines(_spread_lines(candidates.freq, _LINES))
     home = points[:1]
 
     looked = few.only(some_rows, columns)
@@ -112,9 +96,9 @@ def screened(
 def _responses(
     information: PairInformation, counts: tuple[int, int], kept: int, score: DesignScore
 ) -> NDArray[np.intp]:
-    """Return positions of responses: of layouts from several references, then the best of all.
+    """Return indices of responses: of layouts from several references, then the best of all.
 
-    Of each reference the layout that greedy choice reaches from it, the best layouts first.
+    For each reference the layout that greedy selection reaches from it, the best layouts first.
     """
     n_i, n_j = information.shape
     if n_i <= kept:
@@ -138,7 +122,7 @@ def _responses(
 
 
 def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
-    """Return a reduction that holds roughly between all candidates and about all points."""
+    """Return an approximate reduction between all candidates and around all points."""
     part, dofs = candidates.part, candidates.model.dofs
     freq = candidates.freq
     reduction = Reduction(
@@ -157,21 +141,10 @@ def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
 
 
 def where_reduced(candidates: Candidates, points: Sequence[_Real]) -> Candidates:
-    """Return the candidates in a reduced model that holds at all points, if there is one.
+    """Return the candidates in a reduced model that is accurate at all points, if possible.
 
-    Parameters
-    ----------
-    candidates : Candidates
-        In the model itself, which has to do where it is small.
-    points : sequence of ndarray of float, shape (n,)
-        Points of the unknowns.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved.
-    Stopped
-        If the user wants to stop.
+    A small model is not reduced. Raises SolverError if the model cannot be solved, Stopped if the
+    user stops the work.
     """
     part = candidates.part
     if part.solver.system.n <= _DOFS:
@@ -186,7 +159,7 @@ def where_reduced(candidates: Candidates, points: Sequence[_Real]) -> Candidates
 
 def _error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
     """Return the certified error of a reduced model at a point, relative to each line's largest."""
-    part, lines = candidates.part, _even(candidates.freq, _CERTIFIED)
+    part, lines = candidates.part, _spread_lines(candidates.freq, _CERTIFIED)
 
     def compute() -> Record:
         part.session.check()
@@ -195,13 +168,13 @@ def _error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
     return float(part.session.recall(candidates.key("error", x), compute)[0])
 
 
-def _even(freq: _Real, count: int) -> _Real:
-    """Return some of the lines, evenly taken, first and last among them."""
+def _spread_lines(freq: _Real, count: int) -> _Real:
+    """Return evenly spaced lines, including the first and the last."""
     return np.asarray(freq[np.unique(np.linspace(0, len(freq) - 1, count).astype(int))])
 
 
 def _sample(dofs: DofSet) -> NDArray[np.intp]:
-    """Return positions of some DOFs, evenly taken of translations and of rotations."""
+    """Return indices of evenly spaced DOFs, of translations and of rotations."""
     is_turned = dofs.axes >= 3
     found = []
     for own in (np.flatnonzero(~is_turned), np.flatnonzero(is_turned)):
@@ -211,7 +184,7 @@ def _sample(dofs: DofSet) -> NDArray[np.intp]:
 
 
 def _best(items: _Real, before: _Real, count: int, score: DesignScore) -> NDArray[np.intp]:
-    """Return the positions of items: one half in greedy choice, the rest the best by themselves."""
+    """Return indices of items: half by greedy selection, the rest the best separate ones."""
     if len(items) <= count or not count:
         return np.arange(min(len(items), count))
     total = np.broadcast_to(before, items.shape[1:])

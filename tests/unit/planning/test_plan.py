@@ -40,7 +40,7 @@ def planning_of(model, unknowns, wanted=None, freq=None, noise=None, points=1):
     freq = np.linspace(*BAND, 60) if freq is None else freq
     found = Candidates.compile(
         model, unknowns, model.dofs, model.dofs, freq, "accelerance", find_noise(noise)
-    ).levelled()
+    ).with_level()
     home = found.part.coordinates.home
     rng = np.random.default_rng(5)
     at = [home, *(home + 0.1 * rng.standard_normal(len(home)) for _ in range(points - 1))]
@@ -406,7 +406,7 @@ def test_a_criterion_that_cannot_choose_says_why(model):
     first = updyn.modes(model, 1).frequency[0]
     plan = updyn.plan(model, unknowns, None, 4, 1, (0.5, 1.2 * first), compare=True)
     (rival,) = (r for r in plan.rivals if r.criterion == "mac")
-    assert rival.note == "MAC needs two modes in the band or more, and there is one"
+    assert rival.note == "MAC requires at least two modes in the band, found one"
     assert rival.note in plan.summary()
 
 
@@ -427,11 +427,11 @@ def test_rotations_are_candidates_where_there_is_nothing_else():
     ("changed", "error", "message"),
     [
         ({"candidates": ["1:X", "99:X"]}, DofError, "candidate 99:X is not among the 12 DOFs; ne"),
-        ({"candidates": ["9?:X"]}, DofError, "no DOF of the model fits '9?:X'"),
-        ({"candidates": []}, DofError, "none is named"),
+        ({"candidates": ["9?:X"]}, DofError, "no DOF of the model matches '9?:X'"),
+        ({"candidates": []}, DofError, "no candidate"),
         ({"candidates": 3}, DofError, "expected labels or globs, found 3"),
-        ({"candidates": ["1:X"], "n_sensors": 2}, OptionError, "there are 1 candidate to choose"),
-        ({"n_references": 13}, OptionError, "n_references = 13: there are 12 candidates"),
+        ({"candidates": ["1:X"], "n_sensors": 2}, OptionError, "found 1 candidate; name more"),
+        ({"n_references": 13}, OptionError, "n_references = 13: found 12 candidates"),
         ({"n_sensors": 0}, OptionError, "n_sensors = 0: expected a whole number of at least 1"),
         ({"n_sensors": True}, OptionError, "expected a whole number"),
         ({"band": (40.0, 1.0)}, OptionError, "band 40 to 1 Hz"),

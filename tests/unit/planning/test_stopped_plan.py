@@ -66,7 +66,7 @@ def test_a_stopped_plan_resumed_is_the_same(model, way, tmp_path):
     for at in np.unique(np.geomspace(1, whole.calls, 6).astype(int)):
         path = tmp_path / f"{at}.journal"
         halt = Stopping(at)
-        with pytest.raises(StoppedError, match="nothing is chosen"):
+        with pytest.raises(StoppedError, match="no layout is selected"):
             planned(model, callback=halt, checkpoint=path)
         assert halt.calls == at
         resumed = Stopping(np.inf)
@@ -132,6 +132,6 @@ def test_channels_below_the_error_of_a_reduced_model_say_nothing(model):
     share = np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
     share /= share.max()
     error = 1.001 * float(np.quantile(share, 0.2))
-    level = replace(found, error=error).levelled().level
+    level = replace(found, error=error).with_level().level
     assert np.array_equal(np.isinf(level), share <= error)
     assert len(np.unique(level[share > error])) == 1
