@@ -189,7 +189,9 @@ def characteristic(groups: Groups, states: list[State], square: float) -> np.nda
     quantity = np.array([t.quantity for t in system.terms])
     found = []
     for state in states:
-        K, M = (constraint.combined((quantity == q) * state.factor) for q in ("stiffness", "mass"))
+        K, M = (
+            constraint.weighted_sum((quantity == q) * state.factor) for q in ("stiffness", "mass")
+        )
         found.append(scipy.linalg.eigh(K, M, subset_by_value=(-np.inf, square))[1])
     modes = np.hstack(found)
     return modes / np.linalg.norm(modes, axis=0)
@@ -198,7 +200,7 @@ def characteristic(groups: Groups, states: list[State], square: float) -> np.nda
 def split(groups: Groups, basis: Basis, fields: np.ndarray, share: float) -> Basis:
     """The vectors of a basis cut at the interfaces, as far as fields of it, (r, k), need them."""
     root = np.linalg.qr(fields.T, mode="r").T
-    F, weight = basis.moved(root), basis.weight
+    F, weight = basis.expand(root), basis.weight
     least = share * np.linalg.norm(F * weight[:, None])
 
     def kept(part: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -324,7 +324,7 @@ def shared_projection(
     reduction.enrich(training[:_AT_LEAST], lines)
     # An accurate basis is not enriched further.
     reduction.enrich(training[_AT_LEAST:], lines, allowed=0.5 * accuracy)
-    holds = reduction.lacking(states, lines) <= accuracy
+    holds = reduction.residual_errors(states, lines) <= accuracy
     said = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
     return making.of(reduction, said), holds
 

@@ -1,18 +1,18 @@
-"""A model compiled for work at many lines: Z(omega) as a sum of coefficients times stored matrices.
+"""A compiled model: Z(omega) as a sum of coefficients times stored matrices.
 
     Z(omega) = sum over terms of  c_t(omega, state) A_t,
 
-with one term for each matrix that a group has. The matrices are stored once, on one fixed pattern;
-a change of the unknowns touches the coefficients only, and so do all derivatives (Bao, Wang & Cheng
-2010, eqs. 13-16, corrected: the loss factor acts on the updated stiffness; so do the Rayleigh
-coefficients on updated mass and stiffness):
+with one term for each matrix of a group. All matrices are stored once, on a fixed pattern. A change
+of the unknowns changes only the coefficients, and derivatives use the same matrices (Bao, Wang &
+Cheng 2010, eqs. 13-16, corrected: the loss factor acts on the updated stiffness, and the Rayleigh
+coefficients act on updated mass and stiffness):
 
     stiffness   kappa (1 + i gamma r(f) + i omega beta)
     mass        mu (-omega^2 + i omega alpha)
     viscous     nu i omega
 
-Data whose records were multiplied by exp(-a t), the `decay` a, are H at i omega + a: there i omega
-is i omega + a in all of these.
+If the records of the data were multiplied by exp(-a t) with the `decay` a, the data are H at
+i omega + a. Then i omega + a replaces i omega in all of these.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ __all__ = ["AffineSystem", "State", "Term"]
 _DENSE_OWN = 400
 _RATES = {"stiffness": "stiffness_damping", "mass": "mass_damping"}
 
-#: Entries times lines that are added at a time: what is worked on stays in the processor's cache.
+#: Number of entries times lines added in one step, so that they fit into the processor's cache.
 _CHUNK = 8192
 
-#: Systems of at most so many entries hold them side by side as well, 12 bytes each: sums are made
-#: three times as fast.
+#: Largest number of entries of a system that also stores them by columns, 12 bytes each. Sums then
+#: take a third of the time.
 _BESIDE = 2**21
 
-#: Of at most so many entries in all, places are found by sorting numbers: what sparse arrays do
-#: before they begin takes longer.
+#: Largest total number of entries for finding places by sorted numbers. For so few, sparse arrays
+#: take longer.
 _FEW = 2**14
 
 
@@ -55,20 +55,18 @@ class Term:
     Attributes
     ----------
     group, quantity : str
-        Whose it is; ``stiffness``, ``mass`` or ``viscous``.
+        Name of the group; ``stiffness``, ``mass`` or ``viscous``.
     rows : ndarray of int, shape (n_t,)
-        The group's own DOFs, ascending: rows that are not empty. Terms of equal rows share one
-        array.
+        DOFs of the group's rows that are not empty, ascending. Terms of equal rows share one array.
     local : ndarray or sparse, shape (n_t, n_t), real
-        The matrix on its own DOFs. Where it is sparse or full, its entries are those of `data`, not
-        a copy.
+        The matrix on these DOFs. If it is sparse or full, it shares its entries with `data`.
     slots : ndarray of int
-        Where its entries stand among the values of the system's pattern, ascending. Terms of one
-        pattern share it.
+        Positions of its entries among the values of the system's pattern, ascending. Terms of one
+        pattern share the array.
     data : ndarray of float
-        Its entries, in that order: the model's own array.
+        Its entries in this order: the model's own array.
     table : LossTable, optional
-        Of a stiffness whose loss factor depends on frequency.
+        The loss factors of a stiffness over frequency.
     """
 
     group: str
@@ -81,7 +79,7 @@ class Term:
 
     @property
     def own(self) -> Any:
-        """The rows as an index: a slice, which copies nothing, where they are consecutive."""
+        """The rows as an index; consecutive rows are a slice, which avoids a copy."""
         if not len(self.rows):
             return slice(0, 0)
         first, end = int(self.rows[0]), int(self.rows[-1]) + 1
@@ -90,7 +88,7 @@ class Term:
         return self.rows
 
     def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the matrix times a complex field on its own DOFs, shape (n_t, ...)."""
+        """Return the matrix times a complex field on its DOFs, shape (n_t, ...)."""
         columns = math.prod(field.shape[1:])  # a matrix of zeros has no rows
         flat = np.ascontiguousarray(field).reshape(len(self.rows), columns).view(np.float64)
         return np.ascontiguousarray(self.local @ flat).view(np.complex128).reshape(field.shape)
@@ -98,17 +96,17 @@ class Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The numbers that may change: one factor, one loss factor and one viscous rate a term.
+    """The variable numbers of a model: a factor, a loss factor and a viscous rate for each term.
 
     Attributes
     ----------
     factor : ndarray of float, shape (n_terms,)
-        kappa, mu or the viscous factor nu: 1 where the model stands as it was compiled.
+        kappa, mu or the viscous factor nu; 1 in the compiled model.
     loss : ndarray of float, shape (n_terms,)
-        Loss factor gamma of stiffness terms, 0 elsewhere.
+        Loss factor gamma of stiffness terms, 0 for other terms.
     rate : ndarray of float, shape (n_terms,)
-        What multiplies i omega: alpha (1/s) of mass terms, beta (s) of stiffness terms, 1 of
-        viscous terms.
+        The factor of i omega: alpha (1/s) of mass terms, beta (s) of stiffness terms, 1 of viscous
+        terms.
     """
 
     factor: NDArray[np.float64]
@@ -125,15 +123,15 @@ class AffineSystem:
     terms : tuple of Term
         Every matrix of every group.
     start : State
-        The state that gives back the model as it was compiled.
+        The state of the compiled model.
     indptr, indices : ndarray of int
         CSR pattern of Z, symmetric, with a full diagonal.
     dofs : DofSet
         The N degrees of freedom of the model.
-    beside : sparse CSC, shape (nnz, n_terms), real, or None
+    columns : sparse CSC, shape (nnz, n_terms), real, or None
         The entries of each term in a column, in small systems.
     decay : float
-        Of an exponential window on what it is compared with, in 1/s.
+        Rate of the exponential window on the measured data, in 1/s.
     """
 
     terms: tuple[Term, ...]
@@ -141,7 +139,7 @@ class AffineSystem:
     indptr: NDArray[Any]
     indices: NDArray[Any]
     dofs: DofSet
-    beside: Any = None
+    columns: Any = None
     decay: float = 0.0
     _kinds: tuple[NDArray[np.float64], NDArray[np.float64], list[int]] = field(
         init=False, repr=False
@@ -155,7 +153,7 @@ class AffineSystem:
 
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
-        """Compile a model: find the common pattern and each matrix's place in it."""
+        """Compile a model: find the common pattern and the positions of each matrix in it."""
         stored = []
         matrices = []
         for name, group in model.groups.items():
@@ -189,8 +187,8 @@ class AffineSystem:
             _side_by_side(terms, pattern.nnz),
         )
 
-    def decaying(self, decay: float) -> AffineSystem:
-        """Return the system as data see it through an exponential window; itself as it is."""
+    def with_decay(self, decay: float) -> AffineSystem:
+        """Return the system for data with an exponential window of rate `decay`."""
         return self if decay == self.decay else replace(self, decay=decay)
 
     @property
@@ -199,14 +197,14 @@ class AffineSystem:
         return len(self.indptr) - 1
 
     def find(self, group: str, quantity: str) -> int:
-        """Return the position of the term that an unknown (``group``, ``quantity``) acts on."""
+        """Return the position of the term of an unknown (``group``, ``quantity``)."""
         at = self._at(group, quantity)
         if at is None:
             raise KeyError(f"{group}.{quantity}")
         return at
 
     def has(self, group: str, quantity: str) -> bool:
-        """Return whether there is a term that an unknown (``group``, ``quantity``) would act on."""
+        """Return whether an unknown (``group``, ``quantity``) has a term."""
         return self._at(group, quantity) is not None
 
     def _at(self, group: str, quantity: str) -> int | None:
@@ -234,14 +232,14 @@ class AffineSystem:
         Parameters
         ----------
         at : iterable of int
-            Terms whose tables are looked at; where a term has none, 1.
+            Terms with tables to evaluate; the value is 1 for terms without a table.
         omega : ndarray of float, shape (n_lines,)
             In rad/s.
 
         Raises
         ------
         ModelError
-            If a line lies outside a table.
+            If a line is outside a table.
         """
         out = np.ones((len(self.terms), 1))
         for t in at:
@@ -256,7 +254,7 @@ class AffineSystem:
     def values(self, coefficients: NDArray[Any]) -> NDArray[Any]:
         """Return the entries of Z, shape (nnz, n_lines); those of a line are contiguous.
 
-        They are real where the coefficients, shape (n_terms, n_lines), are.
+        Real coefficients, shape (n_terms, n_lines), give real entries.
         """
         out = np.empty((coefficients.shape[1], len(self.indices)), dtype=coefficients.dtype)
         self._write(coefficients, out)
@@ -271,19 +269,15 @@ class AffineSystem:
     def write(self, weights: NDArray[Any], out: NDArray[Any]) -> None:
         """Write the entries of the terms' sum into `out`, shape (nnz,).
 
-        Parameters
-        ----------
-        weights : ndarray, shape (n_terms,)
-            The coefficients of one line, or any real numbers.
-        out : ndarray of the same kind, shape (nnz,)
-            What held the entries of another line may hold these.
+        `weights`, shape (n_terms,), are the coefficients of one line or any real numbers. `out` has
+        the same dtype and is overwritten.
         """
         self._write(weights[:, None], out[None, :])
 
     def _write(self, c: NDArray[Any], out: NDArray[Any]) -> None:
         """Write the sum of c_t A_t into `out`, shape (n_lines, nnz); c is (n_terms, n_lines)."""
-        if self.beside is not None:
-            out[...] = (self.beside @ _parts(c)).view(c.dtype).T
+        if self.columns is not None:
+            out[...] = (self.columns @ _parts(c)).view(c.dtype).T
             return
         out[...] = 0.0
         target = out[0] if len(out) == 1 else out
@@ -291,9 +285,9 @@ class AffineSystem:
         for slots, at in self._families(c):
             for first in range(0, len(slots), step):
                 chunk = slice(first, first + step)
-                # A full pattern has its entries in their places.
+                # A full pattern contains its entries in order.
                 where = chunk if len(slots) == out.shape[1] else slots[chunk].astype(np.intp)
-                target[..., where] += _mixed([self.terms[t].data[chunk] for t in at], c[at])
+                target[..., where] += _mix([self.terms[t].data[chunk] for t in at], c[at])
 
     def _families(self, c: NDArray[Any]) -> Iterator[tuple[NDArray[Any], list[int]]]:
         """Yield slots, and the positions of the terms with coefficients that share them."""
@@ -303,7 +297,7 @@ class AffineSystem:
         for at in members.values():
             yield self.terms[at[0]].slots, at
 
-    def applied(self, weights: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
+    def multiply(self, weights: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the weighted sum of terms, weights of shape (n_terms,), times X, shape (N, k)."""
         out = np.zeros_like(X)
         for term, weight in zip(self.terms, weights, strict=True):
@@ -315,12 +309,12 @@ class AffineSystem:
         """Return the row of each entry of the pattern, shape (nnz,)."""
         return np.asarray(np.repeat(np.arange(self.n), np.diff(self.indptr)), dtype=np.intp)
 
-    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
+    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
         """Return the DOFs that one is coupled with, itself included, ascending."""
         return np.array(self.indices[self.indptr[dof] : self.indptr[dof + 1]])
 
 
-def _mixed(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
+def _mix(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
     """Return the sum of c_t times `entries` of term t, shape (n_lines, n_entries).
 
     For one line the shape is (n_entries,).
@@ -350,8 +344,8 @@ def _side_by_side(terms: tuple[Term, ...], nnz: int) -> Any:
 def _union(matrices: list[Any], n: int) -> Any:
     """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans.
 
-    Neighbours are added in pairs, so that an entry is looked at once for each doubling, not once
-    for each matrix. Booleans, not values: a sum of values could cancel to zero and drop an entry.
+    Neighbours are added in pairs, so that each entry is copied once for each doubling instead of
+    once for each matrix. With booleans no entries cancel to zero.
     """
     if sum(m.nnz for m in matrices) + n <= _FEW:
         numbers = np.unique(np.concatenate([_numbers(m) for m in matrices] + [_diagonal(n)]))
@@ -359,7 +353,7 @@ def _union(matrices: list[Any], n: int) -> Any:
         there = np.ones(len(numbers), dtype=np.bool_)
         return sp.csr_array((there, (numbers % n).astype(np.int32), ends), shape=(n, n))
     full = [m for m in matrices if _is_full(m)]
-    matrices = full[:1] or matrices  # nothing is added to a full pattern
+    matrices = full[:1] or matrices  # a full pattern contains all others
     if len(matrices) > 1:
         half = len(matrices) // 2
         return _union(matrices[:half], n) + _union(matrices[half:], n)
@@ -388,7 +382,7 @@ def _diagonal(n: int) -> NDArray[np.int64]:
 
 @dataclass(slots=True, eq=False)
 class _Places:
-    """Positions of entries of matrices in a pattern; equal patterns share their arrays."""
+    """Positions of matrix entries in a pattern; equal patterns share their arrays."""
 
     indptr: NDArray[Any]
     indices: NDArray[Any]
@@ -399,17 +393,17 @@ class _Places:
     _sorted: NDArray[np.int64] | None = field(default=None, init=False)
 
     def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
-        """Return the term of a matrix, canonical CSR."""
-        # All full patterns are alike.
+        """Return the term of a canonical CSR matrix."""
+        # All full patterns are equal.
         key = b"" if _is_full(matrix) else _digest(matrix.indptr, matrix.indices)
         if key not in self._known:
             self._known[key] = self._of(matrix)
         rows, slots, columns = self._known[key]
         n, data = len(rows), matrix.data
-        if matrix.nnz == n * n:  # in its own rows
+        if matrix.nnz == n * n:  # the matrix is full
             return Term(name, quantity, rows, data.reshape(n, n), slots, data, table)
         begin = _begin(matrix, rows)
-        # Sparse rows pay only when the group is large and its matrix mostly empty.
+        # Sparse rows save time only if the group is large and its matrix mostly empty.
         local: Any
         if n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2:
             local = np.zeros((n, n))
@@ -419,7 +413,7 @@ class _Places:
         return Term(name, quantity, rows, local, slots, data, table)
 
     def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
-        """Return the rows of a matrix, the slots of its entries, and their columns in own rows."""
+        """Return the rows of a matrix, the slots of its entries, and their local columns."""
         used = np.diff(matrix.indptr) > 0
         used[matrix.indices] = True
         rows = np.flatnonzero(used)
@@ -436,7 +430,7 @@ class _Places:
         begin, kind = self.indptr[rows], self.indptr.dtype
         own = np.zeros(len(rows) + 1, dtype=kind)
         np.cumsum(self.indptr[rows + 1] - begin, out=own[1:])
-        # Entries of these rows in the pattern, counted from one, as a product drops zeros.
+        # Entries of these rows in the pattern, counted from one, because a product drops zeros.
         places = np.arange(1, own[-1] + 1, dtype=kind)
         places += np.repeat(begin - own[:-1], np.diff(own))
         shape = len(rows), len(self.indptr) - 1

@@ -14,11 +14,11 @@ __all__ = ["INDEPENDENT", "ROWS", "Basis"]
 
 _Real = NDArray[np.float64]
 
-#: Directions of a larger basis with a smaller share of the largest square are rounding.
+#: Directions of a larger basis with a smaller share of the largest square are due to rounding.
 INDEPENDENT = 1e-10
-#: Norm of a unit column after orthogonalisation below which it is rounding.
+#: A unit column with a smaller norm after orthogonalisation is due to rounding.
 _NEW = 1e-9
-#: Rows that are worked on at a time, as a copy of all would cost memory.
+#: Rows per step; a copy of all rows would take too much memory.
 ROWS = 1 << 16
 
 
@@ -29,14 +29,14 @@ class Basis:
     Parameters
     ----------
     system : AffineSystem
-        The compiled model, N DOFs.
+        The compiled model with N DOFs.
     weight : ndarray of float, shape (N,)
-        Scale of each DOF, so that translations and rotations compare; the columns are normal in it.
+        Scale of each DOF, for comparable translations and rotations. Columns are orthonormal in it.
 
     Attributes
     ----------
     terms : list of ndarray of float, shape (r, r)
-        The projected matrices, one a term of the system.
+        The projected matrices, one for each term of the system.
     """
 
     system: AffineSystem
@@ -67,7 +67,7 @@ class Basis:
         out._is_normal = self._is_normal
         return out
 
-    def moved(self, coordinates: _Real) -> _Real:
+    def expand(self, coordinates: _Real) -> _Real:
         """Return V q for real coordinates q, shape (r, k), as (N, k)."""
         out = np.zeros((self.system.n, coordinates.shape[1]))
         first = 0
@@ -76,18 +76,18 @@ class Basis:
             first += block.shape[1]
         return out
 
-    def projected(self, F: _Real) -> _Real:
+    def project(self, F: _Real) -> _Real:
         """Return V^T F for forces F, shape (N, k), as (r, k)."""
         return np.vstack([b.T @ F for b in self._blocks])
 
     def append(self, X: _Real) -> None:
-        """Add what is new in the columns of X, shape (N, k); X is overwritten."""
+        """Add the new directions in the columns of X, shape (N, k); X is overwritten."""
         scale = self.weight[:, None]
         X /= np.maximum(np.linalg.norm(scale * X, axis=0), np.finfo(np.float64).tiny)
-        root = None if self._is_normal else self._normalising()
-        for _ in range(2):  # once more, for what rounding left
+        root = None if self._is_normal else self._normaliser()
+        for _ in range(2):  # the second pass removes rounding errors of the first
             if root is not None:
-                X -= self.moved(root @ (root.T @ self.projected(scale**2 * X)))
+                X -= self.expand(root @ (root.T @ self.project(scale**2 * X)))
                 continue
             for block in self._blocks:
                 X -= block @ (block.T @ (scale**2 * X))
@@ -97,16 +97,16 @@ class Basis:
         Q /= scale
         self._add(Q)
 
-    def _normalising(self) -> _Real:
-        """Return T for which V T is orthonormal in the weights and spans what V does, (r, k)."""
-        gram = np.hstack([self.projected(self.weight[:, None] ** 2 * b) for b in self._blocks])
+    def _normaliser(self) -> _Real:
+        """Return T, shape (r, k), for which V T is orthonormal and has the span of V."""
+        gram = np.hstack([self.project(self.weight[:, None] ** 2 * b) for b in self._blocks])
         sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
         square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
         kept = square > INDEPENDENT * square[-1]
         return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
 
     def extend(self, W: _Real) -> None:
-        """Add columns as they are, shape (N, k), and project the model's matrices on them."""
+        """Add columns unchanged, shape (N, k), and project the model's matrices on them."""
         if W.shape[1]:
             self._is_normal = False
             self._add(W)
@@ -118,7 +118,7 @@ class Basis:
             W = np.ascontiguousarray(W)
         rows: Any = None
         for t, term in enumerate(self.system.terms):
-            if term.rows is not rows:  # stiffness and mass of a group share theirs
+            if term.rows is not rows:  # stiffness and mass of a group share the array
                 rows, own = term.rows, term.own
                 parts, w = [b[own] for b in self._blocks], W[own]
             product = term.local @ w
@@ -141,6 +141,6 @@ class Basis:
         self._blocks, self._is_normal = [V], False
         self.terms = [C.T @ A @ C for A in self.terms]
 
-    def combined(self, weights: _Real) -> _Real:
+    def weighted_sum(self, weights: _Real) -> _Real:
         """Return the sum of weight_t V^T A_t V, shape (r, r)."""
         return np.tensordot(weights, np.stack(self.terms), axes=1)

@@ -1,6 +1,6 @@
-"""The error that is stated of a reduced model.
+"""The stated error of a reduced model.
 
-It is the difference to the answer in a larger basis, what the residuals in that basis leave, and
+It is the sum of the difference to a larger basis, the error of that basis by its residuals, and
 rounding.
 """
 
@@ -26,7 +26,7 @@ _Complex = NDArray[np.complex128]
 
 #: Factor on the difference to a larger basis.
 _OF_DIFFERENCE = 2.0
-#: Factor on the error that residuals give of the larger basis, at other lines and near resonance.
+#: Factor on the error of the larger basis by its residuals, for other lines and near resonance.
 _OF_REMAINING = 16.0
 #: Factors on the errors of rounding in the entries of the matrices and in dense factorisations.
 _IN_ENTRIES, _IN_FACTORS = 2.0, 0.5
@@ -43,18 +43,18 @@ class Certificate:
     size : int
         Number of basis vectors.
     error : float
-        Largest of `errors` as a share of the largest |H| of its line, rounding included.
+        Largest of `errors` relative to the largest |H| of its line, rounding included.
     channel : float
-        Largest error of a channel as a share of the rms |H| of the channel, at most 1: what `error`
-        does not show of channels that are weak beside others.
+        Largest error of a channel relative to its rms |H|, at most 1. Unlike `error`, it shows
+        errors of weak channels.
     rounding : float
-        What rounding has in `error`.
+        The part of `error` due to rounding.
     errors : ndarray of float, shape (n_f, n_rows, n_columns)
         Stated |H_reduced - H| at every line, in m/N.
     lines : tuple of float
-        Lines whose full residual was computed for it, in Hz.
+        Lines of the full residuals, in Hz.
     factorisations : int
-        Real factorisations of the whole model so far.
+        Number of real factorisations of the full model so far.
     """
 
     size: int
@@ -73,13 +73,13 @@ class Estimate:
     Attributes
     ----------
     channels : Channels
-        What is loaded and read.
+        The loaded and read DOFs.
     H : ndarray of complex, shape (n_f, k, n_j)
         Receptance in the larger basis.
     level : ndarray of float, shape (n_f, k, n_j)
-        The largest |H| of the line, of the same units.
+        The largest |H| of the line among entries of the same unit.
     reduced, rounded : ndarray of float, shape (n_f, k, n_j)
-        Stated error by the reduction and by rounding.
+        Stated errors by the reduction and by rounding.
     """
 
     channels: Channels
@@ -100,24 +100,24 @@ class Estimate:
         state: State,
         freq: _Real,
     ) -> Estimate:
-        """Estimate the error of one basis beside a larger one that contains it.
+        """Estimate the error of a basis by comparison with a larger basis that contains it.
 
         Parameters
         ----------
         wide, narrow : ReducedSolver
-            In the larger basis, and in its first vectors.
+            Solvers in the larger basis and in its first vectors.
         basis : Basis
-            The larger one.
+            The larger basis.
         channels : Channels
-            What is loaded and read.
+            The loaded and read DOFs.
         P : ndarray of float, shape (r, r)
             K + omega_max^2 M in the larger basis.
         definite : Factorised
-            P of the whole model, or of a state beside this one.
+            P of the full model at this or a close state.
         state : State
-            Of the model.
+            The state of the model.
         freq : ndarray of float, shape (n_f,)
-            All lines that matter, in Hz.
+            All frequency lines in Hz.
 
         Raises
         ------
@@ -158,7 +158,7 @@ class Estimate:
 
     @property
     def shares(self) -> _Real:
-        """The largest share of each line that is the error by the reduction, shape (n_f,)."""
+        """The largest relative error by the reduction at each line, shape (n_f,)."""
         return np.asarray((self.reduced / self.level).max(axis=(1, 2)))
 
     @property
@@ -167,7 +167,7 @@ class Estimate:
         return float(self.shares.max())
 
     def certificate(self, size: int, lines: tuple[float, ...], factorisations: int) -> Certificate:
-        """Return what is stated."""
+        """Return the certificate of the estimate."""
         error = self.reduced + self.rounded
         measured = error[:, self.channels.read]
         rms = np.sqrt(np.mean(np.abs(self.H[:, self.channels.read]) ** 2, axis=0))
@@ -189,7 +189,7 @@ def _columns(rows: list[Any], first: int, last: int) -> Any:
 
 
 def _validation_lines(shares: _Real) -> list[int]:
-    """Return the line of largest share, and the worst one of each quarter of the band."""
+    """Return the line of the largest share, and the worst line of each quarter of the band."""
     worst = shares.max(axis=(1, 2))
     quarters = np.array_split(np.arange(len(worst)), min(_VALIDATION, len(worst)))
     return [int(q[np.argmax(worst[q])]) for q in quarters]

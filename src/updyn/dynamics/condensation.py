@@ -1,4 +1,4 @@
-"""`condense`: exact dynamic condensation of a model onto the measured DOFs."""
+"""Exact dynamic condensation of a model to its measured DOFs."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def condense(
     freq : array_like of float, shape (n_f,)
         Lines in Hz.
     retained : iterable of str or Dof
-        DOFs to keep; a sign turns the DOF.
+        DOFs to keep; a sign reverses the DOF.
     tier : {"dense", "sparse"}, optional
-        How to solve; by default chosen by size.
+        The way of solving; by default chosen by size.
     backend : str, optional
         Sparse factorisation.
 
@@ -74,7 +74,7 @@ def condense(
     DofError
         If a DOF is not in the model.
     SolverError
-        If the structure with its retained DOFs held has an undamped natural frequency at a line.
+        If the structure with its retained DOFs fixed has an undamped natural frequency at a line.
 
     Notes
     -----

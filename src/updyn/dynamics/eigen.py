@@ -1,9 +1,9 @@
-"""Lowest eigenpairs of (K, M), each of which may be singular, but not on the same motion.
+"""Lowest eigenpairs of (K, M). Both may be singular, but not on the same motion.
 
 With a shift s > 0 the pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), has a definite
 right-hand side: massless motions have nu = 0 and rigid-body motions nu = 1 / s, both harmless. The
-relative error of lambda is about eps (lambda + s)^2 / (lambda s), so s is put near the eigenvalues
-wanted, in two passes.
+relative error of lambda is about eps (lambda + s)^2 / (lambda s), so two passes move s near the
+wanted eigenvalues.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ __all__ = [
     "weakest_dof",
 ]
 
-#: Models up to this many DOFs are solved dense.
+#: Largest number of DOFs for dense solvers.
 DENSE_LIMIT = 800
 
-#: Shift of the second, dense pass, as a share of the highest wanted eigenvalue.
+#: Shift of the second dense pass, relative to the highest wanted eigenvalue.
 _BELOW = 0.01
-#: The same of the sparse pass.
+#: Shift of the second sparse pass, likewise.
 _BELOW_SPARSE = 0.1
-#: First shift, as a share of the largest diagonal ratio K/M, for which K + s M is well-conditioned.
+#: First shift, relative to the largest diagonal ratio K/M; K + s M is then well-conditioned.
 _FIRST_SHIFT = 1e-6
-#: Modes computed beyond those wanted, so that the last wanted one is separated from the next.
+#: Number of additional modes, so that the last wanted mode is separated from the next.
 _EXTRA = 2
 _RANK = 1e-12
 
@@ -48,13 +48,13 @@ Pairs = tuple[NDArray[Any], NDArray[Any]]
 
 @alone
 def mass_rank(M: Any) -> int:
-    """Return how many independent motions carry mass: the number of finite eigenvalues.
+    """Return the number of independent motions with mass: the number of finite eigenvalues.
 
     Parameters
     ----------
     M : sparse, shape (N, N)
-        Mass in kg (kg m2). On more than `DENSE_LIMIT` DOFs with mass, those are counted: an upper
-        limit.
+        Mass in kg (kg m2). If more than `DENSE_LIMIT` DOFs have mass, their number is returned as
+        an upper limit.
     """
     own = np.flatnonzero(np.diff(M.indptr))
     own = own[M.diagonal()[own] != 0.0]
@@ -82,9 +82,9 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     Parameters
     ----------
     K, M : sparse, shape (N, N), real symmetric
-        Stiffness and mass, both positive semidefinite but for rounding.
+        Stiffness and mass, both positive semidefinite except for rounding.
     n : int
-        How many.
+        Number of eigenvalues.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     else:
         crude, fine, share = (
             partial(_sparse, K, M, n, tolerance=1e-2),
-            partial(_counted, K, M, n),
+            partial(_solve_counted, K, M, n),
             _BELOW_SPARSE,
         )
     shift, value = _definite(crude, _first_shift(K, M))
@@ -121,17 +121,17 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
 
 @alone
 def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple[Any, Any, Any]]:
-    """Return the n lowest eigenpairs of a small model, and all motions in which it is diagonal.
+    """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
     Parameters
     ----------
     K, M, n
-        As for `real_pairs`.
+        As in `real_pairs`.
 
     Returns
     -------
     value, vectors : ndarray of float
-        As of `real_pairs`.
+        As in `real_pairs`.
     whole : (ndarray, ndarray, ndarray)
         V, shape (N, N), and the diagonals of V^T K V and of V^T M V, shape (N,); the latter is 0
         for motions without mass.
@@ -145,7 +145,7 @@ def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple
     shift, value = _definite(partial(_dense, k, m, n), _first_shift(K, M))
     for s in dict.fromkeys((_second_shift(value, shift, _BELOW), shift)):
         try:
-            nu, V = _decomposed(k, m, s, 0)
+            nu, V = _decompose(k, m, s, 0)
         except SolverError:
             continue
         if nu[-n] > 0:
@@ -173,7 +173,7 @@ def _first_shift(K: Any, M: Any) -> float:
 
 
 def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> float:
-    # Where all wanted modes are rigid-body modes their values are rounding: the first shift stays.
+    # If all wanted modes are rigid-body modes, their values are rounding; keep the first shift.
     top = float(value[-1])
     if top > 1e-9 * shift:
         return share * top
@@ -181,16 +181,16 @@ def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> flo
 
 
 def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float) -> Pairs:
-    nu, vectors = _decomposed(K, M, shift, len(K) - n)
+    nu, vectors = _decompose(K, M, shift, len(K) - n)
     if not nu[0] > 0:
         raise SolverError(_SINGULAR)
     return (1.0 / nu - shift)[::-1], vectors[:, ::-1]
 
 
-def _decomposed(K: NDArray[np.float64], M: NDArray[np.float64], shift: float, first: int) -> Pairs:
+def _decompose(K: NDArray[np.float64], M: NDArray[np.float64], shift: float, first: int) -> Pairs:
     """Return nu, ascending from the first-th, and V with V^T (K + s M) V = 1, V^T M V = nu."""
     A = K + shift * M
-    # Unit diagonal: translations and rotations, metres and millimetres weigh alike.
+    # Scale to a unit diagonal, independent of units and of rotations or translations.
     diagonal = np.diag(A)
     if (diagonal <= 0).any():
         raise SolverError(_SINGULAR)
@@ -253,7 +253,7 @@ def _sparse(
     lu = _factor(K + shift * M)
     N = K.shape[0]
     inverse = LinearOperator((N, N), matvec=lu.solve, dtype=np.float64)
-    # A fixed start, freed of massless motions, makes the answer repeatable.
+    # A fixed start without massless motions makes the result repeatable.
     start = lu.solve(M @ np.random.default_rng(0).standard_normal(N))
     try:
         value, vectors = eigsh(
@@ -261,13 +261,13 @@ def _sparse(
         )
     except ArpackError as error:
         raise SolverError(f"the eigenvalue solver failed: {error}") from error
-    # One more inverse step removes what rounding left of massless motions in the vectors.
+    # One more inverse step removes rounding errors by massless motions from the vectors.
     vectors = lu.solve(M @ vectors)
     order = np.argsort(value, kind="stable")
     return value[order], vectors[:, order]
 
 
-def _counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
+def _solve_counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
     """Compute modes and prove by Sylvester's law of inertia that none below the last was missed."""
     basis = None
     below: tuple[int, int] | None = None
@@ -281,10 +281,10 @@ def _counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
 
 
 def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[int, int] | None:
-    """Return how many eigenvalues lie below a gap after the n-th, and how many were found there.
+    """Return the number of eigenvalues below a gap after the n-th, and the number found there.
 
-    None where there is no gap, or the factorisation had to pivot off the diagonal and its signs
-    mean nothing.
+    It is None if there is no gap, or if the factorisation pivoted off the diagonal, because its
+    signs are then invalid.
     """
     gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:]))
     gaps = gaps[gaps >= n - 1]
@@ -308,14 +308,14 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     M : sparse, shape (N, N), real symmetric
         Mass.
     n : int
-        At least how many.
+        Smallest number of eigenpairs.
     omega : float
-        Highest circular frequency wanted, in rad/s: the scale.
+        Highest wanted circular frequency in rad/s, as a scale.
 
     Returns
     -------
     value : ndarray of complex, shape (m,)
-        In 1/s2; eigenvalues without mass are left out.
+        In 1/s2, without eigenvalues of massless motions.
     vectors : ndarray of complex, shape (N, m)
 
     Raises
@@ -359,7 +359,7 @@ def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
     C, M : sparse, shape (N, N), real symmetric
         Viscous damping and mass.
     omega : float
-        Highest circular frequency wanted, in rad/s: the scale.
+        Highest wanted circular frequency in rad/s, as a scale.
 
     Returns
     -------
@@ -370,9 +370,9 @@ def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
     Notes
     -----
     First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, eq. 3.4),
-    with the time scaled by `omega` and each DOF to a unit diagonal. It stays regular where M is
-    singular. Structural damping is defined for positive frequency only, hence only roots above the
-    real axis mean anything.
+    with the time scaled by `omega` and each DOF to a unit diagonal. It is regular even if M is
+    singular. Structural damping is defined for positive frequencies only, so only roots above the
+    real axis are valid.
     """
     k, c, m = K.toarray(), omega * C.toarray(), omega**2 * M.toarray()
     unit = 1.0 / np.sqrt(np.abs(np.diag(k)) + np.abs(np.diag(c)) + np.abs(np.diag(m)))

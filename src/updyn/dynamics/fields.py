@@ -1,8 +1,7 @@
-"""Fields: solving Z(omega) X = B at many lines, the one place where time is spent.
+"""Fields: solutions of Z(omega) X = B at many lines, which take most of the computing time.
 
-Work is a line. Small models are solved in batches of lines without a loop over lines; larger ones
-by sparse factorisation, one a line. Fields are arrays (N, n_lines, n_columns), in memory as the
-solve left them.
+Small models are solved in batches of lines; larger models by one sparse factorisation per line.
+Fields are arrays (N, n_lines, n_columns) in the memory order of the solver.
 """
 
 from __future__ import annotations
@@ -47,15 +46,15 @@ __all__ = [
 EXACT_TIERS = ("dense", "sparse")
 TIERS = (*EXACT_TIERS, "reduced")
 
-#: Of a reduced model where none is asked for: the error of a receptance as a share of the largest
-#: of its line.
+#: Default accuracy of a reduced model: the error of a receptance relative to the largest of its
+#: line.
 ACCURACY = 1e-5
 
-#: Models up to this many DOFs are solved dense, in batches of lines.
+#: Largest number of DOFs for dense solution in batches of lines.
 DENSE_LIMIT = 150
 
-#: So are larger ones, up to a size, whose matrix is filled by more than this share: there a sparse
-#: factorisation gains little (PARDISO), or takes two to three times as long (SuperLU).
+#: Fill above which larger models, up to a size, are dense, too. A sparse factorisation then saves
+#: little (PARDISO), or takes two to three times as long (SuperLU).
 DENSE_FILL, _LARGEST_DENSE = 0.3, 2000
 
 _HELD = "with the retained DOFs held "
@@ -67,7 +66,7 @@ class FieldSolver(Protocol):
 
     @property
     def system(self) -> AffineSystem:
-        """What is solved: the model, or its projection."""
+        """The model, or its projection."""
 
     @property
     def tier(self) -> str:
@@ -79,23 +78,23 @@ class FieldSolver(Protocol):
 
     @property
     def label(self) -> str:
-        """Tells the solvers of a run apart."""
+        """Name of the solver within a run."""
 
     @property
     def used(self) -> dict[str, int]:
-        """How many sparse solves each backend answered here, by name."""
+        """Number of sparse solves of each backend here, by name."""
 
-    def decaying(self, decay: float) -> FieldSolver:
+    def with_decay(self, decay: float) -> FieldSolver:
         """Return the solver at i omega + decay, in 1/s, instead of i omega."""
 
     def block_size(self, n_columns: int) -> int:
-        """Return how many lines to take at a time."""
+        """Return the number of lines in a block."""
 
     def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
-        """Return what solves many lines of a state at once; None where that does not pay.
+        """Return a solver for many lines of a state at once, or None if it does not save time.
 
-        The choice depends on the model, its state and all its lines (Hz), not on how they are
-        distributed over blocks and processes.
+        The choice depends on the model, its state and all its lines (Hz), not on their distribution
+        over blocks and processes.
         """
 
     def solve(
@@ -114,7 +113,7 @@ class FieldSolver(Protocol):
         freq: NDArray[np.float64],
         forces: Callable[[NDArray[np.complex128], slice], NDArray[np.complex128]],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Solve for unit forces, then for forces that follow; see `LineSolver.solve_twice`."""
+        """Solve for unit forces, then for forces that depend on the result."""
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the motion at some DOFs from fields."""
@@ -128,26 +127,26 @@ class FieldSolver(Protocol):
         """Return Z_red and T, see `LineSolver.condense`."""
 
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return DOFs besides `seen` whose motion can be asked for."""
+        """Return readable DOFs except `seen`."""
 
-    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
-        """Return the DOFs that one is coupled with in the model, itself included."""
+    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs coupled with a DOF in the model, itself included."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineSolver:
-    """Solve with Z, or with its part on some DOFs, at blocks of lines.
+    """Solver of Z, or of its part on some DOFs, at blocks of lines.
 
     Parameters
     ----------
     system : AffineSystem
         The compiled model.
     tier : {"dense", "sparse"}
-        How.
+        The way of solving.
     backend : str
         Sparse factorisation, see `updyn.linalg`.
     variant : str
-        Distinguishes the model from others of the same run; empty for the model itself.
+        Name of a variant of the model within a run; empty for the model itself.
     """
 
     system: AffineSystem
@@ -160,12 +159,12 @@ class LineSolver:
     def choose(
         cls, system: AffineSystem, tier: str | None = None, backend: str | None = None
     ) -> LineSolver:
-        """Choose tier and backend by size and fill; both can be forced.
+        """Choose tier and backend by size and fill, unless given.
 
         Raises
         ------
         OptionError
-            If a name is not known.
+            If a name is unknown.
         """
         if tier is None:
             filled = system.n <= _LARGEST_DENSE and len(system.indices) > DENSE_FILL * system.n**2
@@ -177,17 +176,17 @@ class LineSolver:
         return cls(system, tier, check_backend(backend))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Factorisations stay where they are.
+        # Factorisations stay in their process.
         return LineSolver, (self.system, self.tier, self.backend, self.variant)
 
     @property
     def label(self) -> str:
-        """Tells the solvers of a run apart."""
+        """Name of the solver within a run."""
         return f"{self.tier} {self.variant}" if self.variant else self.tier
 
     @property
     def used(self) -> dict[str, int]:
-        """How many sparse solves each backend answered here, by name."""
+        """Number of sparse solves of each backend here, by name."""
         out: dict[str, int] = {}
         for kept in self._kept.values():
             for solver in kept:
@@ -197,40 +196,35 @@ class LineSolver:
                     out[name] = out.get(name, 0) + number
         return out
 
-    def decaying(self, decay: float) -> LineSolver:
-        """Return the solver at i omega + decay, in 1/s, with the patterns that are analysed."""
+    def with_decay(self, decay: float) -> LineSolver:
+        """Return the solver at i omega + decay, in 1/s, with the analysed patterns."""
         if decay == self.system.decay:
             return self
-        out = replace(self, system=self.system.decaying(decay))
+        out = replace(self, system=self.system.with_decay(decay))
         out._kept.update(self._kept)
         return out
 
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the DOFs besides `seen`."""
+        """Return the DOFs except `seen`."""
         return np.setdiff1d(np.arange(self.system.n), seen)
 
-    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
-        """Return the DOFs that one is coupled with, itself included."""
-        return self.system.coupled(dof)
+    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs coupled with a DOF, itself included."""
+        return self.system.coupled_dofs(dof)
 
     def block_size(self, n_columns: int) -> int:
-        """Return how many lines fit into one block of bounded memory."""
+        """Return the number of lines in a block of bounded memory."""
         n = self.system.n
-        # One sparse matrix is held, whatever the number of lines.
+        # Only one sparse matrix is in memory, for any number of lines.
         per_line = 16 * n * n_columns
         if self.tier == "dense":
             per_line = 16 * (n * n + 2 * n * n_columns)
         return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
 
     def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
-        """Return what solves many lines of a state at once; None where that does not pay.
+        """Return a solver for many lines of a state at once, or None if it does not save time.
 
-        Parameters
-        ----------
-        state : State
-            Of the model.
-        lines : ndarray of float, shape (n_f,)
-            All lines that are solved at this state, in Hz.
+        `lines` are all lines of this state, in Hz.
         """
         if self.tier != "dense":
             return None
@@ -249,13 +243,13 @@ class LineSolver:
         Parameters
         ----------
         coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Of Z.
+            Coefficients of Z.
         columns : ndarray of int, shape (r,)
-            DOFs that carry a unit force.
+            DOFs with a unit force.
         freq : ndarray of float, shape (n_lines,)
-            In Hz; without a pencil for messages.
+            Frequencies in Hz; without a pencil only for messages.
         pencil : Pencil, optional
-            Of the state that the coefficients belong to.
+            The pencil of the same state.
 
         Returns
         -------
@@ -265,7 +259,7 @@ class LineSolver:
         Raises
         ------
         SolverError
-            If Z is singular at a line; the message names it.
+            If Z is singular at a line. The message contains the line.
         """
         n, r = self.system.n, len(columns)
         B = unit_loads(n, columns)
@@ -286,7 +280,7 @@ class LineSolver:
             return solver.solve(Z, B, float(freq[i]))
 
         if len(freq) == 1:
-            return line(0)[:, None]  # of a large model: not copied
+            return line(0)[:, None]  # avoids a copy for large models
         out = np.empty((len(freq), r, n), dtype=np.complex128)
         for i in range(len(freq)):
             out[i] = line(i).T
@@ -304,7 +298,7 @@ class LineSolver:
         Parameters
         ----------
         coefficients, columns, freq
-            As for `solve`.
+            As in `solve`.
         forces : callable
             Returns F, shape (N, n, k) in N, for the fields X at n lines, shape (N, n, r), and the
             slice of these lines.
@@ -319,11 +313,11 @@ class LineSolver:
         Raises
         ------
         SolverError
-            If Z is singular at a line; the message names it.
+            If Z is singular at a line. The message contains the line.
         """
         if self.tier == "dense":
             X = self.solve(coefficients, columns, freq)
-            return X, self.forced(coefficients, forces(X, slice(len(freq))), freq)
+            return X, self.solve_forces(coefficients, forces(X, slice(len(freq))), freq)
         solver, Z = self._whole()
         B = unit_loads(self.system.n, columns)
         first, second = [], []
@@ -336,7 +330,7 @@ class LineSolver:
             second.append(Y[:, None])
         return np.concatenate(first, axis=1), np.concatenate(second, axis=1)
 
-    def forced(
+    def solve_forces(
         self,
         coefficients: NDArray[np.complex128],
         forces: NDArray[np.complex128],
@@ -376,20 +370,7 @@ class LineSolver:
         return out.transpose(2, 0, 1)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
-        """Return the motion at some DOFs from fields that `solve` returned.
-
-        Parameters
-        ----------
-        fields : ndarray of complex, shape (N, n_lines, r)
-            From `solve`.
-        dofs : ndarray of int, shape (n,)
-            DOFs of the model.
-
-        Returns
-        -------
-        ndarray of complex, shape (n, n_lines, r)
-            In m/N.
-        """
+        """Return the motion at some DOFs, shape (len(dofs), n_lines, r), from fields of `solve`."""
         return fields[dofs]
 
     def condense(
@@ -403,9 +384,9 @@ class LineSolver:
         Parameters
         ----------
         coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Of Z.
+            Coefficients of Z.
         retained : ndarray of int, shape (n,)
-            DOFs to keep, in the order wanted.
+            DOFs to keep, in the desired order.
         freq : ndarray of float, shape (n_lines,)
             In Hz, for messages.
 
@@ -420,9 +401,9 @@ class LineSolver:
         ------
         SolverError
             If Z_ss is singular at a line: a natural frequency of the structure with its retained
-            DOFs held.
+            DOFs fixed.
         """
-        partition, solver = self._partitioned(retained)
+        partition, solver = self._partition(retained)
         eliminated, n = partition.eliminated, len(retained)
         if self.tier == "dense":
             damped = coefficients.imag.any()
@@ -459,7 +440,7 @@ class LineSolver:
             )
         return cast("tuple[SparseSolver, Any]", self._kept[b""])
 
-    def _partitioned(self, retained: NDArray[np.intp]) -> tuple[Partition, SparseSolver]:
+    def _partition(self, retained: NDArray[np.intp]) -> tuple[Partition, SparseSolver]:
         """Return the blocks for some retained DOFs and the solver for Z_ss; both are kept."""
         key = retained.tobytes()
         if key not in self._kept:
@@ -467,7 +448,7 @@ class LineSolver:
         return cast("tuple[Partition, SparseSolver]", self._kept[key])
 
     def _sizes(self, coefficients: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return sizes of the diagonal of Z before its terms cancel, shape (n_lines, N)."""
+        """Return diagonal magnitudes of Z without cancellation of terms, shape (n_lines, N)."""
         key = b"diagonals"
         if key not in self._kept:
             diagonals = np.zeros((len(self.system.terms), self.system.n))
@@ -518,21 +499,21 @@ def solve_lines(
     B: NDArray[np.float64],
     exact: Callable[[NDArray[np.intp]], NDArray[np.complex128]],
 ) -> NDArray[np.complex128]:
-    """Solve a block of lines by the pencil of their state, and line by line what it does not solve.
+    """Solve a block of lines by the pencil of their state, and remaining lines one by one.
 
     Parameters
     ----------
     pencil : Pencil or None
-        Of the state; without one every line is solved by itself.
+        The pencil of the state; without it every line is solved by itself.
     freq : ndarray of float, shape (n_lines,)
         In Hz.
     decay : float
-        Of the data, in 1/s.
+        Decay of the data, in 1/s.
     B : ndarray of float, shape (n, r)
         Loads, the same at every line.
     exact : callable
-        Solves the lines at some positions of the block by factorisations: it returns fields, shape
-        (n, n_positions, r), and says which line is singular.
+        Solves the lines at some positions of the block by factorisations. It returns fields, shape
+        (n, n_positions, r), and its errors name a singular line.
 
     Returns
     -------
@@ -568,19 +549,17 @@ def solve_dense(
     freq : ndarray of float, shape (n_lines,)
         In Hz, for messages.
     held : str
-        Which DOFs are held, for messages.
+        Text on the fixed DOFs, for messages.
     size : ndarray of float, shape (n_lines, n), optional
-        Sizes of the diagonal entries, by which rows and columns are scaled where they are judged.
-        Those of Z where none are given; of a sum, those of its terms do not cancel.
+        Diagonal magnitudes without cancellation of terms, by default those of Z. They
+        scale rows and columns for the checks.
 
-    Returns
-    -------
-    ndarray of complex, shape (n_lines, n, r)
+    Returns ------- ndarray of complex, shape (n_lines, n, r)
 
     Raises
     ------
     SolverError
-        If a matrix is singular; the message names the line.
+        If a matrix is singular. The message contains the line.
     """
     if size is None:
         size = np.abs(np.einsum("fii->fi", Z))
@@ -589,9 +568,9 @@ def solve_dense(
     loads[:, :, :r] = B
     loads[:, :, r:] = probe_load(unit_scale(size))
     try:
-        X = _solved(Z, loads)
+        X = _solve_batch(Z, loads)
     except np.linalg.LinAlgError:
-        X = np.stack([_solved_or_infinite(z, load) for z, load in zip(Z, loads, strict=True)])
+        X = np.stack([_solve_or_infinite(z, load) for z, load in zip(Z, loads, strict=True)])
     answer, probe = X[:, :, :r], X[:, :, r:]
     accepted = growth(size, answer, B) <= LARGEST_GROWTH
     accepted &= growth(size, probe, loads[:, :, r:]) <= LARGEST_PROBE_GROWTH
@@ -601,19 +580,19 @@ def solve_dense(
     return answer
 
 
-def _solved(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the solution of Z X = B, in real arithmetic where nothing damps."""
+def _solve_batch(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the solution of Z X = B, in real arithmetic without damping."""
     if np.iscomplexobj(Z) and Z.imag.any():
         return np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
-    # Real and imaginary parts stand side by side, as columns of their own.
+    # Real and imaginary parts are separate columns.
     X = np.linalg.solve(Z.real, np.ascontiguousarray(B).view(np.float64))
     return np.ascontiguousarray(X).view(np.complex128)
 
 
-def _solved_or_infinite(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the solution of Z X = B at one line, infinite where Z has no inverse."""
+def _solve_or_infinite(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the solution of Z X = B at one line, or infinite values if Z has no inverse."""
     try:
-        return _solved(Z, B)
+        return _solve_batch(Z, B)
     except np.linalg.LinAlgError:
         return np.full_like(B, np.inf)
 
@@ -629,8 +608,7 @@ class Partition:
     nn, sn : sparse CSR of int
         Position of each entry of the block among the values of Z.
     ss : sparse CSC of complex
-        The block of the line that was asked for last: its pattern is checked once, its memory
-        serves every line.
+        The block of the last line. All lines share its memory, and its pattern is checked once.
     ss_places : ndarray of int
         Position of each of its entries among the values of Z.
     """
@@ -644,7 +622,7 @@ class Partition:
 
     @classmethod
     def find(cls, system: AffineSystem, retained: NDArray[np.intp]) -> Partition:
-        """Find the blocks for some retained DOFs, in the order wanted."""
+        """Find the blocks for some retained DOFs, in the desired order."""
         n = system.n
         keep = np.zeros(n, dtype=np.bool_)
         keep[retained] = True
@@ -667,16 +645,13 @@ class Partition:
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], Any]:
         """Return Z_nn and Z_sn dense, and Z_ss sparse (CSC), from the values of Z, shape (nnz,)."""
         np.take(values, self.ss_places, out=self.ss.data, mode="clip")
-        return _filled(self.nn, values), _filled(self.sn, values), self.ss
+        return _dense_block(self.nn, values), _dense_block(self.sn, values), self.ss
 
 
 def empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
-    """Return a complex CSC array of a symmetric pattern, whose values are to be written.
+    """Return a complex CSC array of a symmetric CSR pattern, with zeros to overwrite.
 
-    Parameters
-    ----------
-    indptr, indices : ndarray of int
-        Of CSR; as the matrix is symmetric they are those of CSC, which factorisations want.
+    For a symmetric matrix, the arrays of CSR and of CSC are equal.
     """
     n = len(indptr) - 1
     return sp.csc_array(
@@ -684,6 +659,6 @@ def empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
     )
 
 
-def _filled(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _dense_block(places: Any, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
     block = sp.csr_array((values[places.data], places.indices, places.indptr), shape=places.shape)
     return np.asarray(block.toarray())

@@ -1,4 +1,4 @@
-"""`reduced_mass`: mass of a model at its measured DOFs, by static condensation."""
+"""Static condensation of a model's mass to its measured DOFs."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from updyn.model import Model
 
 __all__ = ["reduced_mass"]
 
-#: Largest backward error of the static solution.
+#: Largest permitted backward error of the static solution.
 _ACCURATE = 1e-6
 _LOOSE = (
-    "with the measured DOFs held, the structure can still move without stiffness: its mass cannot"
+    "with the measured DOFs fixed, the structure can still move without stiffness; its mass cannot"
     " be reduced to them"
 )
 
@@ -31,21 +31,21 @@ def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]
     model : Model
         The structure.
     dofs : iterable of str or Dof
-        The n DOFs to keep, each once; a sign turns the DOF.
+        The n DOFs to keep, each once; a sign reverses the DOF.
 
     Returns
     -------
     ndarray of float, shape (n, n)
         T^T M T with T = [I; -K_ss^-1 K_sn], in kg (kg m2), symmetric (Guyan, AIAA J. 3 (1965) 380).
-        Good for modes that move much as the structure under static loads at these DOFs; the modes
-        of the model themselves show whether it is (their cross-orthogonality with each other).
+        It is accurate for modes that resemble the deformation under static loads at these DOFs. The
+        cross-orthogonality of the model's modes with each other shows whether they do.
 
     Raises
     ------
     DofError
         If a DOF is not in the model.
     SolverError
-        If the structure with these DOFs held has a motion without stiffness.
+        If the structure with these DOFs fixed has a motion without stiffness.
     """
     kept = DofSet(dofs)
     match = model.dofs.match(kept, "DOF to keep")
@@ -56,15 +56,15 @@ def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]
     loads = -(K @ T)[rest]
     own = sp.csc_array(K[rest][:, rest])
     if len(rest):
-        T[rest] = _solved(own, loads)
+        T[rest] = _solve_static(own, loads)
     return np.asarray(T.T @ (model.mass @ T))
 
 
-def _solved(K: sp.csc_array, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solve_static(K: sp.csc_array, loads: NDArray[np.float64]) -> NDArray[np.float64]:
     diagonal = K.diagonal()
     if not (diagonal > 0).all():
         raise SolverError(_LOOSE)
-    unit = 1.0 / np.sqrt(diagonal)  # translations and rotations, metres and millimetres weigh alike
+    unit = 1.0 / np.sqrt(diagonal)  # independent of units and of rotations or translations
     scaled = sp.csc_array(sp.diags_array(unit) @ K @ sp.diags_array(unit))
     right = unit[:, None] * loads
     try:

@@ -1,4 +1,4 @@
-"""`KeptBasis`: the basis with which an update ended, where further reduced models begin."""
+"""The final basis of an update, kept as the start of further reduced models."""
 
 from __future__ import annotations
 
@@ -14,25 +14,18 @@ from updyn.model import Model
 
 __all__ = ["KeptBasis", "begin"]
 
-#: The largest basis that is kept, in bytes. One of 150,000 DOFs and 334 vectors takes 0.4e9.
+#: Limit of a kept basis in bytes. 150,000 DOFs and 334 vectors take 0.4e9.
 _LARGEST = 1 << 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptBasis:
-    """A basis of a model, and the band in which none of its modes is missing.
+    """A basis of a model, and the band in which it misses no mode.
 
-    It is never changed: what begins with it does not depend on what has begun with it before. It is
-    memory of this process: a pickle or a copy of it is None.
+    It is immutable, so users of it do not affect each other. It stays in this process: a pickle or
+    a copy of it is None.
 
-    Attributes
-    ----------
-    model : Model
-        What it is of.
-    basis : Basis
-        Its vectors take 8 bytes a DOF each.
-    band : (float, float)
-        In Hz.
+    `basis` takes 8 bytes for each DOF and vector; `band` is in Hz.
     """
 
     model: Model
@@ -41,14 +34,14 @@ class KeptBasis:
 
     @classmethod
     def of(cls, model: Model, reduction: Reduction) -> KeptBasis | None:
-        """Return the basis of a reduction as it is; None of more than 1 GiB."""
+        """Return the basis of a reduction, or None if it needs more than 1 GiB."""
         basis = reduction.basis
         if 8 * basis.system.n * basis.size > _LARGEST:
             return None
         return cls(model, basis.leading(basis.size), reduction.band)
 
     def serves(self, model: Model, band: tuple[float, float]) -> bool:
-        """Return whether it is of this very model, and its band holds another one."""
+        """Return whether it belongs to this model object, and its band contains `band`."""
         return self.model is model and self.band[0] <= band[0] and band[1] <= self.band[1]
 
     def __reduce__(self) -> tuple[object, tuple[()]]:
@@ -62,23 +55,23 @@ def begin(
     state: State,
     freq: NDArray[np.float64],
 ) -> None:
-    """Begin a reduction: with what it needs of a basis that is kept, or else of a new one.
+    """Begin a reduction with the kept basis if it serves, or else with a new one.
 
-    Other sensors, and one state alone, need fewer vectors; what they lack the reduction asks the
-    full model, as of a new basis.
+    Other sensors and a single state need fewer vectors, so the basis is compressed. As with a new
+    basis, the reduction solves the full model for missing vectors.
 
     Parameters
     ----------
     reduction : Reduction
-        Without a basis yet.
+        A reduction without a basis.
     model : Model
-        What it is of.
+        The model of the reduction.
     kept : KeptBasis or None
-        Of this model or another one.
+        A basis of this or another model.
     state : State
-        Of the model.
+        The state of the model.
     freq : ndarray of float, shape (n_f,)
-        All lines that matter, in Hz.
+        All frequency lines in Hz.
 
     Raises
     ------
@@ -93,4 +86,4 @@ def begin(
 
 
 def _nothing() -> None:
-    """Return what a pickle of a basis is read as."""
+    """Return None: the unpickled value of a basis."""

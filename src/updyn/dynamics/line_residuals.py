@@ -1,4 +1,4 @@
-"""What the responses of a reduced model leave in the whole model's equations."""
+"""Residuals of a reduced model's responses in the equations of the full model."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Channels:
     Attributes
     ----------
     loaded : ndarray of int, shape (k,)
-        Each of them once, ascending.
+        The union of both, ascending.
     read, forced : ndarray of int
-        Where responses and references stand in `loaded`.
+        Positions of responses and references in `loaded`.
     """
 
     __slots__ = ("_turning", "forced", "loaded", "read")
@@ -45,16 +45,10 @@ class Channels:
         self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
 
     def levels(self, H: _Complex) -> _Real:
-        """Return the largest measured |H| of each line, of the same units.
+        """Return the largest measured |H| of each line among entries of the same unit.
 
-        Parameters
-        ----------
-        H : ndarray of complex, shape (n_lines, k, n_j)
-            Receptance of all loaded DOFs for the references.
-
-        Returns
-        -------
-        ndarray of float, shape (n_lines, k, n_j)
+        H is the receptance of all loaded DOFs for the references. H and the result have the shape
+        (n_lines, k, n_j).
         """
         size, turning = np.abs(H), self._turning
         measured = np.isin(np.arange(len(turning)), self.read)
@@ -65,19 +59,18 @@ class Channels:
                 block = (slice(None), *np.ix_(turning == a, pushed))
                 seen = (slice(None), *np.ix_((turning == a) & measured, pushed))
                 level = size[seen].max(axis=(1, 2), initial=0.0)
-                # Where no response of this unit is measured, the motion at the forces themselves is
-                # the level.
+                # If no response of this unit is measured, use the motion at the forces.
                 level = np.where(level > 0.0, level, size[block].max(axis=(1, 2), initial=0.0))
                 out[block] = level[:, None, None]
         return np.maximum(out, np.finfo(np.float64).tiny)
 
 
 class LineResiduals:
-    """The responses of the reduced model at some lines, and their residuals in the full model.
+    """Responses of the reduced model at some lines, and their residuals in the full model.
 
-    Complex fields are real, as the whole model's matrices are: shape (N, n_lines 2 n_j), line by
-    line the real parts for all references, then the imaginary ones. Many columns at a time take
-    half as long as those of one line.
+    Complex fields are stored as real arrays, because the matrices of the full model are real. Their
+    shape is (N, n_lines 2 n_j): for each line the real parts for all references, then the imaginary
+    parts. Products with many columns take half the time of separate lines.
 
     Parameters
     ----------
@@ -86,9 +79,9 @@ class LineResiduals:
     basis : Basis
         Its basis.
     channels : Channels
-        What is loaded and read.
+        Its loaded and read DOFs.
     state : State
-        Of the model.
+        The state of the model.
     freq : ndarray of float, shape (n_lines,)
         The lines in Hz.
     """
@@ -108,7 +101,7 @@ class LineResiduals:
         """Return e - Z V q for a unit force at each reference."""
         forced = self._channels.forced
         q = self._q[:, :, forced]
-        moved = self._basis.moved(np.stack([q.real, q.imag], axis=2).reshape(len(q), -1))
+        moved = self._basis.expand(np.stack([q.real, q.imag], axis=2).reshape(len(q), -1))
         R = -self._times(moved)
         real = self._by_line(R)[:, :, 0]
         real[self._channels.loaded[forced], :, np.arange(len(forced))] += 1.0
@@ -117,33 +110,27 @@ class LineResiduals:
     def errors(self, Y: _Real) -> _Complex:
         """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i.
 
-        Parameters
-        ----------
-        Y : ndarray of float, shape (N, n_lines 2 n_j)
-            Fields y_j.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_lines, k, n_j)
+        Y contains the fields y_j, shape (N, n_lines 2 n_j). The result is complex, shape
+        (n_lines, k, n_j).
         """
         own = self._by_line(Y[self._channels.loaded])
-        pulled = self._by_line(self._basis.projected(self._times(Y)))
+        pulled = self._by_line(self._basis.project(self._times(Y)))
         own, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (own, pulled))
         return np.asarray(
             own.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
         )
 
     def magnitudes(self) -> _Real:
-        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, (n_lines, k, n_j).
+        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, shape (n_lines, k, n_j).
 
-        |Z| is the sum of the sizes of its terms, before they cancel. Times the unit roundoff it
-        bounds how far an error of rounding in each entry of the matrices moves H_ij (Higham,
+        |Z| is the sum of the magnitudes of its terms, without cancellation. Multiplied by the unit
+        roundoff it bounds the change of H_ij by a rounding error in each matrix entry (Higham,
         Accuracy and Stability of Numerical Algorithms (2002), section 7.2).
         """
         out = np.zeros(self.H.shape)
         for line, sum_of in enumerate(out):
             q = self._q[:, line]
-            fields = np.hypot(self._basis.moved(q.real), self._basis.moved(q.imag))
+            fields = np.hypot(self._basis.expand(q.real), self._basis.expand(q.imag))
             forced = fields[:, self._channels.forced]
             for term, c in zip(self._basis.system.terms, self._c[:, line], strict=True):
                 own = term.own
@@ -153,11 +140,11 @@ class LineResiduals:
     def _by_line(self, U: _Real) -> _Real:
         """Return fields as (N, n_lines, 2, n_j), without a copy."""
         n_lines = self._c.shape[1]
-        # A group without entries has no rows, of which the number of columns cannot be told.
+        # A group without entries has no rows, so reshape cannot infer the number of columns.
         return U.reshape(len(U), n_lines, 2, U.shape[1] // (2 * n_lines))
 
     def _times(self, U: _Real) -> _Real:
-        """Return Z U, group by group: no matrix of the whole model is put together for a line."""
+        """Return Z U by groups, without assembling Z."""
         out = np.zeros_like(U)
         parts = self._by_line(out)
         for term, c in zip(self._basis.system.terms, self._c, strict=True):

@@ -1,8 +1,8 @@
-"""`modes`: natural frequencies, loss factors and mode shapes, real or complex.
+"""Natural frequencies, loss factors and mode shapes, real or complex.
 
-Massless DOFs and free-free structures are normal: the mass may be singular, the stiffness too, as
-long as no motion has neither. Everything rests on the pencil shifted to a negative value, K + s M
-with s > 0, which is definite then.
+Massless DOFs and free-free structures are permitted: mass and stiffness may both be singular, but
+not for the same motion. All solutions use the pencil with a negative shift, K + s M with s > 0,
+which is definite.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from updyn.model import Matrix, Model
 
 __all__ = ["Modes", "modes"]
 
-#: Complex modes with viscous damping need twice the DOFs and a dense solver: up to this many DOFs.
+#: Largest number of DOFs for complex modes with viscous damping, whose dense solver doubles it.
 _STATE_SPACE_LIMIT = 400
 
-# A stiffness energy below this share of the sum of its absolute terms is what rounding leaves of
-# zero.
+# A stiffness energy below this share of the sum of its absolute terms is zero within rounding.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _TWO_PI = 2.0 * np.pi
 
@@ -41,8 +40,8 @@ class Modes:
         Natural frequencies in Hz. For complex modes the square root of the real part of lambda =
         omega^2 (1 + i eta). A rigid-body mode has exactly 0.
     loss_factor : ndarray of float, shape (n,)
-        Modal loss factor eta; twice the damping ratio where damping is light. A rigid-body mode has
-        0: it stores no energy to lose a share of.
+        Modal loss factor eta; twice the damping ratio for light damping. A rigid-body mode has 0,
+        because it stores no energy.
     shapes : ndarray of float or complex, shape (N, n)
         Mode shapes as columns, normalised to phi^T M phi = 1 (transpose, not conjugate), in
         1/sqrt(kg) for translations; the largest component is (in its real part) positive.
@@ -65,7 +64,7 @@ class Modes:
         return f"Modes({len(self)} modes: {', '.join(shown)} Hz)"
 
     def at(self, dofs: Iterable[str | Dof]) -> NDArray[Any]:
-        """Return the shapes at signed DOFs, shape (k, n), as sensors there would see them.
+        """Return the shapes at signed DOFs, shape (k, n), as measured by sensors there.
 
         Raises
         ------
@@ -81,12 +80,12 @@ class Modes:
         Parameters
         ----------
         which : array_like of int or bool
-            Their numbers from 0, in the order wanted, each once; or a flag for each mode.
+            Mode numbers from 0 in the desired order, each once; or a flag for each mode.
 
         Raises
         ------
         DataError
-            If one is not there or named twice, or something else is given.
+            If a number does not exist or occurs twice, or the type is wrong.
         """
         at = positions(which, len(self), "modes", DataError)
         return Modes(self.frequency[at], self.loss_factor[at], self.shapes[:, at], self.dofs)
@@ -100,12 +99,12 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     model : Model
         The structure, with all its damping.
     n : int
-        How many modes, lowest first, rigid-body modes included.
+        Number of modes, lowest first, rigid-body modes included.
     complex : bool
         False: undamped modes, K phi = omega^2 M phi, with the loss factor by modal strain energy.
         True: modes of the damped structure, (K + i D) phi = omega^2 (1 + i eta) M phi, or with
         viscous damping those of s^2 M + s C + K + i D with lambda = -s^2. A loss factor with a
-        table is taken at each mode's own frequency, and is refused for complex modes.
+        table is evaluated at the frequency of each mode; complex modes do not permit tables.
 
     Returns
     -------
@@ -114,9 +113,9 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     Raises
     ------
     ModelError
-        If `n` is not a number of modes that the model has (the message says how many there are),
-        the model is too large for complex modes with viscous damping, a mode lies outside the table
-        of a loss factor, or complex modes are wanted of a model that has such a table.
+        If `n` is not a number of modes that the model has (the message contains their number), the
+        model is too large for complex modes with viscous damping, a mode is outside the table of a
+        loss factor, or complex modes are requested with such a table.
     SolverError
         If a motion has neither stiffness nor mass, or the eigenvalue solver fails.
 
@@ -130,7 +129,7 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     -----
     Modal strain energy: eta = (phi^T D phi + omega phi^T C phi) / phi^T K phi (Johnson & Kienholz,
     AIAA Journal 20 (1982) 1284-1290, eq. 8, for the structural part; the viscous part is the energy
-    lost a cycle at the mode's own frequency). Complex modes: Ewins, Modal Testing, 2nd ed. 2000,
+    loss per cycle at the frequency of the mode). Complex modes: Ewins, Modal Testing, 2nd ed. 2000,
     sections 2.5 and 2.7.
 
     Examples
@@ -189,7 +188,7 @@ def _real(model: Model, K: Matrix, M: Matrix, n: int) -> Modes:
 def _structural_energy(
     model: Model, shapes: NDArray[np.float64], freq: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return phi^T D phi of each mode at its own frequency; a rigid-body mode strains nothing."""
+    """Return phi^T D phi of each mode at its frequency; it is 0 for a rigid-body mode."""
     lost = np.zeros(shapes.shape[1])
     for name, group in model.groups.items():
         if group.stiffness is not None and group.loss_factor:
@@ -201,7 +200,7 @@ def _structural_energy(
 
 
 def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
-    """Name the DOF that moves most without stiffness and mass; empty for large models."""
+    """Return text on the DOF that moves most without stiffness and mass; empty for large models."""
     if K.shape[0] > eigen.DENSE_LIMIT:
         return ""
     dof = model.dofs[eigen.weakest_dof(K, M)]
@@ -209,7 +208,7 @@ def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
 
 
 def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
-    """Return complex modes; rigid-body modes without damping are taken from the real ones."""
+    """Return complex modes; undamped rigid-body modes are copied from the real modes."""
     for name, group in model.groups.items():
         if group.loss_table is not None:
             raise ModelError(
@@ -240,7 +239,7 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
         value, shapes = eigen.state_space_pairs(stiffness, C, M, scale)
     else:
         value, shapes = eigen.complex_pairs(stiffness, M, n, scale)
-    # Rigid-body modes that remain are recognised by their size; they are put back exactly.
+    # Other rigid-body modes are found by their size and replaced by the exact ones.
     moving = np.flatnonzero(value.real > 1e-10 * scale**2)
     moving = moving[np.argsort(value.real[moving], kind="stable")]
     if len(moving) < rest:

@@ -1,21 +1,21 @@
-"""All lines of one state from one eigendecomposition, in place of a factorisation for each line.
+"""Solutions at all lines of a state by one eigendecomposition instead of a factorisation per line.
 
-Where damping is hysteretic, with loss factors that do not depend on frequency, Z(s) = K + i D +
-s^2 M has the same K, D and M at every line; s = i omega + decay. With P = K + sigma M = L L^T for a
+If damping is hysteretic and its loss factors do not depend on frequency, then K, D and M in Z(s) =
+K + i D + s^2 M are the same at every line; s = i omega + decay. With P = K + sigma M = L L^T for a
 real sigma > 0,
 
     Z(s) = L (I + i D' + (s^2 - sigma) M') L^T,    D' = L^-1 D L^-T,    M' = L^-1 M L^-T.
 
-Where all stiffness has one loss factor gamma, the eigenvectors of M' diagonalise this in real
+If all stiffness has one loss factor gamma, the eigenvectors of M' diagonalise this in real
 arithmetic, as L^-1 K L^-T = I - sigma M' (Golub & Van Loan, Matrix Computations (2013), section
-8.7). Else D' = U delta U^T and c = (1 + i delta)^-1/2 leave the complex symmetric S = c U^T M' U c
-= X theta X^-1, and
+8.7). Otherwise D' = U delta U^T and c = (1 + i delta)^-1/2 give the complex symmetric matrix S = c
+U^T M' U c = X theta X^-1, and
 
     Z(s)^-1 = F X (1 + (s^2 - sigma) theta)^-1 X^-1 F^T,    F = L^-T U c.
 
-M may be singular, as it is with DOFs without mass. S may lack eigenvectors, or have some that are
-almost dependent: then the lines are solved one by one. Each line is checked by the residual of one
-combination of its loads and of a load that excites every mode; what fails is solved by itself, too.
+M may be singular, for example by massless DOFs. If the eigenvectors of S are incomplete or almost
+dependent, the lines are solved one by one. Each line is checked by the residual of a combination of
+its loads and a load that excites every mode; lines that fail are solved one by one, too.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Lines of a state from which one eigendecomposition takes less time than a factorisation for each
-#: line. It does from 20 (up to 50 equations) to 40 (100 equations; 33 with 300) of them; on few
-#: lines of a model that is to be exact, digits are worth more.
+#: Smallest number of lines of a state for which an eigendecomposition replaces factorisations of
+#: each line. It saves time from 20 lines (up to 50 equations) to 40 lines (100 equations; 33 with
+#: 300). For few lines of the full model, accuracy has priority.
 LEAST_LINES, LEAST_REDUCED_LINES = 64, 40
-#: The same in real arithmetic, where it takes as long as 4 to 8.
+#: The same limit in real arithmetic, which takes as long as 4 to 8 factorisations.
 LEAST_REAL_LINES = 16
 
-#: Reciprocal condition of the eigenvectors below which the pencil counts as defective.
+#: Below this reciprocal condition of the eigenvectors the pencil is treated as defective.
 _INDEPENDENT = 1e-8
-#: Backward error up to which a line is accepted.
+#: Largest accepted backward error of a line.
 _ROUNDING = 1e-12
-#: Lines at which the load on every mode grows by this share of what counts as singular are solved
-#: by a factorisation, which tells what is singular.
+#: If the growth of the load on every mode exceeds this share of the limit of singularity, the line
+#: is solved by a factorisation, which identifies the singularity.
 _DOUBTFUL = 1e-4
 
 
@@ -69,9 +69,9 @@ class StateWeights:
     Attributes
     ----------
     stiffness, damping, mass : ndarray of float, shape (n_terms,)
-        In K, D and M.
+        Weights in K, D and M.
     loss : float or None
-        The loss factor of all stiffness; None where there are several.
+        The common loss factor of all stiffness, or None if there are several.
     """
 
     stiffness: _Real
@@ -81,15 +81,7 @@ class StateWeights:
 
     @classmethod
     def find(cls, system: AffineSystem, state: State) -> StateWeights | None:
-        """Return the weights, or None where K, D and M depend on the line.
-
-        Parameters
-        ----------
-        system : AffineSystem
-            The compiled model.
-        state : State
-            Its numbers.
-        """
+        """Return the weights at a state, or None if K, D and M depend on the line."""
         quantity = np.array([t.quantity for t in system.terms])
         tabled = np.array([t.table is not None for t in system.terms])
         used = state.factor != 0.0
@@ -103,23 +95,23 @@ class StateWeights:
         return cls(stiffness, stiffness * state.loss, mass, loss)
 
     def pays(self, n_lines: int, least: int = LEAST_LINES) -> bool:
-        """Return whether one eigendecomposition is worth it for so many lines."""
+        """Return whether one eigendecomposition saves time for this number of lines."""
         return n_lines >= (least if self.loss is None else LEAST_REAL_LINES)
 
 
 def pays(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LINES) -> bool:
-    """Return whether one eigendecomposition is worth it for all lines of a state.
+    """Return whether one eigendecomposition saves time for all lines of a state.
 
     Parameters
     ----------
     system : AffineSystem
         The compiled model.
     state : State
-        Its numbers.
+        Its state.
     n_lines : int
-        All lines that are solved at this state.
+        Number of all lines of this state.
     least : int
-        Lines from which it is, where damping makes it complex.
+        Smallest sufficient number of lines if damping makes it complex.
     """
     weights = StateWeights.find(system, state)
     return weights is not None and weights.pays(n_lines, least)
@@ -132,13 +124,13 @@ class Pencil:
     Attributes
     ----------
     V, W : ndarray of float or complex, shape (n, n)
-        Modes, and what projects loads on them.
+        Modes, and the projection of loads on them.
     constant, slope : ndarray of float or complex, shape (n,)
-        Of the modal coordinates: no unit, and s^2.
+        Coefficients of the modal coordinates: no unit, and s^2.
     refines : bool
-        Whether one step of iterative refinement follows. Without it the error is rounding of the
-        largest displacement of a line; with it, of each displacement, however small (Skeel,
-        Mathematics of Computation 35 (1980) 817). Lines take three to five times as long.
+        Whether one step of iterative refinement follows. Without it the error is the rounding error
+        of the largest displacement of a line; with it, of each displacement, however small (Skeel,
+        Mathematics of Computation 35 (1980) 817). It takes three to five times as long.
     """
 
     V: NDArray[np.inexact]
@@ -153,16 +145,16 @@ class Pencil:
     def decompose(
         cls, K: _Real, D: _Real, M: _Real, omega: float, loss: float | None = None
     ) -> Pencil | None:
-        """Return the pencil of a state, or None where its eigenvectors are not independent.
+        """Return the pencil of a state, or None if its eigenvectors are not independent.
 
         Parameters
         ----------
         K, D, M : ndarray of float, shape (n, n)
             Stiffness and damping in N/m, mass in kg; symmetric.
         omega : float
-            Highest line in rad/s, or some more.
+            At least the highest line, in rad/s.
         loss : float, optional
-            Where D = loss K.
+            The common loss factor if D = loss K.
         """
         sigma = omega**2
         P = K + sigma * M
@@ -173,7 +165,7 @@ class Pencil:
         check, mass = _Check.of(K, M, D, unit_scale(P.diagonal())), _between(L, M)
         if loss is not None:
             theta, Q = _modes(mass)
-            V = _solved(L, Q, trans="T")
+            V = _solve_lower(L, Q, trans="T")
             constant: NDArray[np.inexact] = 1.0 - sigma * theta
             if loss:
                 constant = (1.0 + 1j * loss) * constant
@@ -186,7 +178,7 @@ class Pencil:
         size = np.abs(X).sum(axis=0).max()
         if singular or lapack.zgecon(factors, size)[0] < _INDEPENDENT:
             return None
-        F = _solved(L, U, trans="T") * root
+        F = _solve_lower(L, U, trans="T") * root
         W = lapack.zgetrs(factors, pivots, F.T)[0].T
         return cls(F @ X, W, 1.0 - sigma * theta, theta, check)
 
@@ -206,7 +198,7 @@ class Pencil:
         X : ndarray of complex, shape (n, n_lines, r)
             In m for loads in N.
         accepted : ndarray of bool, shape (n_lines,)
-            Which lines are solved to rounding and far from singular.
+            Whether a line is accurate to rounding and far from singular.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             amplitude = 1.0 / (self.constant[:, None] + squares * self.slope[:, None])
@@ -228,9 +220,9 @@ class _Check:
     scale : ndarray of float, shape (n,)
         `unit_scale` of K + sigma M.
     parts : tuple of ndarray of float, shape (n, n)
-        K, M, and D where it is not zero, scaled.
+        K, M, and D if it is not zero, scaled.
     norms : tuple of float
-        Their largest sums of a row.
+        Their maximum norms.
     """
 
     scale: _Real
@@ -253,7 +245,7 @@ class _Check:
         return np.asarray(probe_load(self.scale)[:, 0] + B @ weight, dtype=np.complex128)
 
     def residual(self, squares: _Complex, X: _Complex, B: _Real) -> _Complex:
-        """Return B - Z X, shape (n, n_lines, r), of displacements X of loads B."""
+        """Return B - Z X, shape (n, n_lines, r), for displacements X and loads B."""
         scaled = self.scale[:, None, None] * X
         R = np.repeat((B / self.scale[:, None])[:, None, :].astype(np.complex128), len(squares), 1)
         for A, weight in self._terms(squares):
@@ -266,7 +258,7 @@ class _Check:
         yield from zip(self.parts, (ones, squares, 1j * ones), strict=False)
 
     def accepts(self, squares: _Complex, y: _Complex, load: _Complex) -> NDArray[np.bool_]:
-        """Return at which lines y, shape (n, n_lines), answers the load, and grows by little."""
+        """Return for each line whether y, shape (n, n_lines), solves the load with small growth."""
         b, y = load / self.scale, self.scale[:, None] * y
         residual, size = np.repeat(b[:, None], len(squares), axis=1), np.zeros(len(squares))
         for norm, (A, weight) in zip(self.norms, self._terms(squares), strict=True):
@@ -279,12 +271,12 @@ class _Check:
 
 @dataclass(slots=True, eq=False)
 class PencilCache:
-    """The pencils of the state that was asked for last: lines that are nearly as high share one.
+    """The pencils of the last state; lines of similar highest frequency share one.
 
     Parameters
     ----------
     least : int
-        Lines from which there are any, where damping makes them complex.
+        Smallest number of lines for a pencil if damping makes it complex.
     """
 
     least: int = LEAST_LINES
@@ -302,16 +294,16 @@ class PencilCache:
         lines: _Real,
         matrices: Callable[[StateWeights], tuple[_Real, _Real, _Real]],
     ) -> Pencil | None:
-        """Return the pencil of a state, or None where lines are better solved one by one.
+        """Return the pencil of a state, or None if separate solutions for each line are faster.
 
         Parameters
         ----------
         system : AffineSystem
             The compiled model.
         state : State
-            Its numbers.
+            Its state.
         lines : ndarray of float, shape (n_f,)
-            All lines that are solved at this state, in Hz.
+            All lines of this state, in Hz.
         matrices : callable
             Returns K, D and M for their weights, shape (n, n) each.
         """
@@ -330,7 +322,7 @@ class PencilCache:
 
 
 def _rounded_up(freq: float) -> float:
-    """Return the next of 1, 2^(1/2), 2, ... Hz, whose pencil does for all lines up to there."""
+    """Return the next of 1, 2^(1/2), 2, ... Hz; its pencil serves all lines up to it."""
     mantissa, exponent = math.frexp(freq)
     step = math.sqrt(0.5) if mantissa <= math.sqrt(0.5) else 1.0
     return math.ldexp(step, exponent) if freq else 0.0
@@ -344,11 +336,11 @@ def _modes(A: _Real) -> tuple[_Real, _Real]:
 
 def _between(L: _Real, A: _Real) -> _Real:
     """Return L^-1 A L^-T of a symmetric A, symmetric to the last bit."""
-    half = _solved(L, _solved(L, A).T)
+    half = _solve_lower(L, _solve_lower(L, A).T)
     return np.asarray(0.5 * (half + half.T))
 
 
-def _solved(L: _Real, B: _Real, *, trans: str = "N") -> _Real:
+def _solve_lower(L: _Real, B: _Real, *, trans: str = "N") -> _Real:
     """Return L^-1 B, or L^-T B for ``trans="T"``."""
     return np.asarray(
         scipy.linalg.solve_triangular(L, B, lower=True, trans=trans, check_finite=False)
@@ -356,7 +348,7 @@ def _solved(L: _Real, B: _Real, *, trans: str = "N") -> _Real:
 
 
 def _times(A: NDArray[np.inexact], X: _Complex) -> _Complex:
-    """Return A X for complex X, shape (n, ...), in real arithmetic where A is real."""
+    """Return A X for complex X, shape (n, ...), in real arithmetic if A is real."""
     flat = X.reshape(len(X), -1)
     if np.iscomplexobj(A):
         product = np.asarray(A @ flat, dtype=np.complex128)

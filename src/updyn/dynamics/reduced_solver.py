@@ -1,4 +1,4 @@
-"""Solves in the coordinates of a basis, many lines of a state at once."""
+"""Solver in the coordinates of a basis, for many lines of a state at once."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ __all__ = ["NOT_CONDENSED", "ReducedSolver"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Why the condensed equation error is refused.
+#: Message on the condensed equation error with a reduced model.
 NOT_CONDENSED = (
     "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of"
     " a reduced model by the condition number of H; use tier 'sparse', or another method"
 )
 
-#: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
+#: Limits of a block: enough lines for matrix products, but few enough to distribute and to stop.
 _BLOCK_BYTES, _LINES = 192 * 2**20, 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSolver:
-    """Solver in the coordinates of a basis, without fields of the full model: small to send.
+    """Solver in the coordinates of a basis. It contains no fields of the full model.
 
     Attributes
     ----------
     system : AffineSystem
-        The projected model: r coordinates, the same terms as the whole.
+        The projected model, with r coordinates and the terms of the full model.
     observed : ndarray of int, shape (k,)
         DOFs of the model that can be loaded and read, ascending.
     rows : ndarray of float, shape (k, r)
-        The basis there.
+        The basis at these DOFs.
     stack : ndarray of float, shape (n_terms, r * r)
         The projected matrices.
     coupling : mapping of int to ndarray of int
-        The DOFs that each of the observed is coupled with in the whole model.
+        For each observed DOF, the DOFs coupled with it in the full model.
     backend : str
-        Which backend made the basis.
+        The backend that made the basis.
     label : str
-        Tells the reduced models of a run apart.
+        Name of the reduced model within a run.
     """
 
     system: AffineSystem
@@ -68,7 +68,7 @@ class ReducedSolver:
 
     @property
     def used(self) -> dict[str, int]:
-        """No sparse solves."""
+        """Empty, because there are no sparse solves."""
         return {}
 
     @classmethod
@@ -80,20 +80,10 @@ class ReducedSolver:
         backend: str,
         label: str = "reduced",
     ) -> ReducedSolver:
-        """Return the solver in a basis as it is.
+        """Return the solver in an unchanged basis.
 
-        Parameters
-        ----------
-        system : AffineSystem
-            The whole model.
-        basis : Basis
-            Motions and projected matrices.
-        observed : ndarray of int
-            DOFs that will be loaded or read, ascending.
-        backend : str
-            Which backend made the basis.
-        label : str
-            Tells the reduced models of a run apart.
+        `observed` are the DOFs that will be loaded or read, ascending. `backend` names the backend
+        that made the basis, and `label` the reduced model within a run.
         """
         r = basis.size
         rows, entries = np.arange(r), np.arange(r * r)
@@ -110,31 +100,26 @@ class ReducedSolver:
             decay=system.decay,
         )
         stack = np.stack([A.ravel() for A in basis.terms])
-        coupling = {int(d): system.coupled(int(d)) for d in observed}
+        coupling = {int(d): system.coupled_dofs(int(d)) for d in observed}
         return cls(reduced, observed, basis.at(observed), stack, coupling, backend, label)
 
-    def decaying(self, decay: float) -> ReducedSolver:
+    def with_decay(self, decay: float) -> ReducedSolver:
         """Return the solver at i omega + decay, in 1/s, in the same basis."""
         if decay == self.system.decay:
             return self
-        out = replace(self, system=self.system.decaying(decay))
-        object.__setattr__(out, "_pencils", self._pencils)  # they hold at any s
+        out = replace(self, system=self.system.with_decay(decay))
+        object.__setattr__(out, "_pencils", self._pencils)  # valid at any s
         return out
 
     def block_size(self, n_columns: int) -> int:
-        """Return how many lines fit into one block of bounded memory."""
+        """Return the number of lines in a block of bounded memory."""
         r = self.system.n
         return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
 
     def pencil(self, state: State, lines: _Real) -> Pencil | None:
-        """Return what solves many lines of a state at once; None where that does not pay.
+        """Return a solver for many lines of a state at once, or None if it does not save time.
 
-        Parameters
-        ----------
-        state : State
-            Of the model.
-        lines : ndarray of float, shape (n_f,)
-            All lines that are solved at this state, in Hz.
+        `lines` are all lines of this state, in Hz.
         """
         return self._pencils.find(self.system, state, lines, self._matrices)
 
@@ -157,29 +142,29 @@ class ReducedSolver:
         Parameters
         ----------
         coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Of Z.
+            Coefficients of Z.
         columns : ndarray of int, shape (k,)
-            DOFs of the model that carry a unit force.
+            DOFs of the model with a unit force.
         freq : ndarray of float, shape (n_lines,)
-            In Hz; without a pencil for messages.
+            Frequencies in Hz; without a pencil only for messages.
         pencil : Pencil, optional
-            Of the state that the coefficients belong to.
+            The pencil of the same state.
 
         Returns
         -------
         ndarray of complex, shape (r, n_lines, k)
-            Coordinates q; `at` gives the motion.
+            Coordinates q; `at` returns the motion.
 
         Raises
         ------
         SolverError
-            If the matrix is singular at a line; the message names it.
+            If the matrix is singular at a line. The message contains the line.
         """
         loads = self._rows_of(columns).T
 
         def exact(lines: NDArray[np.intp]) -> _Complex:
             forces = np.broadcast_to(loads[:, None], (len(loads), len(lines), len(columns)))
-            return self._forced(coefficients[:, lines], forces, freq[lines])
+            return self._solve_forces(coefficients[:, lines], forces, freq[lines])
 
         return solve_lines(pencil, freq, self.system.decay, loads, exact)
 
@@ -190,14 +175,14 @@ class ReducedSolver:
         freq: NDArray[np.float64],
         forces: Callable[[_Complex, slice], _Complex],
     ) -> tuple[_Complex, _Complex]:
-        """Solve for unit forces, then for forces V^T F that follow from their coordinates.
+        """Solve for unit forces, then for forces V^T F that depend on the coordinates found.
 
         See `LineSolver.solve_twice`.
         """
         q = self.solve(coefficients, columns, freq)
-        return q, self._forced(coefficients, forces(q, slice(len(freq))), freq)
+        return q, self._solve_forces(coefficients, forces(q, slice(len(freq))), freq)
 
-    def _forced(self, coefficients: _Complex, forces: NDArray[Any], freq: _Real) -> _Complex:
+    def _solve_forces(self, coefficients: _Complex, forces: NDArray[Any], freq: _Real) -> _Complex:
         """Return coordinates for forces V^T F, both (r, n_lines, k)."""
         r, c = self.system.n, coefficients.T
         Z = np.empty((len(freq), r, r), dtype=np.complex128)
@@ -218,21 +203,15 @@ class ReducedSolver:
         retained: NDArray[np.intp],
         freq: NDArray[np.float64],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Refuse, because the inverse of H multiplies its error by its condition number.
-
-        Raises
-        ------
-        OptionError
-            Always.
-        """
+        """Raise OptionError: the inverse of H multiplies its error by its condition number."""
         raise OptionError(NOT_CONDENSED)
 
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return DOFs besides `seen` that can be read."""
+        """Return readable DOFs except `seen`."""
         return np.setdiff1d(self.observed, seen)
 
-    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
-        """Return the DOFs that one is coupled with in the whole model, itself included."""
+    def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs coupled with a DOF in the full model, itself included."""
         return self.coupling[dof]
 
     def _rows_of(self, dofs: NDArray[np.intp]) -> NDArray[np.float64]:

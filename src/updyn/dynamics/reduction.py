@@ -1,25 +1,25 @@
 """Reduced models: a basis from a few real factorisations, with an error certified by residuals.
 
-Basis. X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, E the unit loads at sensors
-and forces, the next moments (K - s_k M)^-1 M X where loads are few, and (K - s_k M)^-1 D X for the
-damping: a block rational Krylov space (Ruhe, Linear Algebra Appl. 58 (1984) 391; Grimme, PhD
-thesis, Univ. of Illinois 1997, for the moments matched from both sides). No complex factorisation
-is needed.
+Basis. The vectors are X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, with E the unit
+loads at sensors and forces, then the next moments (K - s_k M)^-1 M X if loads are few, and (K - s_k
+M)^-1 D X for the damping. They span a block rational Krylov space (Ruhe, Linear Algebra Appl. 58
+(1984) 391; Grimme, PhD thesis, Univ. of Illinois 1997, for the moments matched from both sides). No
+complex factorisation is needed.
 
-Error. The model is symmetric and projected on one basis from both sides, so that the residuals r =
-e - Z V q of the loads i and j give the error of the receptance exactly: r_i^T Z^-1 r_j. The
-residual is orthogonal to the basis (V^T r = 0), so it measures only what the basis lacks; there,
-far from resonance, Z is close to the definite P = K + omega_max^2 M, so that with y_j = P^-1 r_j
+Error. The model is symmetric and projected on one basis from both sides. Therefore the residuals r
+= e - Z V q of the loads i and j give the exact error of the receptance: r_i^T Z^-1 r_j. The
+residual is orthogonal to the basis (V^T r = 0), so it measures only missing directions. For these,
+far from resonance, Z is close to the definite P = K + omega_max^2 M, and with y_j = P^-1 r_j
 
-    error_ij ~ r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j,
+    error_ij ~ r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j.
 
-one solve for each reference, whatever the number of responses. The basis is enriched by the y_j,
-the directions that it lacks most, until that is small enough at some lines, whether it comes from
-changed unknowns, strong local damping or a band that the shifts cover badly. The error stated is
-that of all lines and channels: the difference to the answer in a larger basis, with the y_j that
-were left out, and what the residuals in that basis leave. It holds where Z is not close to P, near
-natural frequencies that the basis lacks. Sylvester's law of inertia at the shifts proves that no
-mode in the band is missing when the basis is made.
+This takes one solve for each reference, for any number of responses. The basis is enriched by the
+y_j, the main missing directions, until the error is small enough at some lines. Causes of errors
+are changed unknowns, strong local damping, and bands with too few shifts. The stated error covers
+all lines and channels. It is the difference to a larger basis, which includes the y_j not added,
+plus the error by the residuals in that basis. It is valid also near natural frequencies missing in
+the basis, where Z is not close to P. Sylvester's law of inertia at the shifts proves for a new
+basis that no mode in the band is missing.
 """
 
 from __future__ import annotations
@@ -52,50 +52,50 @@ _Complex = NDArray[np.complex128]
 #: Coefficients of the terms, lines in Hz, and receptances of shape (n_rows, n_lines, n_columns).
 _Answer: TypeAlias = "tuple[_Complex, _Real, _Complex]"
 
-#: Factor on the error that residuals give while a basis is enriched.
+#: Factor on errors by residuals during enrichment.
 SAFETY = 4.0
-#: A direction below this share of the largest is left out of the larger basis.
+#: Smaller directions relative to the largest are omitted from the larger basis.
 _SMALL = 1e-3
 
 _SHIFTS, _MOST_SHIFTS = 3, 32
-#: Number of basis vectors at a shift from which no more moments are added.
+#: Number of basis vectors at a shift that needs no more moments.
 _VECTORS_A_SHIFT = 32
 #: Largest number of moments at a shift.
 _DEPTH = 8
-#: Of a basis that holds around the start: its shift, in squares of the highest frequency; the
-#: largest number of loads of the references; combinations of the sensors.
+#: For a basis around the start: its shift, in squares of the highest frequency; the largest number
+#: of loads at the references; the number of combinations of the sensors.
 _SEARCH_SHIFT = 0.3
-#: Of a basis that further states are added to: their shifts in turn, in the same unit.
+#: For a basis extended by further states: their shifts in turn, in the same unit.
 _BETWEEN = (0.2, 0.5, 0.8)
 _MOST_REFERENCES = 4
 _COMBINATIONS = 2
-#: Lines of a state whose fields choose among the vectors, at most, and of all states together.
+#: Largest number of lines with fields for compression: of a state, and of all states together.
 _LINES_A_STATE, _LINES_OF_STATES = 12, 250
-#: A direction that holds less than this share of the error that is allowed is not worth a column.
+#: Directions with a smaller share of the permitted error are not added.
 _WORTH = 0.05
-#: Lines that a pass checks; how many are checked together at most, and how large their residuals
-#: may be together.
+#: Number of lines in a pass; largest number of lines checked together, and largest total size of
+#: their residuals.
 _COUNT, _TOGETHER, _TOGETHER_BYTES = 12, 4, 2**28
-#: Pieces of the band in each of which a pass beside another state looks at a line.
+#: Number of band pieces, each with one line in a pass with another state's factorisation.
 _BESIDE = 4
-#: Lines without a residual may be worse than those that have one: a basis is enriched to this share
-#: of what is allowed.
+#: Lines without a residual may be worse than lines with one, so a basis is enriched to this share
+#: of the permitted error.
 _MARGIN = 0.2
 _PASSES = 24
 
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """What each state adds to a basis that holds between many states.
+    """The vectors that each state adds to a basis for many states.
 
     Attributes
     ----------
     shifts : tuple of float
-        In squares of the highest frequency; each state takes the next one.
+        In squares of the highest frequency; each state uses the next one.
     depth : int
-        Number of moments at it.
+        Number of moments at the shift.
     combinations : int
-        Random combinations of the sensors beside the references.
+        Number of random combinations of the sensors, in addition to the references.
     lossy : bool
         Whether the forces of damping add vectors, too.
     """
@@ -121,18 +121,18 @@ class Reduction:
     backend : str
         Sparse factorisation.
     accuracy : float
-        Wanted: the error of a receptance as a share of the largest of its line.
+        Permitted error of a receptance relative to the largest of its line.
     extra : ndarray of int
-        DOFs that can be read besides, without a promise of accuracy.
+        Other readable DOFs, without certified accuracy.
     poll : callable, optional
-        Called after every step that takes long; what it raises ends the work.
+        Called after every long step; its exceptions stop the work.
 
     Attributes
     ----------
     basis : Basis
-        As far as it has grown.
+        The current basis.
     shifted : Shifted
-        Factorisations of the whole model.
+        Factorisations of the full model.
     """
 
     system: AffineSystem
@@ -165,7 +165,7 @@ class Reduction:
         Parameters
         ----------
         state : State
-            The model.
+            The state of the model.
 
         Raises
         ------
@@ -191,22 +191,22 @@ class Reduction:
     def build_around(
         self, states: Sequence[State], seed: int = 0, across: Across | None = None
     ) -> None:
-        """Build a new basis that holds roughly between many states, for a search.
+        """Build a new basis of low accuracy for many states, for a search.
 
-        Each state adds, of one factorisation in the lower part of the band, the solutions X for the
-        references and for two random combinations of the sensors, (K - s M)^-1 M X and
-        (K - s M)^-1 D X. The combinations differ from state to state, so that all sensors are
-        represented by few vectors (tangential interpolation: Gallivan, Vandendorpe & Van Dooren,
-        SIAM J. Matrix Anal. Appl. 26 (2004) 328).
+        Each state adds vectors by one factorisation in the lower part of the band: the solutions X
+        for the references and for two random combinations of the sensors, (K - s M)^-1 M X and (K -
+        s M)^-1 D X. The combinations differ between states, so that few vectors represent all
+        sensors (tangential interpolation: Gallivan, Vandendorpe & Van Dooren, SIAM J. Matrix Anal.
+        Appl. 26 (2004) 328).
 
         Parameters
         ----------
         states : sequence of State
-            The first is that of the start. One that cannot be factorised adds nothing.
+            The states, with that of the start first. States that cannot be factorised are skipped.
         seed : int
-            Of the random combinations.
+            Seed of the random combinations.
         across : Across, optional
-            Where the whole band counts: other shifts, and more vectors.
+            Other shifts and more vectors, for accuracy in the whole band.
 
         Raises
         ------
@@ -225,14 +225,14 @@ class Reduction:
 
     @alone
     def extend(self, states: Sequence[State], seed: int = 0) -> None:
-        """Add to the basis what further states need, of one factorisation each, as in a search.
+        """Extend the basis for further states by one factorisation each, as in a search.
 
         Parameters
         ----------
         states : sequence of State
-            One that cannot be factorised adds nothing.
+            The states. States that cannot be factorised are skipped.
         seed : int
-            Of the random combinations of loads.
+            Seed of the random combinations of loads.
         """
         rng = np.random.default_rng(seed)
         for number, state in enumerate(states):
@@ -250,7 +250,7 @@ class Reduction:
 
     # -- construction --------------------------------------------------------------------------
     def _begin(self, state: State) -> None:
-        """Begin a basis whose scale of each DOF is that of a state."""
+        """Begin a basis with the scale of each DOF at a state."""
         diagonal = self.shifted.matrix(state, -self.shifted.top).diagonal()
         self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
 
@@ -271,26 +271,26 @@ class Reduction:
     def _expand(
         self, state: State, shift: float, loads: _Real, depth: int, *, lossy: bool = True
     ) -> tuple[float, int | None]:
-        """Add the basis vectors of a shift; return it, and how many modes lie below, if known."""
+        """Add the basis vectors of a shift; return it and the number of modes below, if known."""
         shift, factorised, X = self.shifted.solve(state, shift, loads)
         damping, inertial = self._lossy(state), self._inertial(state)
         lost = None
         if lossy and damping.any():
-            lost = factorised.solve(self.system.applied(damping, X))
+            lost = factorised.solve(self.system.multiply(damping, X))
         self.basis.append(X.copy())
         self.poll()
         for _ in range(depth - 1):
-            X = factorised.solve(self.system.applied(inertial, X))
+            X = factorised.solve(self.system.multiply(inertial, X))
             self.basis.append(X.copy())
         if lost is not None:
             self.basis.append(lost)
         return shift, factorised.negative
 
     def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
-        """Return neighbouring shifts with missed or too many modes between them; None if none."""
+        """Return neighbouring shifts with missed or too many modes between them, or None."""
         values = scipy.linalg.eigvalsh(
-            self.basis.combined(self._inertial(state)),
-            self.basis.combined(self.shifted.weights(state, -self.shifted.top)),
+            self.basis.weighted_sum(self._inertial(state)),
+            self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top)),
         )
         squares = 1.0 / np.maximum(values, np.finfo(np.float64).tiny) - self.shifted.top
         room = max(2, len(self._loaded) * self._depth)
@@ -326,14 +326,14 @@ class Reduction:
     def compress(self, state: State, freq: _Real) -> None:
         """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
 
-        What is dropped changes the receptance by far less than the accuracy wanted.
+        The dropped directions change the receptance by far less than the permitted error.
 
         Parameters
         ----------
         state : State
-            The model.
+            The state of the model.
         freq : ndarray of float, shape (n_f,)
-            All lines that matter, in Hz.
+            All frequency lines in Hz.
         """
         r = self.basis.size
         gram = np.zeros((r, r))
@@ -342,32 +342,32 @@ class Reduction:
                 q / np.sqrt(np.abs(H[:, :, self._channels.forced]).max(axis=(0, 2)))[:, None]
             ).reshape(r, -1)
             gram += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
-        # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
+        # In the norm of P, the error of a receptance is about the product of its fields' errors.
         self._truncate(state, gram, 0.01 * self.accuracy)
 
     @alone
     def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> _Real:
         """Reduce the basis to that of the references' fields at many states, for a search.
 
-        Beside each field of a reference stands one of a random combination of the sensors, for
-        the receptance is as accurate as the fields of both.
+        Each field of a reference is accompanied by one of a random combination of the sensors,
+        because the accuracy of a receptance depends on the fields of both.
 
         Parameters
         ----------
         states : sequence of State
-            Where fields are taken; the first sets the scale of energies.
+            States of the fields; the first sets the scale of energies.
         freq : ndarray of float, shape (n_f,)
-            Lines in Hz; each state takes every n-th of them, from another one on.
+            Lines in Hz; each state uses every n-th line, with its own offset.
         share : float
             Root of the share of the energy of all fields that may be dropped.
 
         Returns
         -------
         ndarray of float, shape (n_rows, n_columns)
-            What the receptance of each channel changed by (rms), over the largest of its line.
+            Rms change of each channel's receptance, relative to the largest of its line.
         """
         rng = np.random.default_rng(len(states))
-        metric = self.basis.combined(self.shifted.weights(states[0], -self.shifted.top))
+        metric = self.basis.weighted_sum(self.shifted.weights(states[0], -self.shifted.top))
         solver = self.solver()
         gram, total = np.zeros_like(metric), 0
         before: list[_Answer] = []
@@ -378,7 +378,7 @@ class Reduction:
             c = solver.system.coefficients(state, 2.0 * np.pi * lines)
             try:
                 q = solver.solve(c, self._loaded, lines)
-            except SolverError:  # one state less
+            except SolverError:  # skip the state
                 continue
             before.append((c, lines, solver.at(q, self.rows)[:, :, self._channels.forced]))
             mixed = q @ rng.standard_normal((len(self._loaded), _COMBINATIONS))
@@ -392,9 +392,9 @@ class Reduction:
         return self._changes(before)
 
     def _changes(self, before: Sequence[_Answer]) -> _Real:
-        """Return by how much receptances changed (rms), shape (n_rows, n_columns).
+        """Return the rms changes of receptances, shape (n_rows, n_columns).
 
-        Over the largest of a line.
+        They are relative to the largest receptance of the line.
         """
         solver = self.solver()
         found = [np.zeros((len(self.rows), 0, len(self.columns)))]
@@ -406,8 +406,10 @@ class Reduction:
         return np.asarray(np.sqrt((shares**2).sum(axis=1) / max(shares.shape[1], 1)))
 
     def _truncate(self, state: State, gram: _Real, allowed: float) -> None:
-        """Drop the directions of least energy in P of fields with a Gram matrix, up to a sum."""
-        C = np.linalg.cholesky(self.basis.combined(self.shifted.weights(state, -self.shifted.top)))
+        """Drop the directions of least energy in P up to a total, for fields with a Gram matrix."""
+        C = np.linalg.cholesky(
+            self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
+        )
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
         dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), allowed)
         self.basis.rotate(
@@ -419,28 +421,28 @@ class Reduction:
     def certify(
         self, state: State, freq: _Real, *, enrich: bool = True, count: int = _COUNT
     ) -> Certificate:
-        """Compute the error at a state, and enrich the basis until it is small enough.
+        """Compute the error at a state, and enrich the basis until the error is small enough.
 
-        Every pass computes the residual at other lines than the one before, the strongest among
-        them. The last pass adds nothing; what the residuals of its lines lack makes a larger basis
-        for the estimate of the error at all lines. Where that is too large, the larger basis is
-        kept, and the next pass looks at the worst lines.
+        Every pass computes residuals at other lines, including the strongest. The last pass adds
+        nothing to the basis. The directions missing at its lines make a larger basis for the
+        estimate of the error at all lines. If that error is too large, the larger basis is kept,
+        and the next pass uses the worst lines.
 
         Parameters
         ----------
         state : State
-            The model.
+            The state of the model.
         freq : ndarray of float, shape (n_f,)
-            All lines that matter, in Hz.
+            All frequency lines in Hz.
         enrich : bool
-            False: only check.
+            False: only compute the error.
         count : int
-            How many lines a pass checks.
+            Number of lines in a pass.
 
         Returns
         -------
         Certificate
-            Its error exceeds the accuracy wanted where enriching did not help enough.
+            Its error exceeds the permitted error if enrichment was insufficient.
 
         Raises
         ------
@@ -452,30 +454,31 @@ class Reduction:
 
     @alone
     def certify_or_enrich(self, state: State, freq: _Real) -> Certificate | None:
-        """Compute the error at a state, or enrich the basis where it lacks something there.
+        """Compute the error at a state, or enrich the basis if it is insufficient there.
 
-        For a point that moves with the basis: an error that is to be computed anew is not computed.
+        This is for a point that changes with the basis: no error is computed that a new point would
+        make invalid.
 
         Parameters
         ----------
         state, freq
-            As for `certify`.
+            As in `certify`.
 
         Returns
         -------
         Certificate or None
-            None where the basis has grown.
+            None if the basis has grown.
 
         Raises
         ------
         SolverError
-            As `certify`.
+            As in `certify`.
         """
-        with self.shifted.kept():
+        with self.shifted.hold():
             definite, size = self.shifted.definite(state), self.basis.size
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
             lines = _some_lines(freq, level, _COUNT, 0)
-            estimate = self._estimated(definite, state, freq, lines, self.accuracy)
+            estimate = self._check_and_estimate(definite, state, freq, lines, self.accuracy)
             if estimate is None:
                 self._settle(definite, state, freq, level, _MARGIN * self.accuracy, first=1)
                 return None
@@ -488,15 +491,15 @@ class Reduction:
 
     @alone
     def errors(self, states: Sequence[State], freq: _Real) -> _Real:
-        """Compute the error at several states, the basis as it is.
+        """Compute the error at several states without changes of the basis.
 
         Parameters
         ----------
         states : sequence of State
-            Of the model. States that are beside each other share a factorisation: P of one is as
-            definite for the next, and 1 + 0.1 times as large at most.
+            States of the model. Close states share a factorisation: P of one is as definite for the
+            next, and at most 1 + 0.1 times as large.
         freq : ndarray of float, shape (n_f,)
-            All lines that matter, in Hz.
+            All frequency lines in Hz.
 
         Returns
         -------
@@ -506,7 +509,7 @@ class Reduction:
         Raises
         ------
         SolverError
-            As `certify`.
+            As in `certify`.
         """
         found = self._certificates(states, freq, enrich=False, count=_COUNT)
         return np.array([certificate.error for certificate in found])
@@ -515,22 +518,22 @@ class Reduction:
         self, states: Sequence[State], freq: _Real, *, enrich: bool, count: int
     ) -> list[Certificate]:
         return [
-            self._certified(definite, state, freq, enrich=enrich, count=count)
+            self._certify(definite, state, freq, enrich=enrich, count=count)
             for definite, state in self.shifted.definites(states)
         ]
 
-    def _certified(
+    def _certify(
         self, definite: Factorised, state: State, freq: _Real, *, enrich: bool, count: int
     ) -> Certificate:
         level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
         lines = _some_lines(freq, level, count, 0)
         for number in range(1, _PASSES + 1):
             growing = enrich and number < _PASSES
-            # A basis that may do already is not enriched before its error is known.
+            # In the first pass the basis may already suffice, so no margin is required.
             margin = _MARGIN if number > 1 else 1.0
             allowed = margin * self.accuracy if growing else np.inf
             size = self.basis.size
-            estimate = self._estimated(definite, state, freq, lines, allowed)
+            estimate = self._check_and_estimate(definite, state, freq, lines, allowed)
             if estimate is None:
                 lines = _some_lines(freq, level, count, number)
                 continue
@@ -541,7 +544,7 @@ class Reduction:
         self.basis = self.basis.leading(size)
         return estimate.certificate(size, tuple(lines), self.shifted.count)
 
-    def _estimated(
+    def _check_and_estimate(
         self,
         definite: Factorised,
         state: State,
@@ -549,9 +552,9 @@ class Reduction:
         lines: Sequence[float],
         allowed: float,
     ) -> Estimate | None:
-        """Check some lines; return the error at all, or None where the basis has grown.
+        """Check some lines and return the error at all lines, or None if the basis has grown.
 
-        The basis is left with what it lacks, beside which its error was estimated.
+        The directions missing at these lines are then part of the basis, as its larger part.
         """
         size = self.basis.size
         lacking = list(self._checks(definite, state, lines, allowed))
@@ -566,19 +569,19 @@ class Reduction:
     ) -> None:
         """Enrich the basis at some states until the residuals at some lines are small enough.
 
-        As `certify`, but for the error at all lines, which is not computed.
+        Unlike `certify`, it does not compute the error at all lines.
 
         Parameters
         ----------
         states, freq
-            As for `errors`.
+            As in `errors`.
         accuracy : float, optional
-            Another one than that of the reduction.
+            An accuracy other than that of the reduction.
 
         Raises
         ------
         SolverError
-            As `certify`.
+            As in `certify`.
         """
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
         for definite, state in self.shifted.definites(states):
@@ -594,7 +597,7 @@ class Reduction:
         allowed: float,
         first: int = 0,
     ) -> None:
-        """Check, in a pass after the other from the first on, until one adds nothing."""
+        """Check lines in passes from number `first` until a pass adds nothing."""
         for number in range(first, _PASSES):
             size = self.basis.size
             lines = _some_lines(freq, level, _COUNT, number)
@@ -604,16 +607,16 @@ class Reduction:
 
     @alone
     def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
-        """Enrich the basis by what it lacks at some lines of several states.
+        """Enrich the basis by missing directions at some lines of several states.
 
         Parameters
         ----------
         states : sequence of State
-            One after the other; what one has added the next ones find.
+            The states, in order; each uses the basis enriched by the states before.
         freq : ndarray of float, shape (n_f,)
             Lines in Hz.
         allowed : float, optional
-            The error up to which nothing is added; by default a fifth of the accuracy wanted.
+            Largest error that adds nothing; by default a fifth of the permitted error.
         """
         allowed = _MARGIN * self.accuracy if allowed is None else allowed
         for definite, state in self.shifted.definites(states):
@@ -621,14 +624,14 @@ class Reduction:
 
     @alone
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
-        """Enrich the basis once by what it lacks at several states, each at lines of its own.
+        """Enrich the basis once by missing directions at several states, each at different lines.
 
         Parameters
         ----------
         states : sequence of State
-            As for `errors`.
+            As in `errors`.
         freq : ndarray of float, shape (n_f,)
-            All lines that matter, in Hz; each state takes every n-th of them, from another one on.
+            All frequency lines in Hz; each state uses every n-th line, with its own offset.
         """
         stride = -(-len(freq) // _COUNT)
         for number, (definite, state) in enumerate(self.shifted.definites(states)):
@@ -637,14 +640,14 @@ class Reduction:
 
     @alone
     def outside(self, state: State, X: _Real) -> _Real:
-        """Return what the basis lacks of the space of some motions.
+        """Return the part of some motions' space that is outside the basis.
 
         Parameters
         ----------
         state : State
-            The model.
+            The state of the model.
         X : ndarray of float, shape (N, k)
-            Motions that are linearly independent.
+            Linearly independent motions.
 
         Returns
         -------
@@ -654,9 +657,11 @@ class Reduction:
         if not X.shape[1]:
             return np.zeros(0)
         weights = self.shifted.weights(state, -self.shifted.top)
-        PX = self.system.applied(weights, X)
-        within = self.basis.projected(PX)
-        shared = within.T @ scipy.linalg.solve(self.basis.combined(weights), within, assume_a="pos")
+        PX = self.system.multiply(weights, X)
+        within = self.basis.project(PX)
+        shared = within.T @ scipy.linalg.solve(
+            self.basis.weighted_sum(weights), within, assume_a="pos"
+        )
         return np.asarray(1.0 - scipy.linalg.eigvalsh(shared, X.T @ PX)[::-1])
 
     @alone
@@ -669,23 +674,23 @@ class Reduction:
         number: int,
         accuracy: float,
     ) -> bool:
-        """Enrich the basis at a few lines of a state by the factorisation of another one.
+        """Enrich the basis at a few lines of a state by the factorisation of another state.
 
-        P of another state is as definite: its P^-1 r is a preconditioned residual, and a few passes
-        make the basis hold where stiffnesses differ by a factor of e.
+        P of another state is definite, too, so P^-1 r is a preconditioned residual. A few passes
+        make the basis accurate for stiffnesses that differ by a factor of e.
 
         Parameters
         ----------
         definite : Factorised
-            From `definite`, of the other state.
+            The result of `definite` for the other state.
         state, freq
-            As for `certify`.
+            As in `certify`.
         level : ndarray of float, shape (n_f,)
-            Size of the response at each line, about.
+            Approximate magnitude of the response at each line.
         number : int
-            Which pass at this state: each looks at other lines.
+            Number of the pass at this state; each pass uses other lines.
         accuracy : float
-            Wanted, as that of the reduction.
+            Permitted error, as in the reduction.
 
         Returns
         -------
@@ -697,20 +702,20 @@ class Reduction:
         return self.basis.size > size
 
     @alone
-    def lacking(self, states: Sequence[State], freq: _Real) -> _Real:
-        """Estimate the error at some lines of several states by residuals, the basis as it is.
+    def residual_errors(self, states: Sequence[State], freq: _Real) -> _Real:
+        """Estimate the error at some lines of several states by residuals, without basis changes.
 
         Parameters
         ----------
         states : sequence of State
-            Of the model.
+            States of the model.
         freq : ndarray of float, shape (n_f,)
             Lines in Hz.
 
         Returns
         -------
         ndarray of float, shape (len(states),)
-            The largest error of a receptance as a share of the largest of its line.
+            The largest error of a receptance, relative to the largest of its line.
         """
         solver, worst = self.solver(), np.zeros(len(states))
         for number, (definite, state) in enumerate(self.shifted.definites(states)):
@@ -723,15 +728,15 @@ class Reduction:
         return worst
 
     def _orthonormal(self, pieces: list[_Real], state: State) -> _Real:
-        """Return what spans the columns of all pieces, orthonormal in K + omega_max^2 M.
+        """Return a basis for the columns of all pieces, orthonormal in K + omega_max^2 M.
 
-        The weakest directions, which rounding makes, are left out. The pieces, of shape (N, k)
-        each, are used up: there is no room for them and the result in the memory that they take.
+        The weakest directions, due to rounding, are omitted. The pieces, of shape (N, k) each, are
+        consumed, because memory does not suffice for both them and the result.
         """
-        W = _joined(pieces)
+        W = _join(pieces)
         beside = Basis(self.system, self.basis.weight)
         beside.extend(W)
-        gram = beside.combined(self.shifted.weights(state, -self.shifted.top))
+        gram = beside.weighted_sum(self.shifted.weights(state, -self.shifted.top))
         if not gram.size:
             return W
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
@@ -746,10 +751,10 @@ class Reduction:
     def _estimate_within(
         self, definite: Factorised, state: State, freq: _Real, size: int
     ) -> Estimate:
-        """Return the estimate beside as many of the vectors after the first `size` as it can.
+        """Return the estimate with as many of the vectors after the first `size` as possible.
 
-        They come in the order of what they add. Where those that add least make the larger model
-        singular by rounding, they are left out.
+        They are in order of importance. If the least important vectors make the larger model
+        singular by rounding, they are omitted.
         """
         while True:
             try:
@@ -761,9 +766,9 @@ class Reduction:
                 self.basis = self.basis.leading(size + added // 2)
 
     def _estimate(self, definite: Factorised, state: State, freq: _Real, size: int) -> Estimate:
-        """Return the error at all lines of the first `size` basis vectors, beside all of them."""
+        """Return the error of the first `size` basis vectors, by comparison with all."""
         wide, narrow = self.solver(), self._solver_of(self.basis.leading(size))
-        P = self.basis.combined(self.shifted.weights(state, -self.shifted.top))
+        P = self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
         found = Estimate.beside(wide, narrow, self.basis, self._channels, P, definite, state, freq)
         self.poll()
         return found
@@ -777,7 +782,7 @@ class Reduction:
     def _answers(
         self, state: State, freq: _Real, loaded: NDArray[np.intp]
     ) -> Iterator[tuple[_Complex, _Complex]]:
-        """Yield coordinates and response of the reduced model, block by block of lines."""
+        """Yield coordinates and response of the reduced model, by blocks of lines."""
         solver = self.solver()
         pencil = solver.pencil(state, freq)
         for block in line_blocks(len(freq), solver.block_size(len(loaded))):
@@ -788,32 +793,33 @@ class Reduction:
     def _check_all(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
     ) -> None:
-        """Check some lines; the basis grows by what is worth it."""
+        """Check some lines, and add the important missing directions to the basis."""
         for _ in self._checks(definite, state, lines, allowed):
             pass
 
     def _checks(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
     ) -> Iterator[_Real]:
-        """Check some lines, few together; yield what the basis lacks at them, shape (N, k)."""
+        """Check some lines, few together; yield missing directions at them, shape (N, k)."""
         for some in self._few_together(np.array(lines)):
             yield self._check(definite, state, some, allowed)
             self.poll()
 
     def _few_together(self, lines: _Real) -> Iterator[_Real]:
-        """Yield few lines at a time, fewer of a larger model: residuals of theirs take memory."""
+        """Yield few lines at a time, fewer for a larger model because of the size of residuals."""
         of_one = 2 * self.system.n * len(self._channels.forced) * np.dtype(np.float64).itemsize
         step = min(max(_TOGETHER_BYTES // of_one, 1), _TOGETHER)
         for first in range(0, len(lines), step):
             yield lines[first : first + step]
 
     def _check(self, definite: Factorised, state: State, lines: _Real, allowed: float) -> _Real:
-        """Add what is worth it of what the basis lacks at some lines; return it if nothing is.
+        """Add the important missing directions at some lines, or return all if none is important.
 
-        Where their largest error is what is allowed, nothing is.
+        None is important if the largest error is within the permitted error.
 
-        Directions that several lines lack are added once: with Y = P^-1 R, R^T Y is their Gram
-        matrix in P across all lines. In single precision it is Y^T P Y, as R^T Y has few digits.
+        Directions that are missing at several lines are added once: with Y = P^-1 R, R^T Y is their
+        Gram matrix in P for all lines. In single precision it is Y^T P Y, because R^T Y is
+        inaccurate.
         """
         solver = self.solver()
         checked = LineResiduals(solver, self.basis, self._channels, state, lines)
@@ -824,7 +830,7 @@ class Reduction:
         sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
         errors = np.abs(checked.errors(Y)) / self._channels.levels(checked.H)
         error = SAFETY * errors.max(axis=(1, 2))
-        # Each force of a line counts by its part in the largest error, whatever its unit.
+        # The weight of each force of a line is its part in the largest error, in any unit.
         shares = SAFETY * errors.max(axis=1) / sizes
         weight = np.repeat(shares[:, None], 2, axis=1).ravel()
         gram = weight[:, None] * gram * weight
@@ -832,7 +838,7 @@ class Reduction:
         if error.max() > allowed:
             size, axes = np.linalg.eigh(gram)
             kept = size > max((_WORTH * allowed) ** 2, definite.error**2 * size[-1])
-            # P-orthogonal to the basis as they are, since V^T R = 0.
+            # Already P-orthogonal to the basis, because V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():
                 return Y[:, :0]
@@ -844,8 +850,8 @@ class Reduction:
         return np.hstack(lacking)
 
 
-def _joined(pieces: list[_Real]) -> _Real:
-    """Return arrays side by side, (N, k) each; each is given back as soon as it is copied."""
+def _join(pieces: list[_Real]) -> _Real:
+    """Return the arrays, (N, k) each, side by side; each is released after its copy."""
     out = np.empty((len(pieces[0]), sum(piece.shape[1] for piece in pieces)))
     first = 0
     pieces.reverse()
@@ -857,13 +863,13 @@ def _joined(pieces: list[_Real]) -> _Real:
 
 
 def _worst_lines(freq: _Real, shares: _Real, count: int) -> list[float]:
-    """Return the lines of largest share, one of each piece of the band."""
+    """Return the line of the largest share in each piece of the band."""
     pieces = np.array_split(np.arange(len(freq)), min(count, len(freq)))
     return [float(freq[p[np.argmax(shares[p])]]) for p in pieces]
 
 
 def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
-    """Choose both end lines and, of pieces of the band, strongest, weakest and random lines."""
+    """Choose both end lines, and the strongest, weakest and random lines of band pieces."""
     if len(freq) <= count:
         return freq.tolist()  # type: ignore[no-any-return]
     rng = np.random.default_rng(number)

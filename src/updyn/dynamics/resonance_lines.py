@@ -1,4 +1,4 @@
-"""`resonance_lines`: frequencies at which to compute FRFs so that no resonance is missed."""
+"""Frequencies of FRFs that resolve all resonances of a model."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from updyn.model import Model
 
 __all__ = ["even_lines", "resonance_lines"]
 
-#: Lines about a resonance. Even, so that none falls on the natural frequency itself, where an
+#: Lines per resonance. The number is even, so no line is the natural frequency itself, at which an
 #: undamped model has no response; the nearest two reach 0.995 of the peak.
 _PER_RESONANCE = 16
 _FEWEST = 4
-#: Loss factor of a resonance without damping, for the width that its lines cover.
+#: Loss factor of an undamped resonance, for the width of its lines.
 _LEAST_LOSS = 1e-4
-#: Modes computed at first.
+#: Number of modes of the first computation.
 _FIRST_MODES = 20
 
 
@@ -30,14 +30,14 @@ def even_lines(low: float, high: float, n: int) -> NDArray[np.float64]:
     Parameters
     ----------
     low, high : float
-        In Hz, both above 0.
+        Positive frequencies in Hz.
     n : int
-        How many, at least 2.
+        Number of lines, at least 2.
 
     Returns
     -------
     ndarray of float
-        Ascending, in Hz, the ends included; at most `n`.
+        Ascending frequencies in Hz with both ends, at most `n`.
     """
     half = max(n // 2, 2)
     lines = np.concatenate([np.linspace(low, high, half), np.geomspace(low, high, half)])
@@ -47,28 +47,29 @@ def even_lines(low: float, high: float, n: int) -> NDArray[np.float64]:
 def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArray[np.float64]:
     """Return lines that resolve the resonances of a model in a band.
 
-    About a natural frequency f with loss factor eta they are f sqrt(1 + eta tan(theta)), theta
-    evenly spaced: at equal distances along the circle that the response of the mode describes in
-    the complex plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625).
+    The lines of a natural frequency f with loss factor eta are f sqrt(1 + eta tan(theta)), with
+    evenly spaced theta: equal distances along the circle of the mode's response in the complex
+    plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625).
 
     Parameters
     ----------
     model : Model
-        The structure, with its damping.
+        The structure with its damping.
     low, high : float
         The band in Hz.
     limit : int
-        How many lines at most. Of more modes than have four lines each, the lowest are resolved.
+        Largest number of lines. If it permits fewer than four lines for each mode, only the lowest
+        modes are resolved.
 
     Returns
     -------
     ndarray of float
-        Ascending, in Hz, within the band; none where the modes cannot be computed.
+        Ascending frequencies in Hz within the band; empty if the modes cannot be computed.
     """
     found = _modes_up_to(model, high, limit // _FEWEST)
     if found is None:
         return np.empty(0)
-    # A resonance just outside the band bends the curve at its edge.
+    # A resonance just outside the band affects the curve at its edge.
     inside = (found.frequency > 0.9 * low) & (found.frequency < 1.1 * high)
     frequency, loss = found.frequency[inside], found.loss_factor[inside]
     if not len(frequency):
@@ -83,14 +84,14 @@ def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArra
 
 
 def _modes_up_to(model: Model, high: float, most: int) -> Modes | None:
-    """Return the modes of a model up to a frequency, `most` at most; None where there are none."""
+    """Return at most `most` modes of a model up to a frequency, or None if there are no modes."""
     found = None
     n, most = _FIRST_MODES, min(most, mass_rank(model.mass))
     while most > 0:
         n = min(n, most)
         try:
             with warnings.catch_warnings():
-                # An indefinite stiffness was reported where the model was made.
+                # An indefinite stiffness was reported when the model was made.
                 warnings.simplefilter("ignore")
                 found = modes(model, n)
         except (ModelError, SolverError):

@@ -1,4 +1,4 @@
-"""`response`: the frequency response functions of a model."""
+"""The frequency response functions of a model."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def response(
     accuracy: float = ACCURACY,
     decay: float = 0.0,
 ) -> FRF:
-    """Compute frequency response functions, exactly: one factorisation of the full model a line.
+    """Compute frequency response functions exactly, with one full factorisation per line.
 
-    With ``tier="reduced"`` they come from a reduced model instead, proved to the accuracy asked
-    for; a few real factorisations then serve any number of lines.
+    With ``tier="reduced"`` they are computed by a reduced model of proven accuracy. It needs only a
+    few real factorisations for any number of lines.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ def response(
     quantity : {"receptance", "mobility", "accelerance"}
         Motion over force.
     tier : {"dense", "sparse", "reduced"}, optional
-        How to solve; by default exactly, chosen by size.
+        The way of solving; by default an exact tier chosen by size.
     backend : str, optional
         Sparse factorisation.
     accuracy : float
-        Of the reduced tier: the largest error as a share of the largest receptance of its line.
+        For the reduced tier, the largest error relative to the largest receptance of its line.
     decay : float
-        Of an exponential window exp(-decay t) through which the structure is seen, in 1/s: what is
-        computed is H at i omega + decay.
+        Rate in 1/s of an exponential window exp(-decay t) on the records. The result is then H at
+        i omega + decay.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def response(
     OptionError
         If the tier, the backend or the accuracy cannot be used.
     SolverError
-        If the dynamic stiffness is singular at a line, or a reduced model of that accuracy was not
+        If the dynamic stiffness is singular at a line, or no reduced model of this accuracy was
         found.
 
     Notes
@@ -92,11 +92,11 @@ def response(
     if np.isscalar(freq):
         freq = np.atleast_1d(freq)
     lines = check_lines(freq)
-    system = AffineSystem.compile(model).decaying(check_decay(decay))
+    system = AffineSystem.compile(model).with_decay(check_decay(decay))
     solver, source = _solver(
         system, at_rows.index, at_columns.index, lines, tier, backend, accuracy
     )
-    # Symmetry: forces may be put on whichever side has fewer DOFs.
+    # By symmetry, the forces can act on the side with fewer DOFs.
     swap = len(rows) < len(columns)
     loaded, read = at_columns, at_rows
     if swap:
@@ -136,7 +136,7 @@ def _solver(
     backend: str | None,
     accuracy: float,
 ) -> tuple[FieldSolver, str]:
-    """Return the solver, and the source of the FRF in words."""
+    """Return the solver, and a description of it as the source of the FRF."""
     if tier != "reduced":
         return LineSolver.choose(system, tier, backend), "model"
     reduction = Reduction(

@@ -1,4 +1,4 @@
-"""Factorisations of K - s M of a model's states."""
+"""Factorisations of K - s M at states of a model."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = ["Shifted"]
 
 _Real = NDArray[np.float64]
 
-#: States of which no mass and no stiffness differs by more than this share are beside each other.
+#: Two states are close if no mass or stiffness differs by more than this share.
 _CLOSE = 0.1
-#: In single precision: relative errors of answers that span a basis, whose rounding would be taken
-#: for more of it (`basis._NEW`), and of those that measure what it lacks.
+#: Permitted relative errors in single precision: of solutions that span a basis, because their
+#: rounding errors would seem new directions (`basis._NEW`), and of solutions that measure errors.
 _SPANNING, _MEASURING = 1e-9, 1e-5
-#: DOFs from which factors are made in single precision, as they may not fit into memory otherwise.
-#: The steps of refinement take as long as is gained.
+#: Number of DOFs above which factors are computed in single precision, because double precision may
+#: exceed the memory. Refinement takes as long as single precision saves.
 _HUGE = 400_000
-#: How far shifts on a natural frequency are moved, in squares of the highest frequency; and in
-#: single precision, which says less the nearer they are.
+#: Moves of a shift from a natural frequency, in squares of the highest frequency; in single
+#: precision they are larger, because it is less accurate near one.
 _NUDGES, _NUDGES_IN_SINGLE = (0.0, 1e-4, 1e-3), (0.0, 3e-3, 1e-2)
 
 
 @dataclass(slots=True, eq=False)
 class Shifted:
-    """Real factorisations of a model's states, one alive at a time; that of P may be kept.
+    """Real factorisations at states of a model, one at a time; that of P can be kept.
 
     P = K + omega_max^2 M is definite, and close to K - omega^2 M far from resonance.
 
@@ -43,16 +43,16 @@ class Shifted:
     system : AffineSystem
         The compiled model.
     top : float
-        omega_max^2, of the highest line, in 1/s^2.
+        omega_max^2 of the highest line, in 1/s^2.
     backend : str
         Sparse factorisation.
     keeps : bool
-        Whether P stays in memory for states beside its own, until `release` or the next one.
+        Whether P stays in memory for close states, until `release` or the next factorisation.
 
     Attributes
     ----------
     count : int
-        Factorisations so far.
+        Number of factorisations so far.
     """
 
     system: AffineSystem
@@ -69,14 +69,14 @@ class Shifted:
 
     @property
     def used(self) -> dict[str, int]:
-        """How many sparse solves each backend answered, by name."""
+        """Number of sparse solves of each backend, by name."""
         return self._solver.used
 
     @property
     def _moves(self) -> list[tuple[float, bool]]:
-        """How far a shift is moved, in turn, and whether single precision alone has to do there."""
+        """Moves of a shift, in order of use, each with whether single precision is required."""
         moves = [(far, False) for far in _NUDGES]
-        if self._solver.single:  # double precision, for which there may be no memory, comes last
+        if self._solver.single:  # double precision comes last, because it may exceed the memory
             moves = [(far, True) for far in _NUDGES_IN_SINGLE] + moves
         return moves
 
@@ -88,7 +88,7 @@ class Shifted:
     def matrix(self, state: State, shift: float) -> Any:
         """Return K - s M."""
         values = self.system.real_values(self.weights(state, shift))
-        # Symmetric: the CSR arrays are those of CSC, which factorisations want.
+        # The matrix is symmetric, so its CSR arrays are also the CSC arrays for factorisations.
         return sp.csc_array(
             (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
         )
@@ -101,23 +101,23 @@ class Shifted:
         error: float = _SPANNING,
         single_only: bool = False,
     ) -> Factorised:
-        """Factorise K - s M; what was factorised before ends.
+        """Factorise K - s M and release the previous factorisation.
 
         Parameters
         ----------
         state : State
-            Of the model.
+            The state of the model.
         shift : float
             s in 1/s^2.
         error : float
-            Relative error that answers may have in single precision.
+            Permitted relative error of solutions in single precision.
         single_only : bool
-            Whether double precision does not take over where that is too far off.
+            Whether to fail if single precision is too inaccurate, instead of using double.
 
         Raises
         ------
         SolverError
-            If it is singular, or memory is short, or single precision alone is too far off.
+            If the matrix is singular, memory is short, or single precision alone is too inaccurate.
         """
         self._definite = None
         self.count += 1
@@ -127,18 +127,19 @@ class Shifted:
         )
 
     def solve(self, state: State, shift: float, loads: _Real) -> tuple[float, Factorised, _Real]:
-        """Factorise K - s M and solve for loads, shape (N, k); s off a natural frequency.
+        """Factorise K - s M and solve for loads, shape (N, k), with s off a natural frequency.
 
-        Where it is on one, s is moved away from the middle of the band, so that the ends stay out.
+        If s is a natural frequency, it is moved away from the middle of the band, which keeps the
+        ends of the band outside.
 
         Returns
         -------
         shift : float
-            s, where it has been moved to.
+            The final s.
         factorised : Factorised
             K - s M.
         X : ndarray of float, shape (N, k)
-            The answers.
+            The solutions.
 
         Raises
         ------
@@ -157,9 +158,9 @@ class Shifted:
         raise AssertionError
 
     def below(self, state: State, frequency: float) -> int | None:
-        """Return how many modes lie below a frequency in Hz, by Sylvester's law of inertia.
+        """Return the number of modes below a frequency in Hz, by Sylvester's law of inertia.
 
-        None where the backend does not count, or the frequency is a natural one.
+        It is None if the backend does not count, or the frequency is a natural frequency.
         """
         try:
             return self.factorise(state, (2.0 * np.pi * frequency) ** 2).negative
@@ -169,28 +170,28 @@ class Shifted:
             self.release()
 
     def definite(self, state: State) -> Factorised:
-        """Return P of a state, factorised, or of a state beside it if at hand.
+        """Return the factorised P of a state, or an existing one of a close state.
 
-        It holds until the next factorisation, or `release`.
+        It is valid until the next factorisation or `release`.
 
         Raises
         ------
         SolverError
-            If it is not definite.
+            If P is not definite.
         """
         if self._definite is None or not _are_close(state, self._definite[1]):
             self._definite = self.factorise(state, -self.top, error=_MEASURING), state
         return self._definite[0]
 
     def definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
-        """Yield states with P of each, or of one beside it."""
-        with self.kept():
+        """Yield states, each with its P or that of a close state."""
+        with self.hold():
             for state in states:
                 yield self.definite(state), state
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Keep P while it is worked with, and longer only if it is to be kept."""
+    def hold(self) -> Iterator[None]:
+        """Keep P within the context, and after it only if `keeps` is true."""
         try:
             yield
         finally:
@@ -198,12 +199,12 @@ class Shifted:
                 self.release()
 
     def release(self) -> None:
-        """Give the memory of factorisations back."""
+        """Release the memory of factorisations."""
         self._definite = None
         self._solver.release()
 
 
 def _are_close(state: State, other: State) -> bool:
-    """Whether masses and stiffnesses of two states are alike."""
+    """Return whether masses and stiffnesses of two states are close."""
     change = np.abs(state.factor - other.factor)
     return bool((change <= _CLOSE * np.abs(other.factor)).all())

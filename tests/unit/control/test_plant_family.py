@@ -342,7 +342,7 @@ def test_a_member_at_which_the_basis_does_not_hold_is_made_alone(long_fit, monke
         return np.maximum(plain(reduction, states, freq), [0.0, 1.0])
 
     expected = plant_family(long_fit, **ROW, error="peak", n=2)
-    monkeypatch.setattr(Reduction, "lacking", bad)
+    monkeypatch.setattr(Reduction, "residual_errors", bad)
     found = plant_family(long_fit, **ROW, error="peak", n=2)
     assert ["one basis for all" in m.facts["basis"] for m in found.members] == [True, False]
     freq = np.linspace(1.0, 40.0, 200)
@@ -361,7 +361,7 @@ def test_what_a_basis_lacks_is_about_its_error(long_fit) -> None:
     reduction.basis = reduction.basis.leading(8)
     other = replace(system.start, factor=system.start.factor * [1.0, 1.1, 0.9])
     line = np.array([40.0])
-    (said,) = reduction.lacking([other], line)
+    (said,) = reduction.residual_errors([other], line)
     changed = model.scaled({"near": {"stiffness": 1.1}, "far": {"stiffness": 0.9}})
     solver = reduction.solver()
     q = solver.solve(system.coefficients(other, 2 * np.pi * line), np.array([0]), line)
@@ -372,4 +372,4 @@ def test_what_a_basis_lacks_is_about_its_error(long_fit) -> None:
     off = np.abs(H - exact).max() / np.abs(exact).max()
     assert off <= said <= 100 * off + 1e-12
     reduction.enrich([other, other], line)
-    assert reduction.lacking([other], line)[0] <= 0.1 * said
+    assert reduction.residual_errors([other], line)[0] <= 0.1 * said

@@ -243,8 +243,8 @@ def test_lines_that_are_nearly_as_high_share_a_pencil_whatever_was_asked_before(
 def test_the_solver_of_data_through_a_window_has_the_same_pencils():
     """Z(s) is that of the same K, D and M at another s."""
     solver = reduction_of_chain().solver()
-    start, windowed = solver.system.start, solver.decaying(2.0)
-    assert solver.decaying(0.0) is solver
+    start, windowed = solver.system.start, solver.with_decay(2.0)
+    assert solver.with_decay(0.0) is solver
     assert windowed.pencil(start, FREQ) is solver.pencil(start, FREQ)
     assert_at_once_as_one_by_one(windowed, FREQ)
 

@@ -309,11 +309,11 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
     basis = Basis(system, np.sqrt(rng.uniform(1, 1e6, system.n)))
     basis.append(rng.standard_normal((system.n, 4)))
     basis.append(
-        np.hstack([basis.moved(np.eye(4)), rng.standard_normal((system.n, 2))])
+        np.hstack([basis.expand(np.eye(4)), rng.standard_normal((system.n, 2))])
     )  # four are there already
     basis.extend(rng.standard_normal((system.n, 3)))
     assert basis.size == 9
-    V = basis.moved(np.eye(9))
+    V = basis.expand(np.eye(9))
     for term, A in zip(system.terms, basis.terms, strict=True):
         full = np.zeros((system.n, system.n))
         full[np.ix_(term.rows, term.rows)] = (
@@ -322,7 +322,7 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
         np.testing.assert_allclose(A, V.T @ full @ V, rtol=1e-9, atol=1e-9 * np.abs(A).max())
     C = rng.standard_normal((9, 5))
     basis.rotate(C)
-    np.testing.assert_allclose(basis.moved(np.eye(5)), V @ C, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(basis.expand(np.eye(5)), V @ C, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(basis.at(np.array([3, 1])), (V @ C)[[3, 1]], rtol=1e-10, atol=1e-12)
 
 

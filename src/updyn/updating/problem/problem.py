@@ -114,7 +114,7 @@ class Part:
 
     def __post_init__(self) -> None:
         # The model is compared with the data where they are H.
-        object.__setattr__(self, "solver", self.solver.decaying(self.frf.decay))
+        object.__setattr__(self, "solver", self.solver.with_decay(self.frf.decay))
         gains = Gains.find(self.coordinates.parameters, self.frf) if self.as_read else None
         object.__setattr__(self, "_gains", gains)
 

@@ -175,7 +175,7 @@ class ConstitutiveError(LineResidual):
         misfit = U[part.rows].transpose(1, 0, 2) - measured
         slopes = unknowns.slopes(system, state, values, omega)
         assert isinstance(part.solver, LineSolver)
-        Y = part.solver.forced(c, moved, freq)
+        Y = part.solver.solve_forces(c, moved, freq)
         crossed = contract(system, unknowns, slopes, P, Y)
         change = -(crossed + crossed.conj().swapaxes(2, 3))
         if self.compliance is None:

@@ -153,7 +153,7 @@ class ForceResidual(LineResidual):
         misfit = U[part.rows].transpose(1, 0, 2) - measured
         force = -(moved.transpose(1, 0, 2) @ np.linalg.solve(S, misfit)).transpose(1, 0, 2)
         assert isinstance(part.solver, LineSolver)
-        motion = U + part.solver.forced(c, force, freq)
+        motion = U + part.solver.solve_forces(c, force, freq)
         slopes = unknowns.slopes(system, state, part.values(x), 2.0 * np.pi * freq)
         J = np.zeros((part.n, *force.shape), dtype=np.complex128)
         for d, (p, t) in enumerate(zip(unknowns.owner, unknowns.at, strict=True)):

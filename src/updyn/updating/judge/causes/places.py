@@ -86,5 +86,5 @@ def _beside(part: Part, own: list[int]) -> list[int]:
     """Return the DOFs of other nodes that are coupled with those of a node, nearest in number."""
     coupled: set[int] = set()
     for i in own:
-        coupled.update(part.solver.coupled(i).tolist())
+        coupled.update(part.solver.coupled_dofs(i).tolist())
     return sorted(coupled - set(own), key=lambda i: int(np.abs(i - own[0])))
