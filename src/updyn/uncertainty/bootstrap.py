@@ -95,8 +95,8 @@ def bootstrap(
     seed : int
         Seed of the noise; refit number i does not depend on `n`.
     kind : {"parametric", "residual"}
-        ``"parametric"``: the FRF of the updated model plus normal noise of the variance that the
-        fit has found, inflation included (Efron & Tibshirani, An Introduction to the Bootstrap,
+        ``"parametric"``: the FRF of the updated model plus normal noise with the variance of
+        the fit, inflation included (Efron & Tibshirani, An Introduction to the Bootstrap,
         1993, section 6.5). ``"residual"``: plus residuals of the fit, over their standard
         deviation, drawn with replacement in blocks of lines as long as its correlation length
         (Kuensch, Ann. Stat. 17 (1989) 1217); for noise that is not normal.
@@ -104,7 +104,7 @@ def bootstrap(
         Large models are refitted in a reduced model about the estimate, of this error
         (`updyn.update`).
     engine : None, int, dask.distributed Client or Engine
-        Where refits are made, as for `updyn.update`; the draws do not depend on it.
+        Workers for the refits, as in `updyn.update`; the draws do not depend on it.
     callback : callable, optional
         Called with a `Progress` after every refit; returning True stops with the draws so far.
 
@@ -116,15 +116,15 @@ def bootstrap(
     Raises
     ------
     OptionError
-        If an option is not understood, or the method of the result has no likelihood.
+        If an option is invalid, or the method of the result has no likelihood.
     SolverError
         If the model cannot be solved at the estimate.
 
     Notes
     -----
-    Refits start at the estimate, by the method of the result without its search, and estimate the
-    noise again where the fit did. A prior counts as data: its centre is drawn about the estimate,
-    so that the spread is that of the posterior where the model is linear (Bardsley et al., SIAM J.
+    Refits start at the estimate and use the method of the result without its search. They estimate
+    the noise again if the fit did. A prior counts as data: its centre is drawn about the estimate.
+    For a linear model the draws then have the spread of the posterior (Bardsley et al., SIAM J.
     Sci. Comput. 36 (2014) A1895). The bootstrap is not consistent for an unknown on its bound
     (Andrews, Econometrica 68 (2000) 399); use `updyn.profile` there.
 
@@ -151,7 +151,7 @@ def bootstrap(
         reduction: Mapping[str, Any] = {}
         items = [(seed, number) for number in range(n)]
 
-        def refitted(problem: Problem) -> NDArray[np.float64]:
+        def refit_all(problem: Problem) -> NDArray[np.float64]:
             found.clear()
             counter.done = 0
             solved = restored.with_problem(problem)
@@ -164,7 +164,7 @@ def bootstrap(
             return np.array([x for reason, x in found if not reason])
 
         with suppress(Stopped):
-            reduction = run_about(restored, accuracy, seed, refitted)
+            reduction = run_about(restored, accuracy, seed, refit_all)
     options = {"n": n, "seed": seed, "resampling": kind, **reduction}
     return _draws(result, restored, found, acceleration, options)
 
@@ -269,7 +269,7 @@ def _draws(
     acceleration: _Vector,
     options: dict[str, Any],
 ) -> Draws:
-    """Return the refits as draws, with a message on what limits their use."""
+    """Return the refits as draws, with a message on limits of their use."""
     coordinates = restored.problem.coordinates
     parameters = coordinates.parameters
     kept = []

@@ -10,15 +10,15 @@ from updyn.errors import OptionError
 
 __all__ = ["MOST_DRAWS", "MOST_EVALUATIONS", "check_count"]
 
-#: Largest number of draws: the mean of so many is certain to a thousandth of their standard
-#: deviation. All are kept in memory, 8 MB for each unknown.
+#: Largest number of draws: their mean is accurate to a thousandth of their standard deviation.
+#: All are kept in memory, 8 MB for each unknown.
 MOST_DRAWS = 1_000_000
 #: Largest number of evaluations of a sampler, all of which are kept: 80 MB for each unknown.
 MOST_EVALUATIONS = 10_000_000
 
 
 def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
-    """Return a number that a user gives.
+    """Return a number given by the user.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
     value : int
         The number.
     what : str
-        What is counted, for the message.
+        Name of the counted things, for the message.
     least, most : int
         Smallest and largest one.
 

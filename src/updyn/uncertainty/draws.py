@@ -1,4 +1,4 @@
-"""`Draws`: values of the unknowns drawn by a bootstrap or a sampler, with their intervals."""
+"""Values of the unknowns drawn by a bootstrap or a sampler, with their intervals."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Draws:
     Attributes
     ----------
     kind : {"bootstrap", "sampling"}
-        How they were made.
+        Their method.
     names : tuple of str
         The unknowns.
     chains : ndarray of float, shape (n_chains, n_draws, n)
         Values in the unit of each unknown. A bootstrap is one chain.
     estimate, std : ndarray of float, shape (n,)
-        Values of the update and their Laplace standard deviations (inf where undetermined).
+        Values of the update and their Laplace standard deviations (inf if undetermined).
     lower, upper : ndarray of float, shape (n,)
         Bounds of the unknowns.
     is_factor : ndarray of bool, shape (n,)
@@ -47,14 +47,14 @@ class Draws:
     failed : dict of str to int
         Number of draws that failed, by reason.
     converged : bool
-        Whether the draws can be relied on: the sampling has converged, or nearly all refits of the
+        Whether the draws are reliable: the sampling has converged, or nearly all refits of the
         bootstrap have succeeded.
     message : str
-        What limits their use, in words.
+        Text on limits of their use.
     options : dict
         Seed, numbers, evaluations, errors of a reduced model.
     result : UpdateResult or JointResult or None
-        The update that they belong to; not kept in files.
+        Their update; not stored in files.
     """
 
     kind: str
@@ -85,7 +85,7 @@ class Draws:
         Raises
         ------
         OptionError
-            If there is none of that name; the nearest is named.
+            If no unknown has the name. The message suggests the closest.
         """
         if name not in self.names:
             raise OptionError(f"no draws of {name!r}; {suggest(str(name), self.names)}")
@@ -113,14 +113,14 @@ class Draws:
 
     @property
     def correlation(self) -> NDArray[np.float64]:
-        """Correlation of the unknowns, shape (n, n); nan for one that never moves."""
+        """Correlation of the unknowns, shape (n, n); nan for a constant unknown."""
         C = self.covariance
         std = np.sqrt(np.diag(C))
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(C / std[:, None] / std)
 
     def of(self, result: UpdateResult | JointResult) -> Draws:
-        """Return the draws with their update, which draws read from a file lack.
+        """Return the draws with their update, which files do not contain.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class Draws:
         Raises
         ------
         OptionError
-            If the kind or the level is not understood, or there are too few draws.
+            If the kind or the level is invalid, or there are too few draws.
         """
         if not 0.0 < level < 1.0:
             raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")

@@ -1,16 +1,15 @@
 """The likelihood of a fit with its priors, its minimisation, and its Gaussian about a minimum.
 
-The density is that of circular complex Gaussian noise whose variance is held as the fit has found
-it,
+The density is that of circular complex Gaussian noise with the variance of the fit,
 
     -ln p(x | data) = 1/2 sum |H_A(x) - H_X|^2 / (sigma^2 / 2)
                       + 1/2 sum ((x_k - x_k0) / std_k)^2 + constant,
 
-with sigma^2 = E|dH|^2 times the square of the fit's inflation, so that near the estimate it is the
-Gaussian of the Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm
-of a factor, a loss factor as it is. Priors are Gaussian there where the unknown has one, and flat
-within its bounds where not; so a factor without a prior is as likely to lie between 0.5 and 1 as
-between 1 and 2 (Jaynes 1968: the prior of a scale).
+with sigma^2 = E|dH|^2 times the square of the fit's inflation. Near the estimate it is the Gaussian
+of the Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm of a
+factor, and a loss factor itself. Given priors are Gaussian in x; otherwise the prior is flat within
+the bounds. A factor without a prior is therefore as likely to be between 0.5 and 1 as between 1 and
+2 (Jaynes 1968: the prior of a scale).
 """
 
 from __future__ import annotations
@@ -81,14 +80,14 @@ class Likelihood:
         return self.problem.coordinates.bounds
 
     def local(self, x: _Vector) -> Local | None:
-        """Return cost and slopes at x, shape (n,); None where the model cannot be solved."""
+        """Return cost and slopes at x, shape (n,), or None if the model cannot be solved."""
         local = self.residual.local(self.problem, x)
         if local is None:
             return None
         return with_prior(local, self.problem, x)
 
     def cost(self, x: _Vector) -> float:
-        """Return the cost at x, shape (n,); inf outside the bounds or where it cannot be solved."""
+        """Return the cost at x, shape (n,); inf outside the bounds or without a solution."""
         lower, upper = self.bounds
         if not ((x >= lower) & (x <= upper)).all():
             return np.inf
@@ -114,12 +113,12 @@ class Likelihood:
         x : ndarray of float, shape (n,)
             Start.
         held : int, optional
-            An unknown that is held fixed.
+            A fixed unknown.
 
         Returns
         -------
         Point or None
-            None where the model cannot be solved at the start.
+            None if the model cannot be solved at the start.
         """
         free = np.ones(len(x), dtype=np.bool_)
         if held is not None:

@@ -1,8 +1,8 @@
-"""Local minima of the likelihood beside the estimate, which fit the data about as well.
+"""Local minima of the likelihood, other than the estimate, that fit the data about as well.
 
 The minimisation starts from random points, first of the log error, whose basins are wide; and from
-the estimate with parts of the structure exchanged, because the usual reason for several minima is
-data that cannot tell which of two parts is the stiff one.
+the estimate with parts of the structure exchanged, because several minima usually occur if
+the data do not determine which of two parts is the stiff one.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def find_minima(
     best : Point
         The known minimum.
     whole : Problem
-        With the whole models, whose parts are exchanged.
+        The problem with the full models, whose parts are exchanged.
     starts : int
         Random starts; 0 returns the known minimum only.
     seed : int
@@ -71,13 +71,16 @@ def find_minima(
     Raises
     ------
     Stopped
-        If the user wants to stop.
+        If the user stops.
     """
     found = [best]
     if starts == 0:
         return found
     problem = likelihood.problem
-    items = [*_random(likelihood, best.x, starts, seed), *_exchanged(likelihood, whole, best.x)]
+    items = [
+        *_random(likelihood, best.x, starts, seed),
+        *_exchange_parts(likelihood, whole, best.x),
+    ]
     for top in problem.session.map(_climb, likelihood, items, spread=not problem.spreads):
         if top is not None and not any(_is_same(top, other) for other in found):
             found.append(top)
@@ -102,7 +105,7 @@ def _random(
         yield np.clip(start, lower, upper), True
 
 
-def _exchanged(
+def _exchange_parts(
     likelihood: Likelihood, whole: Problem, x: _Vector
 ) -> Iterator[tuple[_Vector, bool]]:
     """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
@@ -114,7 +117,7 @@ def _exchanged(
 
 
 def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
-    """Return the minimum reached from a start; None where the model cannot be solved there."""
+    """Return the minimum reached from a start, or None if the model cannot be solved there."""
     x, far = item
     if far:
         lower, upper = likelihood.bounds
@@ -135,5 +138,5 @@ def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
 
 
 def _is_same(a: Point, b: Point) -> bool:
-    """Return whether two minima are one: less than a standard deviation apart."""
+    """Return whether two minima are equal, less than a standard deviation apart."""
     return bool(np.linalg.norm(b.local.R @ (a.x - b.x)) < 1.0 or np.abs(a.x - b.x).max() < 1e-6)

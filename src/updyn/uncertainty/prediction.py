@@ -198,7 +198,7 @@ def _from_laplace(
     level: float,
     noise: _Real | None,
 ) -> Band:
-    H, dH = _solved(part, x)
+    H, dH = _solve(part, x)
     covariance, free = _covariance(part, x, about, result)
     with np.errstate(divide="ignore", invalid="ignore"):
         change = np.einsum("kfij,kl->lfij", dH, free)
@@ -246,7 +246,7 @@ def _covariance(
     return found.covariance, found.null_space
 
 
-def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
+def _solve(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
     H, dH = [], []
     for block in part.blocks(x):
@@ -294,7 +294,7 @@ def _in_fewer(result: UpdateResult, part: Part, x: _Real, X: _Real, accuracy: fl
     surrogate.begin(x)
     if len(X) > 1:
         surrogate.enrich(list(furthest(X, min(_POINTS, len(X)))))
-    reduction = surrogate.settled(lambda problem: X)
+    reduction = surrogate.settle_run(lambda problem: X)
     if errs := excess(reduction, "the furthest points"):
         raise SolverError(f"{errs} Allow it by accuracy=, or predict a narrower band")
     return surrogate.problem().parts[0]
@@ -319,7 +319,7 @@ class Band:
     with_noise : bool
         Whether the band is that of a measurement (True) or of the structure (False).
     lower, upper : ndarray of float
-        Limits of the magnitude, in the unit of the FRF; 0 and inf where it is undetermined.
+        Limits of the magnitude, in the unit of the FRF; 0 and inf if it is undetermined.
     phase_lower, phase_upper : ndarray of float
         Limits of the phase, in rad, about the angle of `frf`; they may exceed pi.
     std_real, std_imag : ndarray of float

@@ -43,7 +43,7 @@ _Vector = NDArray[np.float64]
 
 #: Decrease of the cost that counts as another minimum: a tenth of a standard deviation.
 _BETTER = 0.005
-#: Times that profiles are computed, each time from the lowest minimum found.
+#: Largest number of computations of the profiles, each from the lowest minimum found.
 _ROUNDS = 3
 
 
@@ -60,7 +60,7 @@ def profile(
 ) -> Profiles:
     """Compute intervals by profile likelihood.
 
-    The unknown is held at one value after the other, and all others are fitted again. The interval
+    The unknown is fixed at one value after the other, and all others are fitted again. The interval
     contains the values at which the log-likelihood is lower by at most half the quantile of
     chi-square with one degree of freedom, 1.92 at 95 % (Venzon & Moolgavkar, Appl. Stat. 37 (1988)
     87; Raue et al., Bioinformatics 25 (2009) 1923). Unlike the Laplace covariance it accounts for
@@ -69,10 +69,10 @@ def profile(
     Parameters
     ----------
     result : UpdateResult or JointResult
-        A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included; what
-        is profiled is stated in `updyn.uncertainty.likelihood`, priors count as data.
+        A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included, and priors
+        count as data; `updyn.uncertainty.likelihood` contains the equations.
     names : str or sequence of str, optional
-        Unknowns; all where none is named.
+        Unknowns; by default all.
     level : float
         Confidence level of the intervals, between 0 and 1.
     starts : int, optional
@@ -147,7 +147,7 @@ def profile(
 
 @dataclass(slots=True, eq=False)
 class _Run:
-    """The profiles of some unknowns: what is asked for, and what has been found."""
+    """The request for profiles of some unknowns, and their results."""
 
     restored: RestoredFit
     at: Sequence[int]
@@ -159,7 +159,7 @@ class _Run:
     better: dict[str, float] = field(default_factory=dict)
 
     def all(self, problem: Problem) -> NDArray[np.float64]:
-        """Profile the unknowns in a problem, as it is to be solved.
+        """Profile the unknowns in a problem.
 
         Returns
         -------
@@ -191,7 +191,7 @@ def _profiles(
     drop: float,
     counter: WorkCounter,
 ) -> tuple[dict[int, Profile], Point]:
-    """Profile the unknowns, again from a better fit where one is found on the way."""
+    """Profile the unknowns, and repeat it from a better fit if one is found."""
     for number in range(_ROUNDS):
         best = minima[0]
         found: dict[int, Profile] = {}
@@ -280,16 +280,16 @@ class Profile:
     estimate : float
         Its most likely value.
     values : ndarray of float, shape (k,)
-        Values at which it was held, ascending.
+        Its fixed values, ascending.
     drop : ndarray of float, shape (k,)
         Decrease of the log-likelihood there, all others fitted again.
     others : ndarray of float, shape (k, n)
         All unknowns there.
     intervals : tuple of Interval
-        Confidence intervals, ascending; more than one where separate ranges fit the data.
+        Confidence intervals, ascending; several if separate ranges fit the data.
     lower_end, upper_end : {"level", "bound", "zero", "unsolved"}
         Reason for the outermost ends: ``"level"``, the likelihood has decreased to the level;
-        ``"bound"``, the bound of the unknown was reached first, so that the data do not limit it;
+        ``"bound"``, the bound of the unknown was reached first, and the data do not limit it;
         ``"zero"``, the lower bound of loss factors; ``"unsolved"``, the model could not be solved
         further.
     """
@@ -342,7 +342,7 @@ class Profiles(Mapping[str, Profile]):
     Attributes
     ----------
     items_ : tuple of Profile
-        One for each unknown that was asked for.
+        One for each requested unknown.
     level : float
         Confidence level of the intervals.
     threshold : float
@@ -499,7 +499,7 @@ class ProfileTracer:
             values=others[:, self.k].copy(),
             drop=drop,
             others=others,
-            intervals=tuple(_merged([interval for interval, _, _ in found])),
+            intervals=tuple(_merge([interval for interval, _, _ in found])),
             lower_end=found[0][1],
             upper_end=max(found, key=lambda ended: ended[0].upper)[2],
         )
@@ -515,7 +515,7 @@ class ProfileTracer:
         return Interval(low, best, high, self._drop(minimum)), why_low, why_high
 
     def _end(self, minimum: Point, side: float) -> tuple[float, str]:
-        """Return where the interval about a minimum ends on one side, and why."""
+        """Return the end of the interval about a minimum on one side, and the reason."""
         lower, upper = self.likelihood.bounds
         bound = float(upper[self.k])
         if side < 0:
@@ -525,12 +525,12 @@ class ProfileTracer:
             room = side * (bound - here.x[self.k])
             if room <= _ROUNDING * max(1.0, abs(bound)):
                 return bound, self._kind_of(side, bound)
-            there = self._advanced(here, side, min(self._next_step(here, side), room))
+            there = self._advance(here, side, min(self._next_step(here, side), room))
             if there is None:
                 return float(here.x[self.k]), "unsolved"
             self._points.append(there)
             if self._drop(there) >= self.drop:
-                return self._crossing(here, there, side), "level"
+                return self._find_crossing(here, there, side), "level"
             here = there
         return float(here.x[self.k]), "unsolved"
 
@@ -552,7 +552,7 @@ class ProfileTracer:
         return min(self._step_to(here, side, 0.5 * z**2), largest)
 
     def _step_to(self, here: Point, side: float, drop: float) -> float:
-        """Return the step to a given drop by the local model; inf where the profile is flat.
+        """Return the step to a given drop by the local model, or inf for a flat profile.
 
         Along the profile the cost is cost + g h + S h^2 / 2, with its slope g by this unknown
         alone, as the others are at their minimum, and the Schur complement S of its curvature.
@@ -582,7 +582,7 @@ class ProfileTracer:
         out[self.k] = 1.0
         return out, column + A @ share
 
-    def _advanced(self, here: Point, side: float, h: float) -> Point | None:
+    def _advance(self, here: Point, side: float, h: float) -> Point | None:
         """Return the profile after a step, shortened while the model cannot be solved there."""
         lower, upper = self.likelihood.bounds
         along = self._follow(here)[0]
@@ -598,8 +598,8 @@ class ProfileTracer:
             h *= 0.5
         return None
 
-    def _crossing(self, inside: Point, outside: Point, side: float) -> float:
-        """Return where the drop reaches the level, between two points of the profile."""
+    def _find_crossing(self, inside: Point, outside: Point, side: float) -> float:
+        """Return the value at which the drop reaches the level, between two points."""
         wanted = np.sqrt(2.0 * self.drop)
         widths = [np.inf, np.inf]
         for _ in range(_MOST_ROOT_STEPS):
@@ -614,7 +614,7 @@ class ProfileTracer:
             if abs(b - a) <= 0.5 * widths[-2]:  # else the bracket shrinks too slowly: bisect
                 guess = self._guess((nearest, other), a, b, side)
             widths.append(abs(b - a))
-            there = self._advanced(nearest, 1.0, guess - float(nearest.x[self.k]))
+            there = self._advance(nearest, 1.0, guess - float(nearest.x[self.k]))
             if there is None:
                 break
             self._points.append(there)
@@ -646,8 +646,8 @@ class ProfileTracer:
         return 0.5 * (a + b)
 
 
-def _merged(intervals: Sequence[Interval]) -> list[Interval]:
-    """Return the intervals, ascending in their lower end, overlapping ones as one."""
+def _merge(intervals: Sequence[Interval]) -> list[Interval]:
+    """Return the intervals, ascending in their lower end, with overlapping ones merged."""
     out: list[Interval] = []
     for one in intervals:
         if not out or one.lower > out[-1].upper:

@@ -66,7 +66,7 @@ class RestoredFit:
 
     @property
     def first(self) -> UpdateResult:
-        """The result of the first test, for what all tests share."""
+        """The result of the first test, for properties common to all tests."""
         return self.results[0]
 
     @property
@@ -76,11 +76,11 @@ class RestoredFit:
 
     @property
     def is_reduced(self) -> bool:
-        """Whether it is solved in reduced models, which know nothing of what is far from it."""
+        """Whether it is solved in reduced models, which are valid only near the estimate."""
         return self.problem is not self.whole
 
     def with_problem(self, problem: Problem) -> RestoredFit:
-        """Return the fit with a problem that is solved by other means."""
+        """Return the fit with another problem."""
         return replace(self, problem=problem)
 
     def noises(self) -> tuple[NoiseModel, ...]:
@@ -208,7 +208,7 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
     Raises
     ------
     OptionError
-        If it is no result.
+        If it is not a result.
     """
     if not isinstance(result, UpdateResult | JointResult):
         raise OptionError(f"expected the result of an update, found {type(result).__name__}")
@@ -216,12 +216,12 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
 
 
 def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
-    """Return the positions of the named unknowns; of all where none is named.
+    """Return the positions of the named unknowns, by default of all.
 
     Raises
     ------
     OptionError
-        If a name is not known (the nearest is named) or stands twice, or none is left.
+        If a name is unknown (the message suggests the closest) or occurs twice, or none is left.
     """
     if names is None:
         return list(range(len(known)))
@@ -266,7 +266,7 @@ def _noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> Noi
 
 
 def _initial_noise(result: UpdateResult, part: Part, noise: NoiseModel) -> NoiseModel:
-    """Return the noise model before estimation; `noise` where nothing was estimated."""
+    """Return the noise model before estimation, or `noise` if nothing was estimated."""
     robust = {}
     if "robust" in result.noise:
         robust["robust"] = str(result.noise["robust"])

@@ -90,20 +90,19 @@ def sample(
     result : UpdateResult or JointResult
         A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included.
     n : int
-        Effective sample size wanted of every unknown, in the bulk and in the tails, up to a
-        million.
+        Desired effective sample size of every unknown, in bulk and tails, up to a million.
     seed : int
         Seed of all random numbers.
     starts : int, optional
         Random starts of a search for further modes of the posterior; by default 8, for large models
         none.
     max_evaluations : int
-        Evaluations of the likelihood after which to end, up to ten million.
+        Largest number of evaluations of the likelihood, up to ten million.
     accuracy : float
         Large models are sampled in a reduced model about the estimate, of this error; it is checked
         at the furthest draws, and the model is enriched there.
     engine : None, int, dask.distributed Client or Engine
-        Where the four ensembles are advanced, as for `updyn.update`; the draws do not depend on it.
+        Workers for the four ensembles, as in `updyn.update`; the draws do not depend on it.
     callback : callable, optional
         Called with a `Progress` after every round; returning True stops with the draws so far.
 
@@ -212,7 +211,7 @@ class _Run:
         mixture = Mixture.of(likelihood, minima)
         states = self._begin(likelihood, mixture, minima)
         states, warm, _ = self._advance(likelihood, mixture, states, _WARM_UP)
-        mixture = mixture.adapted(warm[:, _WARM_UP // 2 :].reshape(-1, warm.shape[-1]))
+        mixture = mixture.adapt(warm[:, _WARM_UP // 2 :].reshape(-1, warm.shape[-1]))
         rounds: list[NDArray[np.float64]] = []
         shares: list[float] = []
         while self.evaluations < self.max_evaluations:
@@ -265,7 +264,7 @@ class _Run:
         return list(after), drawn, float(np.mean(shares))
 
     def draws(self, result: UpdateResult | JointResult) -> Draws:
-        """Return the draws with their diagnostics, and a message on what limits their use."""
+        """Return the draws with their diagnostics, and a message on limits of their use."""
         coordinates = self.restored.problem.coordinates
         parameters = coordinates.parameters
         options: dict[str, Any] = {
@@ -312,7 +311,7 @@ class _Run:
         )
 
     def _problems(self, diagnostics: dict[str, _Vector], names: list[str]) -> list[str]:
-        """Return why the draws cannot be relied on, one sentence each; empty where they can."""
+        """Return reasons against the use of the draws, one sentence each."""
         problems = []
         r_hat = diagnostics["r_hat"]
         effective = np.minimum(diagnostics["ess_bulk"], diagnostics["ess_tail"])
@@ -415,10 +414,10 @@ class Mixture:
             volumes.append(gaussian.log_volume)
             costs.append(point.cost)
         weight = np.array(volumes) - np.array(costs)
-        shares = _floored(np.exp(weight - logsumexp(weight)))
+        shares = _with_floor(np.exp(weight - logsumexp(weight)))
         return cls(np.array(means), np.array(roots), np.array(volumes), shares)
 
-    def adapted(self, X: _Matrix) -> Mixture:
+    def adapt(self, X: _Matrix) -> Mixture:
         """Return the mixture with means, scales and shares estimated from draws X, shape (m, n)."""
         means, roots, volumes = map(np.array, (self.means, self.roots, self.log_volumes))
         shares = np.empty(len(means))
@@ -434,7 +433,7 @@ class Mixture:
             if s[-1] > 1e-8 * s[0]:
                 roots[k] = Vt.T * s
                 volumes[k] = np.sum(np.log(s))
-        return Mixture(means, roots, volumes, _floored(shares))
+        return Mixture(means, roots, volumes, _with_floor(shares))
 
     def draw(self, random: Any, count: int) -> _Matrix:
         """Return draws, shape (count, n), by a `numpy.random.RandomState`."""
@@ -467,14 +466,14 @@ def _distances(X: _Matrix, mean: _Vector, root: _Matrix) -> _Vector:
     return np.asarray(np.sum(np.linalg.solve(root, (X - mean).T) ** 2, axis=0))
 
 
-def _floored(shares: _Vector) -> _Vector:
-    """Return shares of at least a lower limit, so that each component is proposed often enough."""
+def _with_floor(shares: _Vector) -> _Vector:
+    """Return shares with a lower limit, for sufficient proposals by each component."""
     kept = np.maximum(shares, _LEAST_SHARE / len(shares))
     return np.asarray(kept / kept.sum())
 
 
 # -- diagnostics -------------------------------------------------------------------------------
-#: R-hat up to which ensembles count as drawing from one density (Vehtari et al. 2021).
+#: Largest R-hat of ensembles that represent one density (Vehtari et al. 2021).
 CHAINS_AGREE = 1.01
 
 
@@ -502,7 +501,7 @@ def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
 
     n_chains, n_draws, n = chains.shape
     by_unknown = np.moveaxis(chains, -1, 0)
-    # All draws of an ensemble as one chain, step by step, so that its halves are early and late.
+    # All draws of an ensemble as one chain in the order of steps: early and late halves.
     walkers = by_unknown.reshape(n, ensembles, n_chains // ensembles, n_draws)
     whole = walkers.swapaxes(2, 3).reshape(n, ensembles, -1)
     axes = {"chain_axis": -2, "draw_axis": -1}

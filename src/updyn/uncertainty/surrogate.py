@@ -1,9 +1,9 @@
 """Reduced models about the estimate, for the uncertainty of large ones, and their error.
 
-A basis that holds at the estimate is taken from that of the update, or built. It is enriched by
-what the residual of the full model says that it lacks at a few points about it, as far off as draws
-are. Afterwards its error is evaluated at the points furthest from their mean, and it is enriched
-further where that is too large. At no line is the full model solved.
+A basis for the estimate is taken from the update, or built. Residuals of the full model give the
+missing directions at a few points about the estimate, at distances typical of draws, and enrich the
+basis. Afterwards its error is evaluated at the points furthest from their mean, and the basis is
+enriched again if the error is too large. The full model is not solved at any line.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Surrogate:
         SolverError
             If the model cannot be solved there.
         Stopped
-            If the user wants to stop.
+            If the user stops.
         """
         for part, reduction, result in zip(
             self.exact.parts, self._reductions, self.results, strict=True
@@ -87,13 +87,13 @@ class Surrogate:
             reduction.settle([state], freq)
 
     def enrich(self, points: Sequence[_Vector]) -> None:
-        """Enrich the bases by what they lack at some points, as far as the model can be solved."""
+        """Enrich the bases at some points, as far as the model can be solved."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
                 reduction.enrich_around([part.state(x) for x in points], part.frf.freq)
 
     def settle(self, points: Sequence[_Vector]) -> None:
-        """Enrich the bases at some points until they lack nothing, as `enrich`."""
+        """Enrich the bases at some points, as `enrich`, until they are accurate."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
                 reduction.settle([part.state(x) for x in points], part.frf.freq)
@@ -109,7 +109,7 @@ class Surrogate:
     def error(self, points: Sequence[_Vector]) -> float:
         """Return the largest error at some points, relative to the largest receptance of its line.
 
-        It is inf where the model cannot be solved.
+        It is inf if the model cannot be solved.
         """
         errors = []
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
@@ -119,25 +119,25 @@ class Surrogate:
                 return np.inf
         return float(np.max(errors))
 
-    def settled(self, run: Callable[[Problem], NDArray[np.float64]]) -> dict[str, Any]:
-        """Run something in the reduced models, again in better ones while they err too much.
+    def settle_run(self, run: Callable[[Problem], NDArray[np.float64]]) -> dict[str, Any]:
+        """Call `run` with the reduced models, and with better ones until they are accurate.
 
         Parameters
         ----------
         run : callable
-            Given the problem with the reduced models, returns the points, shape (m, n), that are
-            to be reached; at the furthest the error is evaluated.
+            Given the problem with the reduced models, returns the points of its results, shape
+            (m, n). The error is evaluated at the furthest of them.
 
         Returns
         -------
         dict
             For the record: ``"basis"``, its size; ``"error"``, the largest error there;
-            ``"accuracy"``, the one wanted. Empty where no point was reached.
+            ``"accuracy"``, the permitted error. Empty without points.
 
         Raises
         ------
         Stopped
-            If the user wants to stop.
+            If the user stops.
         """
         for number in range(_ENRICHMENTS + 1):
             reached = run(self.problem())
@@ -157,43 +157,43 @@ def run_about(
     seed: int,
     run: Callable[[Problem], NDArray[np.float64]],
 ) -> dict[str, Any]:
-    """Run something about an estimate: of a large model in a reduced one, as `Surrogate.settled`.
+    """Call `run` near an estimate, for a large model with a reduced one (`Surrogate.settle_run`).
 
     Parameters
     ----------
     restored, accuracy, seed
         As for `reduced_about`.
     run
-        As for `Surrogate.settled`.
+        As for `Surrogate.settle_run`.
 
     Returns
     -------
     dict
-        As `Surrogate.settled`; empty for a small model.
+        As `Surrogate.settle_run`; empty for a small model.
 
     Raises
     ------
     SolverError
         If the model cannot be solved at the estimate.
     Stopped
-        If the user wants to stop.
+        If the user stops.
     """
     surrogate = reduced_about(restored, accuracy, seed)
     if surrogate is None:
         run(restored.problem)
         return {}
-    return surrogate.settled(run)
+    return surrogate.settle_run(run)
 
 
 def excess(options: Mapping[str, Any], where: str) -> str:
-    """Return what is to be said of a reduced model that errs too much; empty where it does not.
+    """Return a remark on the error of a reduced model; empty if it is small enough.
 
     Parameters
     ----------
     options : mapping of str
-        With what `Surrogate.settled` returns, or without.
+        Options, with or without the result of `Surrogate.settle_run`.
     where : str
-        In words, at which points.
+        Text on the points.
     """
     if not options.get("error", 0.0) > options.get("accuracy", np.inf):
         return ""
@@ -224,7 +224,7 @@ def reduced_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogat
     SolverError
         If the model cannot be solved at the estimate.
     Stopped
-        If the user wants to stop.
+        If the user stops.
     """
     if all(part.solver.tier == "dense" for part in restored.problem.parts):
         return None

@@ -9,7 +9,7 @@ import updyn
 from uncertain_cases import noisy
 from updyn.errors import SolverError
 from updyn.uncertainty import prediction
-from updyn.uncertainty.minima import _exchanged
+from updyn.uncertainty.minima import _exchange_parts
 from updyn.uncertainty.restored import restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 
@@ -109,7 +109,7 @@ def test_parts_are_exchanged_by_their_own_stiffness(result) -> None:
     surrogate = reduced_about(restored, 1e-5, 0)
     assert surrogate is not None
     reduced = restored.with_problem(surrogate.problem())
-    points = [x for x, _ in _exchanged(reduced.likelihood(), reduced.whole, restored.x)]
+    points = [x for x, _ in _exchange_parts(reduced.likelihood(), reduced.whole, restored.x)]
     sizes = {name: abs(group.stiffness).sum() for name, group in result.start.groups.items()}
     swapped = {
         "near.stiffness": result.values["far.stiffness"] * sizes["far"] / sizes["near"],
