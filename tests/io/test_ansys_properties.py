@@ -174,7 +174,9 @@ def test_constants_that_are_modified_count(deck):
 @pytest.mark.parametrize("command", ["RMODIF,7,1000000000000,1.0", "MPDATA,EX,2,-3,1.0"])
 def test_places_that_are_none_are_refused(deck, command):
     deck.write_text(DECK + command + "\n")
-    with pytest.raises(FormatError, match=r"arm\.cdb:36: numbers from position -?\d+ on; expected 1"):
+    with pytest.raises(
+        FormatError, match=r"arm\.cdb:36: numbers from position -?\d+ on; expected 1"
+    ):
         read_deck(deck)
 
 

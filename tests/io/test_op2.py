@@ -277,7 +277,9 @@ def test_matrices_of_elements_are_refused_by_name(put, tmp_path, capsys):
         updyn.read_model(path)
     for name in ("KELM", "kdict"):
         (tmp_path / "a.toml").write_text(f'[[group]]\nname = "all"\nstiffness = "a.op2:{name}"\n')
-        with pytest.raises(FormatError, match=rf"{name}: .*elements are not supported.*deck.*OUTPUT4"):
+        with pytest.raises(
+            FormatError, match=rf"{name}: .*elements are not supported.*deck.*OUTPUT4"
+        ):
             updyn.read_model(path)
     assert main(["info", str(path)]) == 0
     said = capsys.readouterr().out
@@ -408,7 +410,10 @@ PLAIN = [*samples.GRID, 1, 0, 0.0, 0.0, 0.0, 0, 0, 0, 2, 0, 1.0, 0.0, 0.0, 0, 0,
     ("raw", "said"),
     [
         (_geometry(PLAIN[:-1], [1, 2, 3]), "GRID: 15 words are not valid entries of 8 or 11 words"),
-        (_geometry([*PLAIN, 2, 0, 1.5, 0.0, 0.0, 0, 0, 0], [*samples.END]), "GRID 2 is defined twice"),
+        (
+            _geometry([*PLAIN, 2, 0, 1.5, 0.0, 0.0, 0, 0, 0], [*samples.END]),
+            "GRID 2 is defined twice",
+        ),
         (_geometry([*PLAIN[:-3], 9, 0, 0], [*samples.END]), "GRID 2: no coordinate system 9"),
         (_geometry(PLAIN, [3001, 30, 48, 1, 1, 1, 5]), "CROD: 4 words are not valid entries of 4"),
         (_geometry([501, 5, 43, 1], [1, 2, 3]), "CORD3G"),

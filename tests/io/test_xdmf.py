@@ -79,7 +79,10 @@ def remade(h5: Path, what: str) -> None:
     ("damage", "said"),
     [
         (Path.unlink, "no such file; plate.xdmf refers to it for its numbers"),
-        (cut, "not a readable HDF5 file: damaged, truncated.*plate.xdmf refers to it for its numbers"),
+        (
+            cut,
+            "not a readable HDF5 file: damaged, truncated.*plate.xdmf refers to it for its numbers",
+        ),
         (flipped, "not a readable HDF5 file: damaged, truncated"),
         (lambda h5: h5.write_bytes(b""), "not a readable HDF5 file: damaged, truncated"),
         (lambda h5: remade(h5, "none"), "no dataset '/?data0'"),
