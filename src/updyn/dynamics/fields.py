@@ -554,7 +554,9 @@ def solve_dense(
         Diagonal magnitudes without cancellation of terms, by default those of Z. They
         scale rows and columns for the checks.
 
-    Returns ------- ndarray of complex, shape (n_lines, n, r)
+    Returns
+    -------
+    ndarray of complex, shape (n_lines, n, r)
 
     Raises
     ------

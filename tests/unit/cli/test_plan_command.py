@@ -119,7 +119,7 @@ def test_a_job_that_was_planned_runs(inputs: Path, tmp_path: Path) -> None:
         (MODEL + PLAN.replace("n_sensors = 3\n", ""), 13, "missing key 'n_sensors' in [plan]"),
         (MODEL + PLAN.replace("n_sensors", "sensors"), 14, "did you mean 'n_sensors'"),
         (MODEL + PLAN.replace("= 3", "= 0"), 14, "expected a number of at least 1"),
-        (MODEL + PLAN.replace("= 3", "= 11"), 14, "there are 10 candidates to choose from"),
+        (MODEL + PLAN.replace("= 3", "= 11"), 14, "found 10 candidates; name more"),
         (MODEL + PLAN.replace("[1.0, 40.0]", "[40.0, 1.0]"), 15, "expected 0 <= low < high"),
         (MODEL + PLAN.replace("[1.0, 40.0]", '"all"'), 15, "expected two frequencies in Hz"),
         (MODEL + PLAN.replace('"11:X"', '"13:X"'), 16, "candidate 13:X is not among the 12 DOFs"),
