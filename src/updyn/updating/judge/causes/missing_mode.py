@@ -223,8 +223,8 @@ class MissingMode(Fault):
             does = f"leave {100.0 * _LEFT_OUT:.0f} % on either side of it out"
             written = replace(self, shape=()).written
         return (
-            f"Look at the measured shape of the mode at {self.value:.4g} Hz: the model may lack this"
-            f" motion (torsion, another plane, an attached part). Until the model has it, {does}:"
+            f"Look at the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
+            f" this motion (torsion, another plane, an attached part). Until the model has it, {does}:"
             f' repair = ["{written}"] under [test].'
         )
 
