@@ -15,6 +15,9 @@ __all__ = ["Projection"]
 
 _Real = NDArray[np.float64]
 
+#: Singular values below this share of the largest are rounding, as in `numpy.linalg.pinv`.
+_ROUNDING = 1e-15
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
@@ -61,13 +64,14 @@ class Projection:
         Anal. 10 (1973) 413-432, eq. 4.12). Derivatives of the shapes within their own span, which
         are large where frequencies are close, have no effect.
         """
-        G = np.linalg.pinv(seen)
-        share = G @ measured
+        U, sizes, Vt = _decompose(seen)
+        share = Vt.T @ (U.T @ measured / sizes)
         within = seen @ share
         along = np.einsum("skn,s->kn", moved, share)
         across = np.einsum("skn,k->sn", moved, measured - within)
-        by_x = along - seen @ (G @ along) + G.T @ across
-        share_by_x = G @ (G.T @ across - along)
+        turned = U @ ((Vt @ across) / sizes[:, None])  # G^T Phi'^T (1 - P) psi
+        by_x = along - U @ (U.T @ along) + turned
+        share_by_x = Vt.T @ ((U.T @ (turned - along)) / sizes[:, None])
         length, square = float(np.linalg.norm(share)), float(within @ within)
         if length == 0.0:
             return cls(measured, within, by_x, 0.0, np.zeros(moved.shape[-1]))
@@ -84,3 +88,10 @@ class Projection:
         """(1 - sqrt(MAC)) / sqrt(MAC) and its derivatives, shape (n,)."""
         root = float(np.linalg.norm(self.within))
         return (1.0 - root) / root, np.asarray(-(self.within @ self.within_by_x) / root**3)
+
+
+def _decompose(seen: _Real) -> tuple[_Real, _Real, _Real]:
+    """Return the singular value decomposition without the directions that are rounding."""
+    U, sizes, Vt = np.linalg.svd(seen, full_matrices=False)
+    kept = sizes > _ROUNDING * sizes.max(initial=0.0)
+    return U[:, kept], sizes[kept], Vt[kept]
