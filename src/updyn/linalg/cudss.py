@@ -69,7 +69,7 @@ class Cudss:
         self._column = pattern.indices[self._upper].astype(np.int32)
         self._lengths = np.diff(begin)
         with ExitStack() as held:
-            self._card = _Card.open(held)
+            self._card = _Card.connect(held)
             self._values = self._card.room(held, len(self._column) * self._kind.itemsize)
             self._matrix = self._card.sparse(
                 held, begin.astype(np.int32), self._column, self._values, self._kind
@@ -145,7 +145,7 @@ class _Card:
     data: int
 
     @classmethod
-    def open(cls, held: ExitStack) -> _Card:
+    def connect(cls, held: ExitStack) -> _Card:
         """Open a session."""
         found = _libraries()
         cudss = found.cudss

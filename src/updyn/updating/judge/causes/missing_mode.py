@@ -224,7 +224,8 @@ class MissingMode(Fault):
             written = replace(self, shape=()).written
         return (
             f"Look at the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
-            f" this motion (torsion, another plane, an attached part). Until the model has it, {does}:"
+            " this motion (torsion, another plane, an attached part). Until the model has it,"
+            f" {does}:"
             f' repair = ["{written}"] under [test].'
         )
 
