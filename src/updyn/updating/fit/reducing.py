@@ -1,20 +1,20 @@
-"""Fit inside a reduced model whose error is certified where the fit ends.
+"""Fit in a reduced model whose error is certified at the estimate.
 
-A reduced model is exact at the point of its basis, and less accurate the further the unknowns move.
-The fit therefore stays within a trust radius about that point. Where it ends, the full residual
-certifies the basis; if that fails, a new basis is built there and the fit goes on. As values and
-slopes at the point of the basis are those of the full model, few rounds suffice.
+A reduced model is exact at the point of its basis and loses accuracy with the distance from it. The
+fit therefore stays within a trust radius of that point. At its end, the full residual certifies the
+basis; if that fails, a new basis is built there and the fit continues. Values and gradients at the
+point of the basis are those of the full model, so few rounds suffice.
 
-A search moves further: where the unknowns are far off, the basis of the start has local minima that
-the model has not, which a fit then takes for the answer. The search is therefore made in another
-basis, of the start and of points all around it: accurate enough everywhere to find the basin
-(benchmarks/solids.py). A fit from the start comes before it, as it costs little beside that basis;
-where its residual looks like noise, there is nothing to search for.
+The basis of the start has local minima that the full model lacks. If the start is far from the
+answer, a search is therefore made in another basis, of the start and of points around it, which is
+accurate enough everywhere to find the basin of attraction (benchmarks/solids.py). A fit from the
+start comes first, because it costs little compared with that basis; if its residual looks like
+noise, the search is omitted.
 
-Other answers that fit as well are looked for about the certified one, in its basis. That is off by
-some hundredths where stiffnesses differ by a factor of e: enough to tell most points from those
-that may fit as well. At these it is enriched, by the factorisation of the answer: no point takes
-one of its own. What then may be another answer is fitted and certified like the first.
+Other answers that fit equally well are searched for around the certified one, in its basis. The
+error of that basis is some hundredths where stiffnesses differ by a factor of e, which is enough to
+exclude most points. At the others the basis is enriched with the factorisation of the answer, so no
+point needs its own. The remaining candidates are fitted and certified like the first answer.
 """
 
 from __future__ import annotations
@@ -64,63 +64,67 @@ __all__ = ["FINEST", "Reducing", "fallback", "is_reduced", "reduction_of"]
 
 _Vector = NDArray[np.float64]
 
-#: Larger models than this are reduced where no tier is forced, if there are at least so many lines:
-#: from about here on it takes less time (`benchmarks/tiers.py`).
+#: Without a forced tier, models with more DOFs and at least this number of lines are reduced. Above
+#: about this size the reduced tier takes less time (`benchmarks/tiers.py`).
 _DOFS = 600
 _LINES = 40
 #: Trust radius of a basis for logarithms of factors.
 _TRUST_RADIUS = 0.2
 #: Trust radius for loss factors: this, or half their value if that is larger.
 _LOSS_RADIUS = 0.05
-#: Largest number of steps of a round that leaves the trust radius.
+#: Largest number of steps of a round that leaves the trust radius; largest number of rounds.
 _MAX_STEPS_PER_ROUND = 12
 _ROUNDS = 12
-#: Rounds of a fit from the start. Each lowers the log error to this share of the one before, or its
-#: residual looks like noise; else the start is far off.
+#: Largest number of rounds of a fit from the start. If a round does not lower the log error below
+#: this share of the previous one, and the residual does not look like noise, the start is far off.
 _FIRST_ROUNDS, _LOWERED = 12, 0.8
-#: Their trust radius over that of a fit: what they are to find is near the answer, not the answer.
+#: Ratio of their trust radius to that of a fit: they only have to end near the answer.
 _WIDER = 4.0
-#: Their descents.
+#: Settings of their descents.
 _DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
-#: Error at the start, from which only figures are taken, over that wanted at the end.
+#: Ratio of the accepted error at the start, which only serves tables and figures, to that at the
+#: end.
 _AT_START = 10.0
-#: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller, and
-#: takes less time, where factorisations do: up to so many DOFs (`benchmarks/large.py`).
+#: Within this share of the trust radius a basis is enriched; beyond it, a new basis is smaller and
+#: takes less time. With more than `_HEAVY` DOFs factorisations dominate the time, and the second
+#: share applies (`benchmarks/large.py`).
 _NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 1.0, 20_000
-#: Bases that a fit makes anew. After them what the next one lacks is added, and as the basis then
-#: holds all along the way, each goes so many times as far as the one before.
+#: Number of bases that a fit builds anew. Later bases are enriched instead; as they then hold along
+#: the whole path, the trust radius grows by this factor each round.
 _RENEWED, _FURTHER = 2, 2.0
-#: A larger basis is compressed.
+#: Bases with more vectors than this are compressed.
 _LARGE = 400
-#: Points about the start whose vectors make the basis of a search: two for each factor, between
-#: these numbers.
+#: Least and largest number of points around the start that span the basis of a search; two for each
+#: factor in between.
 _POINTS = (8, 24)
-#: Points whose fields choose among these vectors.
+#: Number of sample points whose response fields select among these vectors.
 _SAMPLES = 40
-#: How far they lie from the start, in logarithms of factors.
+#: Distance of these points from the start, in logarithms of factors.
 _AWAY = 1.0
-#: Largest loss factor of theirs.
+#: Largest loss factor at these points.
 _LOSSY = 0.3
-#: Root of the share of the energy of these fields that may be dropped.
+#: Square root of the share of the energy of these fields that may be dropped.
 _DROPPED = 1e-4
-#: Times the error of these fields, what a search is told of it: it is not noise, whose mean is 0.
+#: Factor on the error of these fields in the noise model of a search: unlike noise, this error has
+#: a mean other than 0.
 _MARGIN = 10.0
 #: Largest number of lines of a search.
 _SEARCHED = 200
-#: Wanted besides: the error as a share of the faintest channel; and the finest that is asked for.
+#: Largest error as a share of the faintest channel; smallest error that is ever requested.
 _FAINT, FINEST = 1e-3, 1e-9
-#: Number of DOFs without a sensor whose error counts too, for the experiment advice.
+#: Number of DOFs without a sensor whose error is certified too, for the experiment advice.
 _ELSEWHERE = 200
-#: How often other answers are looked for about a better one.
+#: Largest number of searches for other answers, each around the best answer so far.
 _HOPS = 2
-#: Where they are looked for: the error to which the basis of the answer is enriched over that of
-#: the fit, and by how many vectors at most.
+#: In such a search: ratio of the accepted error of the basis to that of the fit, and largest number
+#: of vectors added to the basis of the answer.
 _WHERE_LOOKED, _ROOM = 10.0, 200
-#: Within this share of the trust radius of the answer its basis is good enough.
+#: Within this share of the trust radius of the answer its basis is not enriched.
 _BESIDE = 0.25
-#: A point whose misfit has risen by this share of the parabola of an answer leads back to it.
+#: If the misfit at a point exceeds this share of the quadratic model about an answer, a descent
+#: from the point leads back to that answer.
 _PARABOLA = 0.5
-#: How often a basis is enriched at one point, each time at other lines.
+#: Largest number of times that a basis is enriched at one point, each time at other lines.
 _LOOKS = 6
 
 
@@ -136,18 +140,19 @@ def is_reduced(
     Parameters
     ----------
     tier : str or None
-        The tier that is forced.
+        The forced tier, if any.
     n, n_lines : int
-        Degrees of freedom and lines.
+        Number of degrees of freedom and of frequency lines.
     method : str, optional
-        Of the update.
+        Method of the update.
     regularise : str or float, optional
-        How it is regularised.
+        Regularisation of the update.
 
     Raises
     ------
     OptionError
-        If the tier is not known, or the reduced one is forced on a method that needs the exact one.
+        If the tier is not known, or if the reduced tier is forced on a method that needs the exact
+        model.
     """
     if tier is not None and tier not in TIERS:
         raise OptionError(f"tier {tier!r}: {suggest(str(tier), TIERS)}", key=("tier",))
@@ -163,16 +168,16 @@ def is_reduced(
 
 
 def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:
-    """Return the reduction of a part's model for its responses, references and band, not made yet.
+    """Return the reduction of a part's model for its responses, references and band, not yet built.
 
     Parameters
     ----------
     part : Part
-        With its whole model.
+        Part with the full model.
     accuracy : float
-        Wanted: the error of a receptance as a share of the largest of its line.
+        Accepted error of a receptance, relative to the largest of its line.
     others : ndarray of int, optional
-        Further DOFs whose motion counts in its error.
+        Further DOFs whose motion counts in the error.
     """
     freq = part.frf.freq
     if others is None:
@@ -191,7 +196,7 @@ def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = 
 
 @dataclass(slots=True, eq=False)
 class _Part:
-    """The reduced models of one test."""
+    """Reduced models of one test."""
 
     exact: Part
     reduction: Reduction
@@ -229,7 +234,7 @@ class _Part:
         self.certificate = self.reduction.certify(state, freq, enrich=False)
 
     def certify_or_enrich(self, x: _Vector) -> bool:
-        """Certify the basis at x and return True, or enrich it there."""
+        """Certify the basis at x and return True, or enrich it there and return False."""
         state, freq = self.exact.state(x), self.exact.frf.freq
         self.certificate = self.reduction.certify_or_enrich(state, freq)
         return self.certificate is not None
@@ -237,21 +242,7 @@ class _Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Certified:
-    """A fit whose reduced models are certified where it ended.
-
-    Attributes
-    ----------
-    problem : Problem
-        With these models.
-    fit : Fit
-        The fit.
-    answer : Answer
-        What is known there.
-    place : ndarray of float, shape (n,)
-        The point of their bases.
-    certificates : sequence of Certificate
-        Of each part.
-    """
+    """Fit whose reduced models are certified at its end, the point `place`."""
 
     problem: Problem
     fit: Fit
@@ -263,19 +254,19 @@ class _Certified:
 
 @dataclass(slots=True, eq=False)
 class Reducing:
-    """The reduced models of a run, one for each test, renewed as the fit moves.
+    """Reduced models of a run, one for each test, renewed as the fit moves.
 
     Parameters
     ----------
     exact : Problem
-        All data, and the whole model of each part.
+        All data, and the full model of each part.
     accuracy : float
-        Wanted: the error of a receptance as a share of the largest of its line.
+        Accepted error of a receptance, relative to the largest of its line.
 
     Attributes
     ----------
     certified : bool
-        Whether the latest certificate is that of the point where the fit ended.
+        Whether the latest certificate belongs to the point where the fit ended.
     """
 
     exact: Problem
@@ -288,13 +279,13 @@ class Reducing:
     _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        # Of several tests the factorisations of all would be in memory at once.
+        # With several tests, the factorisations of all would be in memory at once.
         keeps = len(self.exact.parts) == 1
         self._parts = [_Part.of(part, self.accuracy, keeps=keeps) for part in self.exact.parts]
 
     @property
     def firsts(self) -> list[FieldSolver]:
-        """The reduced model of each part at the start, once they are made."""
+        """Reduced models of the parts at the start, as far as they are built."""
         return [part.first for part in self._parts if part.first is not None]
 
     @property
@@ -303,36 +294,36 @@ class Reducing:
 
     @property
     def error(self) -> float | None:
-        """The largest error of the latest certificates."""
+        """Largest error of the latest certificates; None without certificates."""
         return max((certificate.error for certificate in self._certificates), default=None)
 
     @property
     def _certificates(self) -> list[Certificate]:
-        """The latest certificate of each part that has one."""
+        """Latest certificate of each part that has one."""
         return [part.certificate for part in self._parts if part.certificate is not None]
 
     def restart(self, exact: Problem) -> None:
-        """Discard the reduced models, for the same problem with other starts."""
+        """Discard the reduced models and continue with the same problem from another start."""
         self.exact = exact
         self.__post_init__()
 
     def begin(self) -> None:
-        """Build the reduced models of the start.
+        """Build the reduced models at the start.
 
         Raises
         ------
         SolverError
             If the model cannot be solved there.
         Stopped
-            If the user wants to stop.
+            If the user stops the run.
         """
         self._make(self._home)
-        self._enrich(self._home, _AT_START)  # the figures of the start come from it
+        self._enrich(self._home, _AT_START)  # serves the figures of the start
         for part in self._parts:
             part.first = part.solver
 
     def inside(self, problem: Problem) -> Problem:
-        """Return a problem with the latest reduced models."""
+        """Return the problem with the latest reduced models."""
         parts = []
         for part, made in zip(problem.parts, self._parts, strict=True):
             if made.solver is not None:
@@ -342,19 +333,19 @@ class Reducing:
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[Problem, Fit]:
-        """Fit from the start; else search in a basis of points around it, and fit where that ends.
+        """Fit from the start or, if that fails, from the end of a search around the start.
 
         Parameters
         ----------
         problem : Problem
-            From `inside`.
+            Problem returned by `inside`.
         strategy, noises, monitor
             As for `Method.fit`.
 
         Returns
         -------
         problem : Problem
-            With the last reduced model.
+            Problem with the last reduced models.
         fit : Fit
             The last fit.
         """
@@ -372,10 +363,10 @@ class Reducing:
     def _begun(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> _Vector:
-        """Return where a fit begins: where descents from the start settle, or a search ends.
+        """Return the point from which to fit: the end of descents from the start, or of a search.
 
-        Nothing is searched for where a fault of the data is why they do not settle. The reduced
-        models are those of that point.
+        The reduced models are those of that point. No search is made if a fault of the data
+        explains why the descents do not settle.
         """
         with suppress(SolverError):
             x, is_settled = self._from_start(problem, noises, monitor)
@@ -395,10 +386,10 @@ class Reducing:
     def _from_start(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[_Vector, bool]:
-        """Return where rounds from the start end, and whether the residual there is like noise.
+        """Return the end of rounds from the start, and whether the residual there looks like noise.
 
-        They go down by the log error, whose basin is the widest, and only as far as is worth it:
-        where they end a fit begins.
+        The rounds minimise the log error, which has the widest basin of attraction, only until they
+        are near a minimum: the fit follows.
         """
         few = coarse(self.inside(problem), noises)
         x, cost = self._home, _log_cost(few, self._home)
@@ -417,7 +408,7 @@ class Reducing:
             if outcome.reason == "stopped" or (is_stuck and not is_answer):
                 return x, False
             with monitor.stage("reduce"):
-                if has_ended:  # what the basis lacks is no noise either
+                if has_ended:  # the error of the basis is not noise either
                     self._enrich(x)
                 elif not is_near:
                     self._make(x)
@@ -427,12 +418,12 @@ class Reducing:
 
     @staticmethod
     def _may_search(strategy: Method) -> bool:
-        """Whether the method searches."""
-        inner = getattr(strategy, "method", strategy)  # the method that a regularised one wraps
+        """Return whether the method makes a search."""
+        inner = getattr(strategy, "method", strategy)  # the method inside a regularised one
         return bool(getattr(inner, "starts", 0))
 
     def _around(self, problem: Problem) -> Problem:
-        """Return a problem with reduced models that hold roughly wherever a search may go."""
+        """Return the problem with models that hold roughly in the whole region of a search."""
         factor = self.exact.coordinates.parameters.is_factor
         number = int(np.clip(2 * factor.sum(), *_POINTS))
         bounds = self.exact.coordinates.bounds
@@ -446,11 +437,11 @@ class Reducing:
         return self.inside(problem).thinned(_SEARCHED)
 
     def _rough(self, problem: Problem, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
-        """Return noise models that add what the basis of the search lacks in each channel."""
+        """Return noise models that include the error of the search basis in each channel."""
         out: list[NoiseModel] = []
         for made, part, noise in zip(self._parts, problem.parts, noises, strict=True):
             assert made.lost is not None
-            own = made.exact.rows  # those of held-out responses are among them
+            own = made.exact.rows  # includes held-out responses
             at = np.argsort(own)[np.searchsorted(own, part.rows, sorter=np.argsort(own))]
             out.append(Approximate(noise, _MARGIN * made.lost[at]))
         return out
@@ -464,13 +455,13 @@ class Reducing:
         x: _Vector,
         held: int | None = None,
     ) -> tuple[Problem, Fit]:
-        """Fit within a box about the point of the basis, renewed until it is certified.
+        """Fit within a box about the point of the basis, renewed until the basis is certified.
 
-        One of the unknowns may be held where it is.
+        If `held` is given, that unknown stays at its value in x.
         """
         near, left = False, strategy.max_iterations
         fit = Fit.blind(x, "stopped")
-        is_ready = True  # the basis is that of x, or enriched there
+        is_ready = True  # the basis was built or enriched at x
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
@@ -494,14 +485,14 @@ class Reducing:
                     with monitor.stage("reduce"):
                         if left == 0 or not self._is_near(x):
                             self._check(x)
-                        else:  # one factorisation certifies the basis, or enriches it
+                        else:  # one factorisation certifies or enriches the basis
                             is_ready = self._enrich_or_certify(x)
                     if self.certified or left == 0:
                         break
             else:
                 with monitor.stage("reduce"):
                     self._check(x)
-        except Stopped:  # the values are kept, without a certificate
+        except Stopped:  # keep the values, without a certificate
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)
 
@@ -513,9 +504,9 @@ class Reducing:
         monitor: Monitor,
         fit: Fit,
     ) -> tuple[Problem, Fit]:
-        """Look for other answers that fit as well; return the one preferred, and its rivals.
+        """Search for other answers that fit equally well; return the preferred one with its rivals.
 
-        About a better one that is found they are looked for once more.
+        If a better answer is found, the search is repeated around it once.
         """
         chosen = self._known(problem, strategy, noises, fit)
         if chosen is None:
@@ -545,7 +536,7 @@ class Reducing:
         noises: Sequence[NoiseModel],
         monitor: Monitor,
     ) -> list[_Certified]:
-        """Return further answers, found about one and certified."""
+        """Return further certified answers, found around `chosen`."""
         found: list[_Certified] = []
         with suppress(SolverError):
             with monitor.stage("reduce"):
@@ -574,7 +565,7 @@ class Reducing:
         held: int | None = None,
         beside: Answer | None = None,
     ) -> _Certified | None:
-        """Return a fit with what is known where it ended; None where it is not certified."""
+        """Return a fit with the answer at its end; None if it is not certified."""
         if not self.certified or fit.reason in ("stopped", "failed"):
             return None
         if held is None:
@@ -588,7 +579,7 @@ class Reducing:
         return _Certified(problem, fit, answer, self._x, certificates, bases)
 
     def _use_again(self, one: _Certified) -> None:
-        """Take the reduced models of a certified fit again."""
+        """Restore the reduced models of a certified fit."""
         self._x, self.certified = one.place, True
         for part, solved, certificate, basis in zip(
             self._parts, one.problem.parts, one.certificates, one.bases, strict=True
@@ -597,15 +588,16 @@ class Reducing:
             part.reduction.basis = basis.leading(basis.size)
 
     def kept_basis(self, i: int, model: Model) -> KeptBasis | None:
-        """Return the basis of a part, whose model is given, where the fit ended; if certified."""
+        """Return the basis of part `i` at the end of the fit; None if not certified."""
         if not self.certified:
             return None
         return KeptBasis.of(model, self._parts[i].reduction)
 
     def _better(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
-        """Return where a search ended, or the start where its log error is smaller.
+        """Return the end of a search, or the start if its log error is smaller.
 
-        Weighted by the noise, as the search is: the values of faint channels are rounding.
+        The log error is weighted with the noise, as in the search: values of faint channels are
+        rounding.
         """
         before = _log_cost(coarse(problem, noises), self._home)
         self._make(x)
@@ -615,7 +607,7 @@ class Reducing:
         return self._home
 
     def _is_near(self, x: _Vector) -> bool:
-        """Return whether the basis is better enriched at a point than made anew there."""
+        """Return whether the basis should be enriched at x rather than built anew there."""
         size = max(part.exact.solver.system.n for part in self._parts)
         return not _outside(x, self._box(_NEAR if size <= _HEAVY else _NEAR_IF_HEAVY))
 
@@ -640,7 +632,7 @@ class Reducing:
         return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
 
     def holds_at(self, x: _Vector) -> bool:
-        """Certify the models as they are where a fit went on to; keep the former proof if not."""
+        """Certify the current models at a new end of the fit; on failure, keep the certificates."""
         before = [part.certificate for part in self._parts]
         self._check(x)
         if self.certified:
@@ -651,13 +643,13 @@ class Reducing:
         return False
 
     def release(self) -> None:
-        """Give the memory of factorisations back, once the fit does not go on."""
+        """Release the memory of the factorisations when no fit follows."""
         for part in self._parts:
             part.reduction.shifted.release()
 
     @property
     def record(self) -> dict[str, float | int | str]:
-        """Record for the result; of several tests, sums and the largest error."""
+        """Record for the result; with several tests, sums and largest errors."""
         found = self._certificates
         if not found:
             return {"accuracy": self.accuracy}
@@ -678,20 +670,20 @@ class Reducing:
         }
 
     def _make(self, x: _Vector) -> None:
-        """Build reduced models at x, not certified."""
+        """Build reduced models at x without certifying them."""
         for part in self._parts:
             part.build(x)
         self._use(x)
 
     def _enrich(self, x: _Vector, times: float = 1.0) -> None:
-        """Add to the reduced models what they lack at x, of some times the error wanted."""
+        """Enrich the reduced models at x, to `times` the accepted error."""
         for part in self._parts:
             state, accuracy = part.exact.state(x), times * part.reduction.accuracy
             part.reduction.settle([state], part.exact.frf.freq, accuracy=accuracy)
         self._use(x)
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
-        """Enrich the bases at x and return True, or certify them where they lack nothing."""
+        """Enrich the bases at x and return True; if complete, certify them and return False."""
         hold = [part.certify_or_enrich(x) for part in self._parts]
         if not all(hold):
             self._use(x)
@@ -705,7 +697,7 @@ class Reducing:
         self.renew()
 
     def renew(self) -> None:
-        """Take the solvers of the bases as they are."""
+        """Create solvers of the current bases."""
         self._made += 1
         for part in self._parts:
             part.solver = part.reduction.solver(f"reduced {self._made}")
@@ -715,7 +707,7 @@ class Reducing:
         return _outside(x, self._box(share))
 
     def are_near(self, x: _Vector, place: _Vector) -> bool:
-        """Return whether a basis that holds at a place holds at a point, too."""
+        """Return whether a basis that is accurate at `place` is accurate at x, too."""
         return not _outside(x, self._box(_NEAR, place))
 
     def _check(self, x: _Vector) -> None:
@@ -727,12 +719,12 @@ class Reducing:
 
 @dataclass(slots=True, eq=False)
 class _About(Models):
-    """Reduced models about an answer, enriched where other answers are looked for.
+    """Reduced models around an answer, enriched at the points where other answers are searched for.
 
     Attributes
     ----------
     latest : Problem
-        With the models as they are.
+        Problem with the current models.
     """
 
     latest: Problem
@@ -746,7 +738,7 @@ class _About(Models):
 
     @classmethod
     def of(cls, reducing: Reducing, about: _Certified) -> _About:
-        """Return the models about a certified fit, whose bases are at hand."""
+        """Return the models around a certified fit whose bases are in use."""
         parts = reducing._parts
         whole = [
             replace(part, solver=made.exact.solver)
@@ -759,11 +751,11 @@ class _About(Models):
 
     @property
     def rough(self) -> Problem:
-        """The problem with the models as they are."""
+        """Problem with the current models."""
         return self.latest
 
     def near(self, x: _Vector) -> Problem:
-        """Return the problem with models that are enriched at a point: more so, asked again."""
+        """Return the problem with models enriched at x, further with each call for a point."""
         if not self._reducing.is_outside(x, _BESIDE):
             return self.latest
         own = (i for i, place in enumerate(self._places) if self._reducing.are_near(x, place))
@@ -781,19 +773,19 @@ class _About(Models):
         return self._reducing.is_outside(x, 1.0)
 
     def is_known(self, x: _Vector, answer: Answer) -> bool:
-        """Return whether a point is within what an answer allows."""
+        """Return whether a point lies within the uncertainty of an answer."""
         return is_at(x, answer)
 
     def leads_back(self, x: _Vector, answer: Answer, unlikelihood: float) -> bool:
-        """Return whether the misfit at a point is about that of the parabola of an answer.
+        """Return whether the misfit at a point is about that of the quadratic model of an answer.
 
-        The way to it goes down then, and no other minimum is near.
+        The misfit then falls along the path to the answer, and no other minimum is near.
         """
         rise = unlikelihood - answer.unlikelihood
         return rise > _PARABOLA * 0.5 * distance(answer, x) ** 2
 
     def _is_enriched(self, x: _Vector, number: int) -> bool:
-        """Enrich the bases at a point, or those of the answer where they have grown too large."""
+        """Enrich the bases at x, after a reset of oversized ones; return whether they grew."""
         made = list(zip(self._reducing._parts, self._definite, self._sizes, strict=True))
         if any(part.reduction.basis.size > size + _ROOM for part, _, size in made):
             self._passes = [0] * len(self._passes)
@@ -816,21 +808,21 @@ def _answers(known: Sequence[_Certified], *, held: bool) -> list[Answer]:
 
 
 def _holding(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vector, _Vector]:
-    """Return a box in which unknown `i` is held where it is at x."""
+    """Return a box in which unknown `i` is fixed at its value in x."""
     lower, upper = (side.copy() for side in box)
     lower[i] = upper[i] = x[i]
     return lower, upper
 
 
 def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
-    """Return the record of solves by another backend than the chosen one; empty without any.
+    """Return the record of solves by backends other than the chosen one; empty without any.
 
     Parameters
     ----------
     used : mapping of str to int
-        Solves by backend.
+        Number of solves by backend.
     backend : str
-        The one that was chosen.
+        The chosen backend.
     """
     others = [f"{name} {number}" for name, number in used.items() if name != backend]
     if not others:
@@ -839,13 +831,13 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
 
 
 def _faintest(frf: FRF) -> float:
-    """Return the level of the faintest channel over the loudest one's, rounding left out."""
+    """Return the ratio of the faintest channel's level to the loudest one's, without rounding."""
     share = shares_of(frf.values, frf)
     return float(share[share > FINEST].min(initial=1.0))
 
 
 def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost: float) -> bool:
-    """Whether the residual at x looks like noise; where modes are data, no."""
+    """Return whether the residual at x looks like noise; False if modes are among the data."""
     belief = Belief(problem, all(noise.size_known for noise in noises))
     return not problem.modal and belief.is_answer(x, cost)
 
@@ -858,6 +850,6 @@ def _log_cost(problem: Problem, x: _Vector) -> float:
 
 
 def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
-    """Whether a point lies outside a box, or on its boundary."""
+    """Return whether a point lies outside a box or on its boundary."""
     margin = 1e-6 * (box[1] - box[0])
     return bool(((x <= box[0] + margin) | (x >= box[1] - margin)).any())

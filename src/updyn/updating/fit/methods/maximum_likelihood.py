@@ -56,41 +56,45 @@ __all__ = ["MaximumLikelihood"]
 
 _Vector = NDArray[np.float64]
 
+#: Largest number of times that the weights are renewed.
 _ROUNDS = 12
-#: Where the last of them still moved the estimate by more standard deviations than this, weights
-#: and estimate have not settled.
+#: If the last renewal moved the estimate by more standard deviations than this, weights and
+#: estimate have not settled.
 _SWINGS = 1.0
 _SWINGING = (
     "The weights of the noise and the values that they lead to do not settle on each other: the"
     " model misses the data by so much that each set of weights has another minimum."
 )
-#: A fall of half the chi-square that no one could see: a hundredth of a standard deviation.
+#: Negligible decrease of half the chi-square: a hundredth of a standard deviation.
 _FALL = 5e-5
-#: A first descent from a further point: at most so many steps, to a fall of half the chi-square
-#: below this; it is worth a fit if it ends with a log-likelihood at most so much lower.
+#: First descent from a further point: largest number of steps, and the decrease of half the
+#: chi-square at which it ends. A fit follows if its log-likelihood is lower than the best by at
+#: most the third number.
 _GLANCE, _NEAR, _WORTH = 40, 0.1, 15.0
-#: Tries that a search needs for some of them to agree.
+#: Least number of tries with which agreement between tries is required.
 _AGREE = 3
-#: Tries beside an answer for each of those of the search, and largest number in all;
-#: log-likelihoods that differ by less are those of one answer.
+#: Number of tries near an answer for each try of the search, and their largest number;
+#: log-likelihoods that differ by less than the third number belong to the same answer.
 _A_TRY, _MOST_TRIES, _SAME = 2, 64, 0.5
-#: How often they come back to it, until it is taken, where its residual is more than noise, and
-#: where it is not.
+#: Number of returns to an answer after which it is accepted: if its residual is more than noise,
+#: and if it is noise.
 _BACK = (6, 2)
-#: How often further answers are looked for about a better one.
+#: Largest number of searches for further answers, each around the best answer so far.
 _HOPS = 2
-#: How often a descent goes on in the model of its end, where that is not the one it began in, and
-#: what a better model leaves of a misfit that is its own error.
+#: Largest number of times that a descent continues in the model of its end; and the ratio below
+#: which a better model must lower a misfit for it to count as an error of the model.
 _RENEWED, _FALLING = 6, 0.8
-#: Steps of a descent along a valley; as many as there were before, or so many, are taken in all.
+#: Largest number of steps of a descent along a valley; least total number of such steps that are
+#: allowed (otherwise as many as the run took before).
 _FOLLOWING, _FEWEST = 12, 50
 
 
-#: Most tries of an update to modes for each of those of a search. Of the four answers of a chain of
-#: four springs, the rarest was the end of 4 of 80 tries: 160 miss it with a probability of 3e-4.
-#: They begin up to a factor of 5 from the start, and up to a loss factor of 0.3.
+#: Largest number of tries of an update to modes for each try of a search. Of the four answers of a
+#: chain of four springs, the rarest was reached by 4 of 80 tries: 160 tries miss it with a
+#: probability of 3e-4. Tries begin within a factor of 5 of the start, and at loss factors up to
+#: 0.3.
 _TRIES, _FAR_FACTOR, _FAR_LOSS = 20, float(np.log(5.0)), 0.3
-#: Kinds of residuals of modes in the plural.
+#: Plural names of the kinds of modal residuals.
 _KINDS_IN_WORDS = {
     "frequency": "frequencies",
     "shape": "shapes",
@@ -99,7 +103,7 @@ _KINDS_IN_WORDS = {
 
 
 def _one(local: Local) -> float:
-    """Return the standard deviation of residuals that are weighted with the noise."""
+    """Return 1, the standard deviation of residuals that are weighted with the noise."""
     return 1.0
 
 
@@ -107,9 +111,9 @@ def _one(local: Local) -> float:
 class MaximumLikelihood(SearchingMethod):
     """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
 
-    The weights follow the model, not the noisy data: they are renewed after every descent until the
-    estimate stays within a hundredth of its standard deviation (iteratively reweighted least
-    squares; Green, J. R. Stat. Soc. B 46 (1984) 149).
+    The weights are computed from the model, not from the noisy data. They are renewed after every
+    descent until the estimate moves by less than a hundredth of its standard deviation (iteratively
+    reweighted least squares; Green, J. R. Stat. Soc. B 46 (1984) 149).
     """
 
     name: ClassVar[str] = "maximum-likelihood"
@@ -122,7 +126,7 @@ class MaximumLikelihood(SearchingMethod):
     states_noise: ClassVar[bool] = True
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return where to begin: the best basins of the log error, or the start for modes alone."""
+        """Return the best basins of the log error; with modes only, the unknowns' start."""
         if not self.starts or not problem.parts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
@@ -144,7 +148,7 @@ class MaximumLikelihood(SearchingMethod):
         monitor: Monitor,
         starts: Starts,
     ) -> Fit:
-        """Fit the unknowns from all points, and look for further answers that fit as well."""
+        """Fit the unknowns from all starts, and search for other answers that fit equally well."""
         if not self.starts or starts.in_vain:
             return self.fit(problem, noises, monitor, starts.points[0])
         first, *others = starts.points
@@ -156,12 +160,12 @@ class MaximumLikelihood(SearchingMethod):
             if self._is_in_vain(problem, monitor, chosen):
                 return self._judged(problem, noises, chosen)
         fitted = max(len(monitor.history), _FEWEST)
-        if problem.parts and not starts.exact:  # there is nothing better to find
+        if problem.parts and not starts.exact:  # no better answer exists
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
         ends: list[Answer] = []
         with monitor.stage("other answers"):
-            if not problem.parts:  # from everywhere, so that once is enough
+            if not problem.parts:  # tries cover all unknowns: one pass suffices
                 answers += self._across(models, noises, monitor, chosen, fitted)
                 chosen = preferred(problem, answers)
             for _ in range(_HOPS if problem.parts else 0):
@@ -179,7 +183,7 @@ class MaximumLikelihood(SearchingMethod):
                     break
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
-        # Ends of valleys of a former answer may be less likely by now.
+        # Ends of valleys of an earlier answer may be too unlikely compared with a better one.
         as_well = [*equals(chosen, answers), *as_likely(chosen, ends)]
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in as_well]
         if monitor.stopped:
@@ -197,7 +201,7 @@ class MaximumLikelihood(SearchingMethod):
         held: int | None = None,
         beside: Answer | None = None,
     ) -> Answer | None:
-        """Return what is known where a fit ended; None where no search is made, either."""
+        """Return the answer at the end of a fit; None if this method makes no search."""
         if not self.starts:
             return None
         known, residual = _weigh(problem, noises, x)
@@ -220,10 +224,10 @@ class MaximumLikelihood(SearchingMethod):
         at: Answer,
         points: Sequence[_Vector],
     ) -> list[Answer]:
-        """Return what may be other answers that fit as well, ends of valleys last."""
+        """Return candidates for other answers that fit equally well, ends of valleys last."""
         if self._is_in_vain(models.rough, monitor, at):
             return []
-        # No more steps than the fit took, where each is dearer than one of the fit.
+        # At most as many steps as the fit took, if each costs more than a step of the fit.
         most = max(len(monitor.history), _FEWEST) if models.ranks else None
         with monitor.stage("other answers"):
             points = [*points, *self._elsewhere(models, monitor, at)]
@@ -239,10 +243,10 @@ class MaximumLikelihood(SearchingMethod):
         best: Answer,
         agreed: bool,
     ) -> list[Answer]:
-        """Return the answers of tries beside the best one, until some of them come back to it.
+        """Return the answers of tries near the best one, until some of them return to it.
 
-        Where the search agreed on it, they end as soon as it explains the data; and where none of
-        so many has found a better one.
+        If the search agreed on the best answer, the tries end as soon as it explains the data. They
+        also end after a fixed number of tries without a better answer.
         """
         if monitor.stopped:
             return []
@@ -264,7 +268,7 @@ class MaximumLikelihood(SearchingMethod):
             found += near
             for answer in near:
                 gained = best.unlikelihood - answer.unlikelihood
-                if gained > _SAME:  # on which the search has not agreed
+                if gained > _SAME:  # the search did not agree on this one
                     back, last, agreed = 0, number + 1, False
                 elif gained > -_SAME:
                     back += 1
@@ -280,16 +284,17 @@ class MaximumLikelihood(SearchingMethod):
         first: Answer,
         most: int,
     ) -> list[Answer]:
-        """Return the answers of tries from all over the space of the unknowns, for modes alone.
+        """Return the answers of tries from the whole space of the unknowns, for modes only.
 
-        If n tries have found w answers, w (n - 1) / (n - w - 2) are expected in all; tries end when
-        that is less than w + 1/2 (Boender & Rinnooy Kan, Math. Program. 37 (1987) 59-80). Without
-        more numbers than unknowns, as with frequencies alone, several answers are usual
-        (isospectral systems; Gladwell, Inverse Problems in Vibration, 2nd ed. 2004), and few tries
-        reach some of them: all tries are made. In a large model, no try begins after `most` steps.
+        If n tries have found w answers, the expected number of answers is w (n - 1) / (n - w - 2);
+        tries end when that is less than w + 1/2 (Boender & Rinnooy Kan, Math. Program. 37 (1987)
+        59-80). If the numbers do not exceed the unknowns, as with frequencies alone, several
+        answers are usual (isospectral systems; Gladwell, Inverse Problems in Vibration, 2nd ed.
+        2004) and few tries reach some of them, so all tries are made. In a large model, no try
+        begins after `most` steps.
 
-        Where a try improves on the best answer, it takes its place; answers and tries that are much
-        less likely than the best do not count.
+        An answer that improves on the best replaces it. Answers and tries that are much less likely
+        than the best do not count.
         """
         problem, coordinates = models.exact, models.exact.coordinates
         best, found, ends = first, [first], [first.unlikelihood]
@@ -324,7 +329,7 @@ class MaximumLikelihood(SearchingMethod):
 
     @classmethod
     def _is_in_vain(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
-        """Whether an answer leaves more than noise because of a fault of the data."""
+        """Return whether a residual is larger than noise because of a fault of the data."""
         if monitor.stopped or cls._explains(problem, answer):
             return False
         with suppress(Stopped):
@@ -338,7 +343,7 @@ class MaximumLikelihood(SearchingMethod):
         return True
 
     def _elsewhere(self, models: Models, monitor: Monitor, at: Answer) -> list[_Vector]:
-        """Return points away from an answer from which another may be reached."""
+        """Return points away from an answer from which other answers may be reached."""
         if monitor.stopped:
             return []
 
@@ -351,10 +356,10 @@ class MaximumLikelihood(SearchingMethod):
         problem = models.exact
         points: list[_Vector] = []
         with suppress(Stopped):
-            most = 2 * len(monitor.history)  # no more work than the fit was
+            most = 2 * len(monitor.history)  # no more work than the fit took
             further = elsewhere(models, at, unlikelihood, most)
             loose = restarted(problem, at, self.seed)
-            # The likeliest first: those that fit fairly well as they stand.
+            # The most promising first: points that fit fairly well before any descent.
             for x in chain(further, loose, weakly_held(problem, at), put_back(problem, at)):
                 if not any(np.array_equal(x, point) for point in points):
                     points.append(x)
@@ -369,10 +374,10 @@ class MaximumLikelihood(SearchingMethod):
         at: Answer,
         most: int | None = None,
     ) -> list[Answer]:
-        """Return the answers from further points, where a first descent comes near the one known.
+        """Return the answers from points whose first descent ends near the known likelihood.
 
-        The first descent is weighted as the known answer is, and ends early. After `most` steps no
-        other is begun.
+        The first descent uses the weights of the known answer and ends early. No descent begins
+        after `most` steps.
         """
         found: list[Answer] = []
         begun = len(monitor.history)
@@ -397,9 +402,9 @@ class MaximumLikelihood(SearchingMethod):
         at: Answer,
         most: int | None = None,
     ) -> tuple[list[Answer], list[Answer]]:
-        """Return the far ends of valleys that are open, and the answers reached from there.
+        """Return the far ends of open valleys, and the answers reached from there.
 
-        After `most` steps, or as many as the run took, no other valley is followed.
+        No valley is followed after `most` steps, by default as many as the run took before.
         """
         if at.local is None:
             return [], []
@@ -438,14 +443,14 @@ class MaximumLikelihood(SearchingMethod):
         x: _Vector,
         monitor: Monitor,
     ) -> Answer:
-        """Return where the descent from x ends, its weights renewed until it stays."""
+        """Return the end of the descent from x, with weights renewed until it no longer moves."""
         left, reason, length = self.max_iterations, "converged", 0.0
         residual, local = Each(()), None
         try:
             for number in range(_ROUNDS):
                 noises, residual = _weigh(problem, noises, x)
                 assumed = number == 0 and bool(problem.modal)
-                if assumed:  # residuals far from the answer do not show the noise of the modes
+                if assumed:  # residuals far from the answer do not show the modal noise
                     modal = tuple(ModalError(part.noise) for part in problem.modal)
                     residual = replace(residual, modal=modal)
                 if monitor.stopped or left <= 0:
@@ -476,7 +481,7 @@ class MaximumLikelihood(SearchingMethod):
             with suppress(Stopped):
                 fit = self._judge(problem, answer.x, answer.noises, answer.residual, answer.reason)
                 return replace(fit, cause=_SWINGING if fit.reason == "unsettled" else "")
-        return stopped_at(coarse(problem, noises), answer.x)  # what the search knows of it
+        return stopped_at(coarse(problem, noises), answer.x)  # from values that the search cached
 
     def _judge(
         self,
@@ -515,11 +520,11 @@ def _descended(
     at: Answer,
     held: int | None = None,
 ) -> tuple[Problem, _Vector]:
-    """Return where a descent ends that is weighted as an answer is, and the model there.
+    """Return the end of a descent with the weights of answer `at`, and the model there.
 
-    Where the model is accurate only about the point where it began, it goes on in that of its end,
-    unless it has come back to the answer, or leaves far more than that does. All of them together
-    take no more steps than one may.
+    If the model is accurate only near the start of the descent, the descent continues in the model
+    of its end, unless it has returned to the answer or its misfit is far larger. All descents
+    together take at most `settings.max_iterations` steps.
     """
     problem, worse, left = models.near(x), np.inf, settings.max_iterations
     for _ in range(_RENEWED):
@@ -540,8 +545,8 @@ def _descended(
 def _looked(models: Models, x: _Vector, at: Answer) -> float:
     """Return minus the log-likelihood at a point, in a model that is accurate there.
 
-    It is infinite where a descent leads back to the answer. The model is made no more accurate
-    where that would make the point no better.
+    Return inf if a descent would lead back to the answer. The model is refined only while that
+    improves the likelihood of the point.
     """
     problem = models.rough
     here, is_rough = _unlikelihood(problem, at.noises, at.residual, x), models.is_rough(x)
@@ -555,17 +560,11 @@ def _looked(models: Models, x: _Vector, at: Answer) -> float:
 
 
 def _least(answer: Answer, beside: Answer, local: Local) -> Answer:
-    """Return the far end of a valley as no likelier than the fit with the weights of its beginning.
+    """Limit the likelihood of a valley's far end by that with the weights of its beginning.
 
-    The beginning is a minimum with its own weights; with renewed ones, next to an error of the
-    model, it need not be.
-
-    Parameters
-    ----------
-    answer, beside : Answer
-        Far end and beginning.
-    local : Local
-        The reduced problem at the far end, weighted as the beginning is.
+    The beginning is a minimum with its own weights; with renewed weights, and an error of the
+    model, it need not be one. `local` is the reduced problem at the far end, with the weights of
+    the beginning.
     """
     assert beside.local is not None
     least = beside.unlikelihood + local.cost - beside.local.cost
@@ -574,16 +573,16 @@ def _least(answer: Answer, beside: Answer, local: Local) -> Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
-    """What the data of one kind say of the unknowns where a fit ended.
+    """Information on the unknowns from data of one kind, at the end of a fit.
 
     Attributes
     ----------
     local : Local
-        The reduced problem, in standard deviations of their residual.
+        Reduced problem, in standard deviations of its residual.
     records : list of mapping
-        The noise, of each part.
+        Noise record of each part.
     note : str
-        What the user should know; may be empty.
+        Note for the user; may be empty.
     """
 
     local: Local
@@ -594,21 +593,21 @@ class _Known:
 def _known_of_frfs(
     problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
 ) -> _Known | None:
-    """Return what the FRFs say; None where there are none."""
+    """Return the information from FRFs; None without FRFs."""
     if not problem.parts:
         return None
     local = residual.of_frfs.local(problem.of_frfs, x)
     assert local is not None
     freedom = 2 * problem.n_values - problem.n
-    # Without degrees of freedom the noise cannot be estimated from the misfit.
+    # The noise can be estimated from the misfit only with degrees of freedom.
     chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
     known = known_length(
         problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values)
     )
     length = known.get("correlation_length", 1.0)
-    # More misfit than the noise explains widens the error bars; less of it narrows them only where
-    # the scale of the noise was not known. A serially correlated misfit holds less information than
-    # independent noise.
+    # A misfit larger than the noise widens the confidence intervals; a smaller one narrows them
+    # only if the scale of the noise was not known. A serially correlated misfit holds less
+    # information than independent noise.
     scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
     inflation = float(np.sqrt(scale * length))
     record = {
@@ -621,13 +620,13 @@ def _known_of_frfs(
 
 
 def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | None:
-    """Return what the modes say; None where there are none."""
+    """Return the information from modes; None without modes."""
     if not problem.modal:
         return None
     locals_, records, missing = [], [], []
     for part, error in zip(problem.modal, residual.modal, strict=True):
         squares, number = error.power(part, x)
-        spare = number * (1.0 - problem.n / problem.n_numbers)  # it pays for its share
+        spare = number * (1.0 - problem.n / problem.n_numbers)  # less its share of unknowns
         chi_square = squares / spare if spare > 0.0 else 1.0
         stated = error.noise.size_known
         inflation = float(np.sqrt(max(chi_square, 1.0))) if stated else 1.0
@@ -656,10 +655,11 @@ def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | No
 def _with_common_freedom(
     problem: Problem, records: Sequence[Mapping[str, Any]]
 ) -> list[Mapping[str, Any]]:
-    """Return records of the noise that state the same degrees of freedom, those of the intervals.
+    """Return the noise records with the same degrees of freedom, those of the intervals.
 
-    The noise of each test is estimated by itself, so that those of their sum are 1 / sum s^2 / nu,
-    s the share of a test in the data (Satterthwaite, Biometrics Bull. 2 (1946) 110).
+    The noise of each test is estimated separately, so the degrees of freedom of the sum are
+    1 / sum s^2 / nu, with s the share of a test in the data (Satterthwaite, Biometrics Bull. 2
+    (1946) 110).
     """
     if len(records) < 2:
         return list(records)
@@ -675,7 +675,7 @@ def _with_common_freedom(
 
 
 def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) -> str:
-    """Return what the user should know about modes that were left out, and about their noise."""
+    """Return the note for the user on omitted modes and on their noise."""
     notes = []
     if missing:
         said = ", ".join(missing)
@@ -694,7 +694,7 @@ def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) ->
 def _unlikelihood(
     problem: Problem, noises: Sequence[NoiseModel], residual: Each, x: _Vector
 ) -> float:
-    """Return minus the log-likelihood of the data and of the priors at x, but for a constant."""
+    """Return minus the log-likelihood of the data and the priors at x, except for a constant."""
     total = 0.0
     for part, noise in zip(problem.parts, noises, strict=True):
         total += noise.unlikelihood(part.responses(x), part.frf)
@@ -707,11 +707,11 @@ def _unlikelihood(
 def _weigh(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
-    """Return the noise models refitted to the residual at x, and the residual that they weight."""
+    """Return the noise models refitted to the residual at x, and the residual weighted by them."""
     looked, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)
-        # Each part pays for its share of the unknowns.
+        # The degrees of freedom of each part are reduced by its share of the unknowns.
         looked.append(noise.refit(H, part.frf, problem.share(part)))
         errors.append(
             OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood")
@@ -721,7 +721,7 @@ def _weigh(
 
 
 def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
-    """Return the residuals of modes, weighted by what is known and estimated of their noise."""
+    """Return the modal residuals, weighted by the known and estimated noise."""
     found = [ModalError(part.noise) for part in problem.modal]
     return tuple(
         ModalError(part.noise.weighing(error.rows(part, x)))
@@ -730,7 +730,7 @@ def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
 
 
 def _refit_modes(problem: Problem, of_frfs: Each, x: _Vector) -> tuple[ModalError, ...]:
-    """Return the residuals of modes over the standard deviations that a fit leaves of them."""
+    """Return the modal residuals weighted by standard deviations estimated after the fit."""
     found = [ModalError(part.noise) for part in problem.modal]
     if all(error.noise.size_known for error in found):
         return tuple(found)
