@@ -1,4 +1,4 @@
-"""Adequacy of a model: tests of the residual against noise, by channel and band of lines."""
+"""Tests of the residual of a fit against noise, by channel and frequency band."""
 
 from __future__ import annotations
 
@@ -34,42 +34,34 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Weights of the correlations at lags 1, 2, 3 (Bartlett's triangle): serial correlation over
-#: a few lines counts.
+#: Weights of the autocorrelations at lags 1, 2 and 3 (Bartlett's triangle), for serial correlation
+#: over a few lines.
 _LAGS = np.array([0.75, 0.5, 0.25])
-#: Fewer values than this say nothing about correlation.
+#: Least number of values for a test of serial correlation.
 _FEWEST = 5
-#: Values beyond this many standard deviations are cut back before correlations are formed; 1 % of
-#: Gaussian ones are.
+#: Limit in standard deviations to which values are clipped before correlations are computed; 1 % of
+#: Gaussian values exceed it.
 _CUT = 3.0
-#: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many
-#: points.
+#: Number of lines above which eigenvalues are approximated by the symbol of the Toeplitz matrix,
+#: and number of points at which the symbol is evaluated.
 _LONG = 512
-#: Share of the residual from which a quantity is said to explain it; two errors of equal size
-#: explain half each.
+#: Least share of the residual for one quantity to explain it; two errors of equal size explain half
+#: each.
 EXPLAINED = 0.5
-#: Reduced chi-square below which stated noise is called too large, by a factor of 2 at least: less
-#: is no more than what anyone who states noise may be wrong by.
+#: Reduced chi-square below which stated noise is reported as too large. It corresponds to a factor
+#: of 2 in the standard deviation; smaller errors are usual in stated noise.
 _OVERSTATED = 0.25
-#: Smallest band, in lines.
+#: Least number of lines in a band.
 _LEAST = 8
 #: Largest number of bands.
 _MOST = 24
 
 
 def clipped(values: _Complex) -> _Complex:
-    """Return values clipped to three times their typical size, so that outliers do not correlate.
+    """Return values clipped to three times their typical size, to limit the effect of outliers.
 
-    Parameters
-    ----------
-    values : ndarray of complex, shape (m, ...)
-        Along the first axis: values of equal variance; NaN for what is missing.
-
-    Returns
-    -------
-    ndarray of complex, same shape
-        The typical size is the median magnitude, which is 1.18 standard deviations of each part of
-        a Gaussian value.
+    The values along the first axis have equal variance; NaN marks missing values. The typical size
+    is the median magnitude, which is 1.18 standard deviations of each part of a Gaussian value.
     """
     size = np.abs(values)
     missing = np.isnan(size)
@@ -84,28 +76,24 @@ def clipped(values: _Complex) -> _Complex:
 
 
 def serial_p(values: _Complex) -> _Real:
-    """Return p-values of serial correlation from line to line against independent noise.
+    """Return one-sided p-values of serial correlation against independent noise, shape (n,).
 
     Parameters
     ----------
     values : ndarray of complex, shape (m, n)
-        Columns of circular values at neighbouring lines, of equal variance in a column; NaN for
-        what is missing.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        One-sided p-values; 1 where a column holds too few values for the test.
+        Columns of circular values at neighbouring lines, of equal variance within a column; NaN
+        marks missing values. The p-value of a column with too few values is 1.
 
     Notes
     -----
-    The statistic is r = e^H T e / e^H e with T Toeplitz, 0 on the diagonal and 3/4, 1/2, 1/4 beside
-    it: a weighted sum of autocorrelations. The scale of the noise drops out. For Gaussian noise P(r
-    > r0) is that of a sum of exponential variables with weights (eigenvalue of T - r0) being
-    positive; its tail is taken by the saddlepoint approximation of Lugannani and Rice in the form
-    of Barndorff-Nielsen, good to a per cent even far out (Butler, Saddlepoint Approximations, 2007,
-    sections 1.2 and 3.1). One-sided: negative correlation, which a window may cause between
-    neighbouring lines, is not taken for structure.
+    The statistic is r = e^H T e / e^H e. T is a Toeplitz matrix with 0 on the diagonal and 3/4,
+    1/2, 1/4 on the next three diagonals, so r is a weighted sum of autocorrelations and does not
+    depend on the scale of the noise. For Gaussian noise, P(r > r0) is the probability that a sum of
+    exponential variables with the eigenvalues of T - r0 as weights is positive. Its tail is
+    computed by the saddlepoint approximation of Lugannani and Rice in the form of
+    Barndorff-Nielsen, accurate to 1 % even far out (Butler, Saddlepoint Approximations, 2007,
+    sections 1.2 and 3.1). The test is one-sided because a window may cause negative correlation
+    between neighbouring lines.
     """
     out = np.ones(values.shape[1])
     there = np.isfinite(values)
@@ -126,7 +114,7 @@ def serial_p(values: _Complex) -> _Real:
 def _by_pattern(
     there: NDArray[np.bool_],
 ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
-    """Yield each pattern of present values, shape (m,), with the columns that have it."""
+    """Yield each pattern of present values, shape (m,), with the indices of its columns."""
     patterns, of = np.unique(there, axis=1, return_inverse=True)
     for i in range(patterns.shape[1]):
         yield patterns[:, i], np.flatnonzero(of.ravel() == i)
@@ -138,7 +126,7 @@ def _consecutive(mask: NDArray[np.bool_]) -> bool:
 
 
 def _diagonals(at: NDArray[np.intp]) -> _Real:
-    """Return the lower diagonals of T, shape (4, m): row d has T[i + d, i] at i, padded with 0."""
+    """Return the lower diagonals of T, shape (4, m): row d holds T[i + d, i] at i, padded by 0."""
     weights = np.concatenate([[0.0], _LAGS, [0.0]])
     out = np.zeros((len(_LAGS) + 1, len(at)))
     for d in range(1, min(len(_LAGS) + 1, len(at))):
@@ -155,11 +143,11 @@ def _form(diagonals: _Real, e: _Complex) -> _Real:
 
 
 def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
-    """Return eigenvalues of T, rising, and how often each counts.
+    """Return the eigenvalues of T in ascending order, and their multiplicities.
 
-    Those of a long Toeplitz matrix are spread like the values of its symbol, 2 sum of t_d cos(d
-    theta), at equal steps of theta (Szegő's theorem; Gray, Toeplitz and Circulant Matrices, 2006,
-    theorem 4.1).
+    The eigenvalues of a long Toeplitz matrix are distributed like the values of its symbol, 2 sum
+    of t_d cos(d theta), at equal steps of theta (Szegő's theorem; Gray, Toeplitz and Circulant
+    Matrices, 2006, theorem 4.1).
     """
     m = diagonals.shape[1]
     if m <= _LONG or gaps:
@@ -173,7 +161,7 @@ def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
 def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
     """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r.
 
-    `often` is the multiplicity of each eigenvalue.
+    `often` holds the multiplicities of the eigenvalues.
     """
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
@@ -197,23 +185,15 @@ def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
 
 
 def adjusted(p: _Real) -> _Real:
-    """Return p-values adjusted for their number by Benjamini & Hochberg.
+    """Return p-values adjusted for multiple tests, of the same shape.
 
-    Those below q hold at most a share q of false alarms. Of pure noise, at most a share q of cases
-    raises an alarm (Benjamini & Hochberg, J. R. Stat. Soc. B 57 (1995) 289).
-
-    Parameters
-    ----------
-    p : ndarray of float
-        p-values, any shape.
-
-    Returns
-    -------
-    ndarray of float, same shape
+    Among the adjusted p-values below q, the expected share of false alarms is at most q. For pure
+    noise, the probability of any alarm is at most q (Benjamini & Hochberg, J. R. Stat. Soc. B 57
+    (1995) 289).
     """
     order = np.argsort(p, axis=None)
     n = len(order)
-    # Each times n over its rank, and none above a larger one's.
+    # p n / rank, made monotone from the largest p-value down.
     ascending = p.ravel()[order] * (n / np.arange(1, n + 1))
     out = np.empty(n)
     out[order] = np.minimum(np.minimum.accumulate(ascending[::-1])[::-1], 1.0)
@@ -221,20 +201,12 @@ def adjusted(p: _Real) -> _Real:
 
 
 def bands(level: _Real) -> list[slice]:
-    """Cut the lines into bands, one about each resonance of the model.
+    """Divide the lines into contiguous bands, one for each resonance of the model.
 
-    Parameters
-    ----------
-    level : ndarray of float, shape (n_f,)
-        Mean logarithm of the model's |H| at the lines. The bands do not depend on the data, so that
-        the tests keep their level.
-
-    Returns
-    -------
-    list of slice
-        In order, without gaps. Cuts lie in the valleys between peaks; bands of fewer than eight
-        lines are joined to the neighbour behind the shallower cut, those of more than a quarter of
-        all lines are cut where the level is lowest.
+    `level`, shape (n_f,), is the mean logarithm of the model's |H| at the lines; it does not depend
+    on the data, so the significance level of the tests is kept. Bands are divided at the minima
+    between peaks. A band of fewer than eight lines is merged with the neighbour on the side of the
+    higher minimum. A band of more than a quarter of all lines is divided at its lowest level.
     """
     n = len(level)
     inner = level[1:-1]
@@ -259,45 +231,45 @@ def bands(level: _Real) -> list[slice]:
 
 
 OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
-#: Share of fits to pure noise for which a false alarm is accepted.
+#: Largest accepted share of false alarms among fits to pure noise.
 LEVEL = 0.02
-#: A misfit, as a share of the rms of the data, below which no test could see anything.
+#: Misfit, relative to the rms of the data, below which the fit is exact and no test is made.
 _EXACT = 1e-7
-#: Places that are listed.
+#: Largest number of listed misfits.
 _LISTED = 12
-#: Groups, or sensors, that are named.
+#: Largest number of groups or sensors named in a sentence.
 _NAMED = 3
-#: From so many times the noise of most sensors on, one is called noisy, up to this misfit as a
-#: share of its response.
+#: A sensor is noisy if its noise exceeds the median of the sensors by the first factor; its misfit
+#: relative to its response may not exceed the second value.
 _NOISY, _MISSED = 1.5, 0.3
-#: Ratio of the squared misfit of a line to those beside it, and to the usual one, from which it
-#: stands out alone; largest share of such lines.
+#: Least ratio of the squared misfit of an isolated line to its neighbours and to the median line;
+#: largest share of isolated lines.
 _ALONE, _FEW_LINES = 9.0, 0.05
-#: p-value of serial correlation up to which a response is a smooth course along the lines.
+#: Largest p-value of serial correlation of a response that is smooth along the lines.
 _SMOOTH = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """A place that the model does not explain.
+    """A channel and band in which the model does not explain the data.
 
     Attributes
     ----------
     response, reference : str
         The channel.
     low, high : float
-        The band, in Hz.
+        Limits of the band in Hz.
     near : float
-        Where in it the misfit is largest, in Hz.
+        Frequency of the largest misfit in the band, in Hz.
     misfit : float
-        Root mean square misfit over the noise of its values.
+        Rms misfit divided by the standard deviation of the noise.
     correlation_length : float
         Correlation length in lines; 1 for noise.
     chi_square_p, whiteness_p : float
-        How likely noise is to be as large, and as serially correlated; adjusted for the
-        number of tests.
+        p-values of the size and of the serial correlation under the hypothesis of noise, adjusted
+        for the number of tests.
     kind : {"structure", "excess"}
-        Serially correlated, or only too large.
+        Serially correlated, or only larger than the noise.
     """
 
     response: str
@@ -314,24 +286,25 @@ class Misfit:
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """An error of the model that would explain the residual.
+    """A model error that would explain the residual.
 
     Attributes
     ----------
     group, quantity : str
-        What would change: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
+        The quantity in error: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
         group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
-        Share of the residual beyond the noise that a short fit removed in which this one quantity
-        was free, too. Errors that the channels cannot tell apart have nearly the same share.
+        Share of the residual beyond the noise that was removed by a short fit with this quantity as
+        an additional unknown. Errors that the channels cannot distinguish have nearly the same
+        share.
     change : float
-        The change that it found, of the logarithm of a factor or of a loss factor.
+        Change found by that fit, of the logarithm of a factor or of a loss factor.
     energy : float
-        Share of the energy of the error in the constitutive relations that lies in this matrix, at
-        the worst places.
+        Share of this matrix in the energy of the error in the constitutive relations, at the lines
+        with the largest misfit.
     confirmed : bool
-        Whether there was such a fit. In large models there is none; there `explains` and `change`
-        are estimates of first order, and the sign of a change is more reliable than its size.
+        Whether such a fit was made. It is omitted for large models: `explains` and `change` are
+        then first-order estimates, and the sign of a change is more reliable than its size.
     """
 
     group: str
@@ -343,20 +316,20 @@ class Suspect:
 
     @property
     def name(self) -> str:
-        """``group.quantity``."""
+        """Name of the unknown, ``group.quantity``."""
         return f"{self.group}.{self.quantity}"
 
 
 @dataclass(frozen=True, slots=True)
 class Noisy:
-    """A sensor whose noise is larger than that of most.
+    """A sensor with more noise than most sensors.
 
     Attributes
     ----------
     response : str
         The sensor.
     times : float
-        Its rms misfit over that of the others, by their lower median.
+        Its rms misfit divided by the lower median over the sensors.
     """
 
     response: str
@@ -365,46 +338,46 @@ class Noisy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adequacy:
-    """Whether the residual of a fit is noise.
+    """Result of the tests of a residual against noise.
 
     Attributes
     ----------
     outcome : str
-        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, serially correlated, or
-        explained by an error of the model; ``"excess"``, only larger than the noise; ``"exact"``,
-        nothing left; ``"untested"``, too few values.
+        One of `OUTCOMES`: ``"noise"``, no deviation found; ``"structure"``, serially correlated, or
+        explained by a model error; ``"excess"``, only larger than the noise; ``"exact"``, zero
+        within rounding; ``"untested"``, too few values.
     verdict : str
-        The same in a sentence or two.
+        The outcome in one or two sentences.
     absolute : bool
-        Whether the size of the noise is known from elsewhere. Where it was estimated from the
-        residual itself, the size of a misfit is compared with the rest of the data; serial
-        correlation needs no size.
+        Whether the size of the noise is known independently of the residual. If it was estimated
+        from the residual, the size of a misfit is compared with the rest of the data. The test of
+        serial correlation does not use the size.
     chi_square : float
-        Squared misfit over that of the noise, per degree of freedom; near 1 by construction where
-        not `absolute`.
+        Reduced chi-square of the residual; near 1 by construction if not `absolute`.
     p_value : float
-        Of the most telling test, adjusted for the number of tests: below `level` something was
-        found.
+        Smallest p-value, adjusted for the number of tests; a deviation from noise was found if it
+        is at most `level`.
     level : float
-        Largest share of fits to pure noise for which a false alarm is accepted.
+        Significance level: largest accepted share of false alarms among fits to pure noise.
     responses, references : tuple of str
-        Labels.
+        Labels of the channels.
     bands : ndarray of float, shape (n_b, 2)
-        First and last line of each, in Hz.
+        First and last line of each band, in Hz.
     misfit, correlation_length : ndarray of float, shape (n_i, n_j, n_b)
-        By channel and band: rms misfit over noise, and correlation length in lines. NaN where there
-        are no data.
+        By channel and band: rms misfit over noise, and correlation length in lines. NaN without
+        data.
     chi_square_p, whiteness_p : ndarray of float, shape (n_i, n_j, n_b)
-        Adjusted p-values; 1 where nothing was tested.
+        Adjusted p-values; 1 if not tested.
     worst : tuple of Misfit
-        Places that stand out, the worst first; empty where nothing was found.
+        Channels and bands with a significant misfit, the largest first; empty without any.
     explained_by : tuple of Suspect
-        Errors that would explain it, the best first; empty where nothing was found, or nothing
-        explains it.
+        Model errors that would explain the residual, the best first; empty without any.
     noisy : tuple of Noisy
-        Sensors of larger noise than most, the worst first: of an ``"excess"``, if nothing stands
-        out beside the noise of each sensor; of ``"noise"``, where its size was taken sensor by
-        sensor because they differ.
+        Sensors with more noise than most, the noisiest first. Given for ``"excess"`` if the noise
+        of each sensor by itself explains the residual, and for ``"noise"`` if the noise was
+        estimated for each sensor because the sensors differ.
+    lone : tuple of float
+        Frequencies in Hz of isolated lines that hold most of the excess misfit.
     """
 
     outcome: str
@@ -427,7 +400,7 @@ class Adequacy:
 
     @property
     def adequate(self) -> bool:
-        """Whether the residual gives no evidence against the model."""
+        """Whether the residual is consistent with noise."""
         return self.outcome in ("noise", "exact")
 
 
@@ -450,27 +423,27 @@ def assess(
     Parameters
     ----------
     whitened : ndarray of complex, shape (n_f, n_i, n_j)
-        Measured minus computed, over the standard deviation of its real and of its imaginary part;
-        NaN for what was not fitted.
+        Measured minus computed FRF, divided by the standard deviation of the real (and of the
+        imaginary) part; NaN for values that were not fitted.
     H : ndarray of complex, shape (n_f, n_i, n_j)
-        Of the model; its resonances determine the bands.
+        FRF of the model, whose resonances determine the bands.
     freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
+        Frequency lines in Hz.
     responses, references : sequence of str
         Labels.
     n_unknowns : int
-        Number of unknowns that were fitted to these data.
+        Number of unknowns fitted to these data.
     absolute : bool
-        Whether the size of the noise is known from elsewhere, and not from this residual.
+        Whether the size of the noise is known independently of this residual.
     averages : int, optional
-        Number of averages from which the size of the noise was estimated by line; None: it is known
+        Number of averages from which the noise was estimated at each line; None if it is known
         exactly.
     level : float
-        Largest share of fits to pure noise for which a false alarm is accepted.
+        Largest accepted share of false alarms among fits to pure noise.
     relative : float
-        The rms misfit over the rms of the data, to distinguish rounding from a residual.
+        Rms misfit over the rms of the data, which distinguishes a residual from rounding.
     course : ndarray of complex, shape (n_f, n_i, n_j), optional
-        H over the standard deviations. Without it no sensor is called noisy.
+        H divided by the standard deviations. Without it, no sensor is reported as noisy.
 
     Returns
     -------
@@ -478,15 +451,16 @@ def assess(
 
     Notes
     -----
-    Size: the sum of squares of a channel in a band against chi-square with two degrees of freedom a
-    value, or against F where the size of the noise is an estimate too: from n averages, with n - 1
-    as many degrees of freedom, but no more than sixteen lines have (smoothing correlates the errors
-    of the size over more); where it was taken from this residual, by the ratio to all other values.
-    The unknowns make the residual smaller than the noise, which is counted for all values together,
-    not place by place: the tests are conservative. Serial correlation: `serial_p`. Channels over
-    all bands, bands over all channels and all data together are tested as well, with the p-values
-    of correlation joined by Stouffer's sum of normal scores (1949). Each of these families is
-    adjusted by Benjamini & Hochberg (1995) at its share of `level`.
+    Size: the sum of squares of a channel in a band is tested against the chi-square distribution
+    with two degrees of freedom per value, or against the F distribution if the size of the noise is
+    an estimate. An estimate from n averages has n - 1 times as many degrees of freedom, limited to
+    those of sixteen lines, because smoothing correlates the errors of the estimate. An estimate
+    from this residual is tested by the ratio to all other values. The fit reduces the residual
+    below the noise; this is counted for all values together and not by band, so the tests are
+    conservative. Serial correlation: `serial_p`. Channels over all bands, bands over all channels,
+    and all data together are tested too; their p-values of correlation are combined by Stouffer's
+    sum of normal scores (1949). Each of these families is adjusted by the method of Benjamini &
+    Hochberg (1995) at its share of `level`.
     """
     there = np.isfinite(whitened)
     n_values = int(there.sum())
@@ -543,10 +517,11 @@ def assess(
 
 
 def _overstated(found: Adequacy, freedom: int) -> str:
-    """Return the sentence on known noise that is larger than what is left; empty where it fits.
+    """Return the sentence on known noise that is larger than the residual; empty if consistent.
 
-    Few values are small by chance: chi-square of so many degrees of freedom, over as many lines as
-    the residual is correlated, has to be as small at less than the level of the tests.
+    A small chi-square of few values may be due to chance. The probability of one as small, with the
+    degrees of freedom divided by the correlation length of the residual, must be at most the level
+    of the tests.
     """
     if not found.absolute or found.chi_square >= _OVERSTATED:
         return ""
@@ -562,17 +537,13 @@ def _overstated(found: Adequacy, freedom: int) -> str:
 
 
 def may_be_noisy(H: _Complex, course: _Complex, whitened: _Complex, freq: _Real) -> bool:
-    """Return whether what the sensors leave can be noise, and not what a wrong sensor leaves.
+    """Return whether the residual of the sensors can be noise rather than a sensor error.
 
-    On lines so far apart that the response itself is no smooth course, the two cannot be told
-    apart by serial correlation, and from a misfit of a third of the response on not at all. A gain,
-    a phase or a delay that is wrong leaves what goes with H and with f H, whatever the lines: what
-    a regression finds of them has to be as little as it finds in noise (F test).
-
-    Parameters
-    ----------
-    H, course, whitened, freq
-        As for `assess`.
+    If the lines are so far apart that the response is not smooth along them, serial correlation
+    cannot distinguish noise from sensor errors. The same holds if the misfit exceeds about a third
+    of the response. A wrong gain, phase or delay leaves a residual proportional to H and f H at any
+    line spacing, so the part found by regression must be as small as in noise (F test). The
+    arguments are those of `assess`.
     """
     level = LEVEL / H.shape[1]
     for i in range(H.shape[1]):
@@ -595,7 +566,7 @@ def may_be_noisy(H: _Complex, course: _Complex, whitened: _Complex, freq: _Real)
 
 
 def scatters_unequally(found: Adequacy) -> bool:
-    """Return whether the residual is no noise of one size, and differs much between sensors."""
+    """Return whether the residual differs from noise, and its size differs much between sensors."""
     if found.adequate or found.outcome == "untested":
         return False
     with np.errstate(invalid="ignore"):
@@ -607,31 +578,19 @@ def scatters_unequally(found: Adequacy) -> bool:
 
 
 def with_own_noise(found: Adequacy, std: _Real) -> Adequacy:
-    """Return the assessment of a residual that is noise whose size was taken sensor by sensor.
+    """Return the assessment with noisy sensors, for noise estimated sensor by sensor.
 
-    Parameters
-    ----------
-    found : Adequacy
-        From `assess`.
-    std : ndarray of float, shape (n_i,)
-        Of each sensor, in one unit.
+    `std`, shape (n_i,), holds the standard deviations of the sensors in one unit.
     """
     noisy = _louder_than_most(std, found.responses)
     return replace(found, noisy=noisy, verdict=_words(replace(found, noisy=noisy)))
 
 
 def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
-    """Return the assessment with the errors that would explain it, which its verdict names.
+    """Return the assessment with suspected model errors, the best first, named in its verdict.
 
-    A residual that an error of the model explains is structure, even where the lines lie too far
+    A residual explained by a model error is classed as structure, even if the lines are too far
     apart for serial correlation.
-
-    Parameters
-    ----------
-    found : Adequacy
-        From `assess`.
-    suspects : sequence of Suspect
-        The best first.
     """
     if not suspects or found.adequate:
         return found
@@ -640,7 +599,7 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
 
 
 def _explanation(suspects: Sequence[Suspect]) -> str:
-    """Return the sentence on what would explain a residual, the best and what is as good."""
+    """Return the sentence that names the best explanations of a residual."""
     best = suspects[0]
     telling = [s for s in suspects if s.explains >= 0.8 * best.explains][:_NAMED]
     named = " or ".join(map(_suspected, telling))
@@ -673,14 +632,15 @@ def _suspected(s: Suspect) -> str:
 
 
 def _by_how_much(s: Suspect) -> str:
-    """Return how far off the model, or the sensor, is; nothing where only the sign is known."""
+    """Return the size of a suspected error as text; empty if only its sign is known."""
     if not s.confirmed:
         return ""
     if s.quantity == "loss_factor":
         return f"{abs(s.change):.2g} "
     if abs(s.change) > np.log(2.0):
         return f"{np.exp(abs(s.change)):.2g} times "
-    # A model holds what is, times exp(-change); a sensor reads what is, times exp(change).
+    # The model's value is the true one times exp(-change); the sensor's reading is the true one
+    # times exp(change).
     way = s.change if s.quantity in _SENSOR else -s.change
     return f"{100.0 * abs(np.expm1(way)):.2g} % "
 
@@ -692,7 +652,7 @@ def _mean_level(H: _Complex) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """Reference of a sum of squares: total, number of real values, unknowns, noise."""
+    """Reference for tests of sums of squares: total, number of real values, unknowns, noise."""
 
     square: float
     count: float
@@ -701,7 +661,7 @@ class _Size:
     averages: int | None
 
     def p(self, square: _Real, count: _Real) -> _Real:
-        """Return how likely noise makes sums of squares over `count` real numbers as large."""
+        """Return the p-values of sums of squares over `count` real numbers each."""
         from scipy.special import fdtrc
 
         if self.absolute:
@@ -717,24 +677,26 @@ class _Size:
 
 
 def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Real, _Real, _Real]:
-    """Test places (a channel in a band), channels, bands, and all together.
+    """Test each channel in each band, channels, bands, and all data together.
 
     Parameters
     ----------
     square, count, white : ndarray of float, shape (n_i, n_j, n_b)
-        Of each place: sum of squares, number of real values, p-value of serial correlation.
+        Sum of squares, number of real values and p-value of serial correlation, by channel and
+        band.
     size : _Size
-        What sums of squares are set against.
+        Reference for the sums of squares.
 
     Returns
     -------
     places : ndarray of float, shape (2, n_i, n_j, n_b)
-        Adjusted p-values. Here and below the first are those of the size, then come those of serial
-        correlation.
+        Adjusted p-values; index 0 of the first axis is the size, index 1 the serial correlation,
+        here and below.
     least : ndarray of float, shape (2,)
-        The least of all families.
+        Smallest adjusted p-value of all families.
     telling : ndarray of float, shape (2, n_i, n_j, n_b)
-        p-values as they are, of the places of which the least one is made; inf elsewhere.
+        Unadjusted p-values of the channels and bands that contribute to the smallest one; inf
+        elsewhere.
     """
     shape = square.shape
     n_bands = shape[2]
@@ -767,9 +729,9 @@ def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Re
 def _noisy(
     found: Adequacy, square: _Real, count: _Real, white: _Real, n_unknowns: int
 ) -> tuple[Noisy, ...]:
-    """Return sensors of larger noise; none where more than that stands out.
+    """Return the noisy sensors; none if the residual deviates from noise in other ways too.
 
-    Each sensor's residual is set against its own size for that.
+    The test is repeated with the residual of each sensor divided by its own rms value.
     """
     sums, numbers = square.sum(axis=(1, 2)), count.sum(axis=(1, 2))
     there = sums > 0.0
@@ -785,7 +747,7 @@ def _noisy(
 
 
 def _louder_than_most(std: _Real, responses: Sequence[str]) -> tuple[Noisy, ...]:
-    """Return sensors of larger noise than most, the worst first; NaN is no size."""
+    """Return the sensors with more noise than most, the noisiest first; NaN marks unknown noise."""
     times = std / _usual(std[np.isfinite(std)])
     loud = np.flatnonzero(times >= _NOISY)
     order = loud[np.argsort(-times[loud], kind="stable")]
@@ -793,12 +755,12 @@ def _louder_than_most(std: _Real, responses: Sequence[str]) -> tuple[Noisy, ...]
 
 
 def _usual(std: _Real) -> float:
-    """Return the lower median of the noise of sensors."""
+    """Return the lower median of the standard deviations of sensors."""
     return float(np.quantile(std, 0.5, method="lower"))
 
 
 def _combined(p: _Real, axis: int | None) -> _Real:
-    """Combine independent p-values by Stouffer's method; those of 1 were not tested."""
+    """Combine independent p-values by Stouffer's method; values of 1 were not tested."""
     from scipy.special import ndtr, ndtri
 
     tested = p < 1.0
@@ -827,7 +789,7 @@ def _length(values: _Complex) -> _Real:
 def _worst(
     found: Adequacy, telling: _Real, whitened: _Complex, freq: _Real, cut: list[slice]
 ) -> tuple[Misfit, ...]:
-    """Return the places that stand out; where none does by itself, the most telling."""
+    """Return the significant misfits, or the one of the smallest p-value if none is significant."""
     at = np.argwhere(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level)
     if not len(at):
         at = np.argwhere(telling == telling.min())[:1]
@@ -839,9 +801,9 @@ def _worst(
 
 
 def _lone(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
-    """Return the lines that stand out alone, if there are few and they leave most of what is left.
+    """Return the frequencies of isolated lines with most of the excess misfit; empty if many.
 
-    A mode that the model lacks leaves something at the lines beside it, too.
+    A mode that the model lacks also affects the neighbouring lines.
     """
     seen = np.isfinite(whitened)
     number = np.maximum(seen.sum(axis=(1, 2)), 1)
@@ -913,7 +875,7 @@ def _words(found: Adequacy) -> str:
 
 
 def _standing_alone(lone: Sequence[float]) -> str:
-    """Return the sentence on lines that stand out alone; empty without any."""
+    """Return the sentence on isolated lines; empty without any."""
     if not lone:
         return ""
     shown = ", ".join(f"{f:.5g}" for f in lone[:_NAMED])
@@ -924,7 +886,7 @@ def _standing_alone(lone: Sequence[float]) -> str:
 
 
 def _louder(noisy: Sequence[Noisy]) -> str:
-    """Return which sensors are noisier than the others, and by how much."""
+    """Return the text on the noisy sensors and their noise relative to most sensors."""
     named = [f"{one.times:.2g} times that of most sensors at {one.response}" for one in noisy]
     text = ", ".join(named[:_NAMED])
     if len(named) > _NAMED:

@@ -1,12 +1,12 @@
-"""`find_counterparts`: how many measured modes the model has, before any search.
+"""Counterparts of the measured modes in the model, found before any update.
 
 The modes of a test, or the peaks of its FRFs, are paired with the modes of the model by shape and
-frequency. A model that shares no mode with the test is not that of the tested structure: no search
-among its unknowns can be expected to find an answer.
+frequency. If the model shares no mode with the test, it does not describe the tested structure, and
+no update of its unknowns can be expected to succeed.
 
-Shapes at few sensors resemble each other by chance. The MAC of two independent shapes at n sensors
-has the distribution Beta(1/2, (n - 1)/2) (the squared cosine of the angle between random
-directions), so the number of pairs to be expected by chance is computed and compared with.
+Shapes at few sensors are similar by chance. The MAC of two independent shapes at n sensors has the
+distribution Beta(1/2, (n - 1)/2) (squared cosine of the angle between random directions), from
+which the expected number of chance pairs is computed.
 """
 
 from __future__ import annotations
@@ -36,39 +36,41 @@ __all__ = ["Counterparts", "Pair", "find_counterparts", "modes_like"]
 
 _Real = NDArray[np.float64]
 
-#: Largest factor between the frequencies of a pair. Models before an update are off by up to 30 %
-#: in frequency; 1.5 is a factor of 2.25 in stiffness.
+#: Largest factor between the frequencies of a pair. The frequencies of models before an update are
+#: in error by up to 30 %; 1.5 is a factor of 2.25 in stiffness.
 RANGE = 1.5
-#: Size in DOFs up to which modes are computed for this: seconds.
+#: Largest model in DOFs whose modes are computed; this takes seconds.
 LARGEST = 20_000
-#: Fewest sensors at which shapes are compared: two shapes at two sensors have a MAC above one half
-#: half of the time.
+#: Fewest sensors at which shapes are compared. At two sensors, half of all pairs of shapes have a
+#: MAC above one half.
 FEWEST_SENSORS = 3
-#: Fewest lines from which modes are looked for, as for faults of the data.
+#: Fewest lines for which modes are identified, as in the search for data faults.
 FEWEST_LINES = 8
-#: Probability below which so many pairs are not due to chance.
+#: Significance level of the number of pairs against chance.
 CHANCE = 0.05
-#: Share of its modes that a test of the modelled structure has in common with the model at least:
-#: the measured beam of the demo has 7 of 12, as torsion and supports are not modelled. Fewer are
-#: found in it with less than this probability: none of four modes, one of seven, two of nine.
+#: Least share of its modes that a test of the modelled structure has in common with the model (the
+#: measured beam of the demo has 7 of 12, as torsion and supports are not modelled), and the
+#: probability below which a number of pairs is too small for this share: none of four modes, one of
+#: seven, two of nine.
 COMMON, TOO_FEW = 0.6, 0.03
-#: Sensors that are left out to see whether they hide the counterparts: at most so many, from so
-#: many sensors on that are left.
+#: Largest number of sensors to leave out as faulty, and least number of remaining sensors.
 _WRONG, _LEFT = 2, 4
-#: Share of the modes that have a counterpart once the fault is gone that hid them: of 240 models
-#: that were off by 30 % in stiffness and 15 % in mass, 98 % of all modes had one.
+#: Least share of modes with a counterpart after a fault is removed. For 240 models with errors of
+#: 30 % in stiffness and 15 % in mass, 98 % of all modes had one.
 _MOST_OF_THEM = 0.75
-#: Sensors up to which all pairs of them are left out; of more, pairs with the best single one.
+#: Largest number of sensors at which all pairs are left out; with more sensors, only pairs that
+#: include the best single one.
 _ALL_PAIRS = 12
-#: Values (lines times channels) from which modes are identified. Identification takes about 40 us
-#: for each; of larger data fewer channels are used.
+#: Largest number of values (lines times channels) used to identify modes, at about 40 us each;
+#: fewer channels are used of larger data.
 _VALUES = 60_000
-#: Values of one force beyond which none are identified: that would take more than 40 s.
+#: Largest number of values of one reference; with more, identification would take over 40 s and is
+#: omitted.
 _TOO_MANY = 1_000_000
-#: Common factors between the frequencies of model and test that are tried, as powers of `RANGE`:
-#: up to 1000, that of N/m and kg with mm in their place.
+#: Largest power of `RANGE` tried as a common factor between the frequencies of model and test: up
+#: to 1000, the factor of mm in place of m in units of N/m and kg.
 _POWERS = 17
-#: Powers that stiffnesses within the usual bounds (a factor of 5) can reach.
+#: Largest power that stiffnesses within the usual bounds (a factor of 5) can explain.
 _NEAR = 2
 
 
@@ -81,7 +83,7 @@ class Pair:
     measured, computed : float
         Natural frequencies in Hz.
     mac : float
-        Modal assurance criterion at the sensors, of close modes that of their subspaces; nan where
+        Modal assurance criterion at the sensors, for close modes that of their subspaces; nan if
         shapes are not compared.
     """
 
@@ -92,37 +94,38 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Counterparts:
-    """How many measured modes have a counterpart in the model.
+    """Measured modes with a counterpart in the model.
 
     Attributes
     ----------
     n_measured : int
-        Modes of the test; 0 where none is known.
+        Number of modes of the test; 0 if unknown.
     n_paired : int
-        Those with a counterpart: a MAC of at least one half at the sensors (more where the
+        Number of modes with a counterpart: a MAC of at least one half at the sensors (more if the
         frequencies differ), and frequencies within a factor of 1.5.
     pairs : tuple of Pair
-        By ascending measured frequency.
+        Pairs by ascending measured frequency.
     statement : str
         The outcome in one or two sentences.
     known : bool
-        Whether the data can tell how many there are. False where nothing was compared, where shapes
-        at so few sensors would pair as often by chance, and where one or two sensors hide them.
+        Whether the data determine the number of counterparts. False if nothing was compared, if
+        shapes at so few sensors would pair as often by chance, or if one or two sensors hide the
+        counterparts.
     n_sensors : int
-        Sensors at which shapes were compared; 0 where they were not.
+        Number of sensors at which shapes were compared; 0 if they were not.
     by_chance : float
-        Pairs that shapes of another structure would have on average.
+        Expected number of pairs for a test of another structure.
     source : str
-        What the modes of the test are: ``"given"``, ``"identified"`` or ``"peaks"``; empty where
-        there are none.
+        Origin of the modes of the test: ``"given"``, ``"identified"`` or ``"peaks"``; empty without
+        modes.
     doubtful : tuple of str
         Sensors without which most modes have a counterpart.
     factor : float
-        Frequencies of the model over those of the test, where most modes have a counterpart by
-        shape but none within a factor of 1.5; 1 else.
+        Frequencies of the model over those of the test, if most modes have a counterpart by shape
+        but none within a factor of 1.5; otherwise 1.
     mistake, remedy : str
         A mistake in the definition of the model without which most modes have a counterpart, and
-        what to change; empty where none is known.
+        its correction; empty if none is known.
     """
 
     n_measured: int
@@ -140,35 +143,35 @@ class Counterparts:
 
     @property
     def none(self) -> bool:
-        """Whether it is known that model and test have no mode in common."""
+        """Whether model and test are known to have no mode in common."""
         return self.known and self.n_paired == 0 and self.n_sensors > 0 and self.factor == 1.0
 
     @property
     def few(self) -> bool:
-        """Whether it is known that no more have one than of a test of another structure."""
+        """Whether the counterparts are known to be no more than expected for another structure."""
         return self.known and not _beyond_chance(self)
 
     @property
     def claim(self) -> Claim:
-        """Whether the model resembles the test; not asked of data that do not tell."""
+        """Whether the model resembles the test; not asked if the data cannot answer it."""
         return Claim(not self.few if self.known else None, self.statement, asked=self.known)
 
 
 def find_counterparts(
     model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
 ) -> Counterparts:
-    """Return how many measured modes have a counterpart in a model.
+    """Find the measured modes that have a counterpart in a model.
 
     Parameters
     ----------
     model : Model
-        Where an update would start.
+        The model at the start of an update.
     data : FRF or ModeSet
         The measurement, at DOFs of the model.
     modes : ModeSet, optional
-        The modes of the test, where they are known beside FRFs.
+        The modes of the test, if they are known in addition to FRFs.
     largest : int
-        Most DOFs of a model whose modes are computed.
+        Largest number of DOFs of a model whose modes are computed.
 
     Returns
     -------
@@ -176,17 +179,17 @@ def find_counterparts(
 
     Notes
     -----
-    Of FRFs the peaks of the complex mode indicator function are compared first
-    (`updyn.modal.peaks.resonance_peaks`), which takes milliseconds. Only where there are none, or
-    few of them have a counterpart, are modes identified (`updyn.identify_modes`).
+    The peaks of the complex mode indicator function of FRFs are compared first
+    (`updyn.modal.peaks.resonance_peaks`), which takes milliseconds. Modes are identified
+    (`updyn.identify_modes`) only if there are no peaks or if few of them have a counterpart.
 
-    Where few modes have a counterpart, variants of a model of beams with exchanged section axes
-    are compared (`updyn.variants`; up to 5,000 DOFs), one or two sensors are left out, and a common
-    factor on all frequencies is tried: a sensor of the wrong sign, or a wrong unit, is no sign of
-    another structure.
+    If few modes have a counterpart, variants of a beam model with exchanged section axes are
+    compared (`updyn.variants`; up to 5,000 DOFs), one or two sensors are left out, and a common
+    factor on all frequencies is tried, because a wrong sign of a sensor or a wrong unit does not
+    mean that the structure is another one.
 
-    Modes that cannot be compared are no error here: the number is not known, and the statement says
-    why. A method that needs these modes checks them itself.
+    Modes that cannot be compared raise no error: the number of counterparts is then unknown, and
+    the statement gives the reason. A method that needs these modes checks them itself.
     """
     if model.n_dofs > largest:
         return _unknown(
@@ -212,7 +215,7 @@ def _unknown(why: str) -> Counterparts:
 
 
 def _of_frfs(model: Model, frf: FRF) -> Counterparts:
-    """Return the counterparts of the peaks of FRFs, or else of their modes."""
+    """Return the counterparts of the peaks of FRFs, or else of their identified modes."""
     peaks = resonance_peaks(frf)
     found = None if peaks is None else _compared(model, peaks, "peaks")
     if found is not None and not _is_doubted(found):
@@ -242,7 +245,7 @@ def _of_frfs(model: Model, frf: FRF) -> Counterparts:
 
 
 def _not_identified(found: Counterparts | None) -> Counterparts:
-    """Return what peaks alone tell of FRFs: not that the model has few of the modes."""
+    """Return the result of peaks alone, which cannot show that the model has few of the modes."""
     if found is not None:
         return _stated(replace(found, known=False)) if found.few else found
     return _unknown(
@@ -252,35 +255,21 @@ def _not_identified(found: Counterparts | None) -> Counterparts:
 
 
 def _is_doubted(found: Counterparts) -> bool:
-    """Return whether few peaks have a counterpart, so that modes are to be identified."""
+    """Return whether few peaks have a counterpart and modes must be identified."""
     return found.n_sensors > 0 and found.n_paired < COMMON * found.n_measured
 
 
 def modes_like(model: Model, frf: FRF) -> ModeSet:
-    """Identify the modes of FRFs, with damping of the form that a model has.
+    """Identify the modes of FRFs with the form of damping of a model, viscous or structural.
 
-    Parameters
-    ----------
-    model : Model
-        The model that they are to be compared with.
-    frf : FRF
-        The measurement.
-
-    Returns
-    -------
-    ModeSet
-
-    Raises
-    ------
-    DataError
-        As `updyn.identify_modes`.
+    Raises `DataError` as `updyn.identify_modes`.
     """
     damping = "viscous" if model.viscous.nnz else "structural"
     return identify_modes(frf, damping=damping)
 
 
 def _smaller(frf: FRF) -> FRF:
-    """Return FRFs of no more values than are identified in seconds, all of the longer side."""
+    """Return FRFs of a size identified in seconds, with all channels of the longer side."""
     n_lines, n_responses, n_references = frf.values.shape
     most = max(1, _VALUES // (n_lines * max(n_responses, n_references)))
     if n_responses >= n_references:
@@ -304,12 +293,12 @@ class _Sets:
 
     @property
     def n_sensors(self) -> int:
-        """Sensors at which shapes are compared."""
+        """Number of sensors at which shapes are compared."""
         n = len(self.measured.dofs)
         return n if n >= FEWEST_SENSORS else 0
 
     def without(self, sensors: Sequence[int]) -> _Sets:
-        """Return the sets at the other sensors, without modes that do not move there."""
+        """Return the sets without some sensors and without modes that do not move at the others."""
         at = np.setdiff1d(np.arange(len(self.measured.dofs)), sensors)
         return _Sets(*(_at_some(of, at) for of in (self.computed, self.measured)))
 
@@ -347,7 +336,7 @@ class _Sets:
         )
 
     def _by_chance(self) -> float:
-        """Return how many measured modes would have a counterpart if shapes were independent."""
+        """Return the expected number of chance counterparts for independent shapes."""
         if not self.n_sensors:
             return 0.0
         once = 1.0 - scipy.special.betainc(0.5, 0.5 * (self.n_sensors - 1), LEAST_MAC)
@@ -357,7 +346,7 @@ class _Sets:
 
 
 def _at_some(of: Modes, at: NDArray[np.intp]) -> Modes:
-    """Return modes at some of their DOFs, those that move there."""
+    """Return the modes at some of their DOFs, without modes that do not move there."""
     seen = of.shapes[at]
     move = moving(seen, of.shapes)
     return Modes(of.frequency[move], of.loss_factor[move], seen[:, move], of.dofs[at])
@@ -396,7 +385,7 @@ def _sets(model: Model, test: ModeSet) -> _Sets:
     highest = float(test.frequency[-1]) * RANGE
     try:
         modes = undamped_modes(model, highest)
-    except DataError:  # the model has none up to there: its lowest
+    except DataError:  # no mode below that limit: use the lowest modes
         modes = undamped_modes(model, np.inf)
     match = modes.dofs.match(test.dofs, "DOF of the measured modes")
     seen = np.asarray(modes.shapes[match.index] * match.sign[:, None])
@@ -411,7 +400,7 @@ def _sets(model: Model, test: ModeSet) -> _Sets:
 
 
 def _length(measured: Modes) -> float:
-    """Return the length that makes rotations as large as translations over all modes, in m."""
+    """Return the length in m that scales rotations to the rms of translations over all modes."""
     rotates = measured.dofs.axes >= 3
     if rotates.all() or not rotates.any():
         return 1.0
@@ -424,12 +413,12 @@ def _length(measured: Modes) -> float:
 
 
 def _is_too_few(found: Counterparts) -> bool:
-    """Return whether so few pairs are improbable of a test of the modelled structure."""
+    """Return whether the number of pairs is improbably small for the modelled structure."""
     return float(scipy.special.bdtr(found.n_paired, found.n_measured, COMMON)) < TOO_FEW
 
 
 def _beyond_chance(found: Counterparts, probability: float = CHANCE) -> bool:
-    """Return whether so many pairs are improbable of another structure."""
+    """Return whether the number of pairs is improbably large for another structure."""
     n, k = found.n_measured, found.n_paired
     if not k or not n:
         return False
@@ -439,20 +428,20 @@ def _beyond_chance(found: Counterparts, probability: float = CHANCE) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Otherwise:
-    """Counterparts of most modes, if something else is wrong.
+    """Counterparts of most modes under an assumed fault.
 
     Attributes
     ----------
     found : Counterparts
-        These.
+        The counterparts.
     sure : bool
-        Whether they are more than chance would give, as often as was tried.
+        Whether they exceed chance, with the number of trials taken into account.
     sensors : tuple of str
-        Those that are left out.
+        Sensors that are left out.
     factor : float
-        On all frequencies of the model.
+        Factor on all frequencies of the model.
     mistake, remedy : str
-        What is wrong with the definition of the model, and what to change.
+        The mistake in the definition of the model, and its correction.
     """
 
     found: Counterparts
@@ -464,7 +453,7 @@ class _Otherwise:
 
 
 def _by_variant(model: Model, test: ModeSet, n_measured: int) -> _Otherwise | None:
-    """Return the counterparts in the variant of a model that has most; None where these are few."""
+    """Return the counterparts in the best variant of a model; None if these are few."""
     if model.n_dofs > LARGEST_TRIED:
         return None
     variants = variants_of(model)
@@ -482,7 +471,7 @@ def _by_variant(model: Model, test: ModeSet, n_measured: int) -> _Otherwise | No
 
 
 def _hidden_by_sensors(sets: _Sets, n_measured: int) -> _Otherwise | None:
-    """Return the counterparts with the fewest sensors left out; None where these hide none."""
+    """Return the counterparts with the fewest sensors left out; None if sensors hide none."""
     n, tried = len(sets.measured.dofs), 0
     best: tuple[tuple[int, ...], Counterparts] | None = None
     for number in range(1, _WRONG + 1):
@@ -502,7 +491,7 @@ def _hidden_by_sensors(sets: _Sets, n_measured: int) -> _Otherwise | None:
 def _choices(
     n: int, number: int, best: tuple[tuple[int, ...], Counterparts] | None
 ) -> list[tuple[int, ...]]:
-    """Return sensors to leave out: each one; all pairs of few, else those with the best one."""
+    """Return the sensors to leave out: each one, or all pairs, or pairs with the best one."""
     if number == 1 or n <= _ALL_PAIRS or best is None:
         return list(combinations(range(n), number))
     (first,) = best[0]
@@ -512,8 +501,8 @@ def _choices(
 def _common_factor(sets: _Sets, n_measured: int) -> _Otherwise | None:
     """Return the counterparts by shape with a common factor on all frequencies.
 
-    None where there is no such factor. One near 1 may be that of the unknowns, and counts even if
-    chance would give as many.
+    None if there is no such factor. A factor near 1 may be explained by the unknowns, and is
+    accepted even if the number of pairs does not exceed chance.
     """
     powers = [k for k in range(-_POWERS, _POWERS + 1) if k]
     tried = [(k, sets.scaled(RANGE**k).counterparts(n_measured)) for k in powers]

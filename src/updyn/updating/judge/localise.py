@@ -1,15 +1,16 @@
 """Localisation of the model error that explains a residual, by energy and by score tests.
 
-The energy locates the smallest error that would explain the residual: the fields that balance the
-forces and come close to the measurement break stress-strain and force-acceleration relations
-somewhere, and the least energy of that breach is shared out among the groups (error in constitutive
-relations: Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze,
-Nedjar & Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze &
-Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score is the part of the misfit that
-a change of one quantity would remove to first order, all unknowns of the fit adapting to it (Rao,
-Proc. Camb. Phil. Soc. 44 (1948) 50). A score is a promise: an error that the model has no quantity
-for, such as a missing spring, gives high scores to quantities that cannot keep it. The highest are
-therefore freed in a short fit, one at a time, and what that fit removes is what they explain.
+The energy test finds the smallest model error that would explain the residual. Fields that balance
+the forces and approach the measurement violate the stress-strain and force-acceleration relations;
+the least energy of this violation is divided among the groups (error in constitutive relations:
+Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze, Nedjar &
+Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze & Leconte,
+Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score of a quantity is the decrease of the
+misfit by a change of this quantity, to first order and with all unknowns of the fit adapted (Rao,
+Proc. Camb. Phil. Soc. 44 (1948) 50). An error outside the model's quantities, such as a missing
+spring, gives high scores to quantities that cannot remove the misfit. Each quantity with a high
+score is therefore an additional unknown of a short fit, whose decrease of the misfit is the share
+that the quantity explains.
 """
 
 from __future__ import annotations
@@ -42,40 +43,41 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest number of quantities that are tried.
+#: Largest number of quantities to try.
 _MOST_TRIED = 240
-#: Largest number of suspects that are kept.
+#: Largest number of suspects.
 _KEPT = 8
 _MOST_SENSORS = 80
-#: Lines at which the energy is looked at: the worst.
+#: Largest number of lines, those with the largest misfit, at which the energy is computed.
 _MOST_LINES = 60
-#: Of a model that takes long, of one line in so many.
+#: For expensive models, the energy is computed at one line in this number at most.
 _ONE_IN = 4
-#: A suspect explains at least this share of the residual.
+#: Least share of the residual that a suspect explains.
 _LEAST_SHARE = 0.1
-#: It lowers the sum of squares by at least this, in squared standard deviations.
+#: Least decrease of the sum of squares by a suspect, in squared standard deviations.
 _LEAST_GAIN = 12.0
-#: Lines of each test in short fits, their largest number of steps, and their evaluations, about:
-#: the first of these by which so many quantities can be tried.
+#: Lines of each test, largest number of steps and approximate number of evaluations of short fits.
+#: The first entry that allows `_ENOUGH` quantities to be tried is used.
 _SHORT = ((120, 20, 12), (60, 12, 12), (30, 12, 12), (30, 6, 6), (15, 6, 6), (15, 4, 4))
 _ENOUGH = 3
-#: Real numbers for each unknown that lines hold at least.
+#: Least number of real values per unknown in a short fit.
 _NUMBERS = 4
-#: A short fit ends where a step gains less: half a squared standard deviation, or this share.
+#: A short fit ends if a step decreases the cost by less than half a squared standard deviation, or
+#: by less than this share.
 _SETTLED, _SETTLED_SHARE = 0.5, 1e-4
-#: A quantity that is off by a larger factor than this is another model, and no suspect.
+#: Largest factor by which the quantity of a suspect is in error.
 _FACTOR = 30.0
-#: Operations, about, that short fits may take together: some ten seconds, and no more than this
-#: share of an evaluation of all lines, unless it is less than a second.
+#: Limits of the operations of all short fits: about ten seconds; this share of an evaluation of all
+#: lines; and an amount below one second that is always allowed.
 _MOST_WORK, _SHARE, _LITTLE = 1e11, 0.8, 5e9
-#: Step towards the end of a short fit, at most, for which a reduced model is made.
+#: Largest expected step of a short fit for which the reduced model is enriched.
 _STRIDE = 0.5
-#: Share of the residual that a reduced model may be off by, to be judged in its stead.
+#: Largest error of a reduced model, as a share of the residual, for its use in place of the model.
 _OFF = 0.1
 
 
 def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
-    """Return the least error in the constitutive relations that the misfit at some lines asks for.
+    """Return the least error in the constitutive relations that explains the misfit at some lines.
 
     Parameters
     ----------
@@ -84,24 +86,24 @@ def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
     x : ndarray of float, shape (n,)
         The estimate.
     misfit : ndarray of complex, shape (n_f, n_i, n_j)
-        Computed minus measured at these lines, in the unit of the data.
+        Computed minus measured FRF at these lines, in the unit of the data.
     variance : ndarray of float, shape (n_f, n_i, n_j)
-        E|dH|^2 of the measurement there.
+        E|dH|^2 of the measurement at these lines.
     lines : slice
-        Which lines; none at 0 Hz unless the data are receptances.
+        The lines; 0 Hz only if the data are receptances.
 
     Returns
     -------
     ndarray of float, shape (n_terms, n_f, n_j)
-        Energy of the breach in each stored matrix, by line and reference, in J for a force of 1 N.
+        Energy of the error in each stored matrix, by line and reference, in J for a force of 1 N.
 
     Notes
     -----
-    Minimise lambda^H W lambda over fields that balance the forces, plus the misfit that is left
-    over in units of the noise. With P = Z^-1 on the responses and C = Sigma + theta S, S = P^T W
-    conj(P), the solution is lambda = -theta conj(P) C^-1 (h - h_X): the receptances' misfit as if
-    forces of covariance W had caused it, plus noise. theta is set at every line so that both
-    together are as large as the misfit.
+    The sum of lambda^H W lambda and of the remaining misfit in units of the noise is minimised over
+    the fields that balance the forces. With P = Z^-1 on the responses, C = Sigma + theta S and S =
+    P^T W conj(P), the solution is lambda = -theta conj(P) C^-1 (h - h_X): the misfit of the
+    receptances is treated as the response to forces of covariance W plus noise. theta is chosen at
+    every line such that both together are as large as the misfit.
     """
     freq = part.frf.freq[lines]
     omega = 2.0 * np.pi * freq
@@ -139,21 +141,21 @@ def localise(
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The problem that was fitted.
     x : ndarray of float, shape (n,)
         The estimate.
     residual : Each
-        The output errors of its parts, with their weights.
+        The output errors of the parts, with their weights.
     whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
-        For each part, the residual there over its standard deviation; NaN for what is not there.
+        For each part, the residual over its standard deviation; NaN marks missing values.
     beyond : float or None
-        Part of the sum of squares that the noise does not explain; None: not known, estimated from
-        its serial correlation.
+        Part of the sum of squares that noise does not explain; None to estimate it from the serial
+        correlation.
 
     Returns
     -------
     tuple of Suspect
-        The best first; empty where nothing explains a tenth.
+        The best first; empty if no quantity explains a tenth of the residual.
     """
     exact = problem
     problem, nearby = _stood_in(problem, x, residual, whitened)
@@ -167,7 +169,7 @@ def localise(
     if not promising:
         return ()
     total = sum(energy.values()) or 1.0
-    if nearby:  # made for the states where short fits will go, too
+    if nearby:  # enrich the basis at the expected ends of the short fits
         ends = [_end(problem, x, score) for score in promising]
         parts = []
         for i, one in enumerate(nearby):
@@ -186,7 +188,7 @@ def localise(
 
 @dataclass(frozen=True, slots=True)
 class _Score:
-    """What a change of one quantity would remove of the sum of squares, to first order."""
+    """First-order decrease of the sum of squares by a change of one quantity."""
 
     parameter: Parameter
     gain: float
@@ -203,7 +205,7 @@ def _explained(
     whole: float,
     allowed: float,
 ) -> list[tuple[Parameter, float, float, bool]]:
-    """Return quantities, the share that each explains, its change, whether a fit confirmed it."""
+    """Return (quantity, explained share, change, whether confirmed by a fit) of each candidate."""
     affordable, lines, steps = _afforded(problem, allowed, len(promising))
     if affordable == 0:
         return [(s.parameter, s.gain / whole, s.step, False) for s in promising]
@@ -216,7 +218,7 @@ def _explained(
 
 
 def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Parameter]) -> list[_Score]:
-    """Return the score of each quantity; empty where the model cannot be solved."""
+    """Return the score of each quantity; empty if the model cannot be solved."""
     if not tried:
         return []
     n = problem.n
@@ -224,7 +226,8 @@ def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Paramete
     local = residual.local(wide, start)
     if local is None:
         return []
-    # The unknowns come first: below them the triangle holds the residual once they have adapted.
+    # The unknowns come first, so the lower rows of the triangle hold the residual after they have
+    # adapted.
     R, q = local.R[n:, n:], local.q[n:]
     power = np.sum(R**2, axis=0)
     seen = power > 1e-12 * np.maximum(np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny)
@@ -233,7 +236,7 @@ def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Paramete
 
 
 def _freed(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Problem, _Real]:
-    """Return the problem with further unknowns, and x with their start."""
+    """Return the problem with additional unknowns, and x extended by their start values."""
     wide = ParameterSet((*problem.coordinates.parameters.items, *more))
     coordinates = replace(problem.coordinates, parameters=wide, box=None, within=None)
     parts = []
@@ -248,14 +251,14 @@ def _work(problem: Problem) -> float:
 
 
 def _allowed(problem: Problem) -> float:
-    """Return the operations, about, that short fits may take together."""
+    """Return the approximate number of operations allowed for all short fits."""
     return min(_MOST_WORK, max(_SHARE * _work(problem), _LITTLE))
 
 
 def _afforded(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, int]:
-    """Return how many quantities can be tried, on how many lines of each test, by how many steps.
+    """Return the affordable number of quantities, lines of each test, and steps.
 
-    0 where not even one can be.
+    The number of quantities is 0 if not even one is affordable.
     """
     best = (0, 0, 0)
     for lines, steps, evaluations in _SHORT:
@@ -273,10 +276,10 @@ def _afforded(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, 
 def _stood_in(
     problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
 ) -> tuple[Problem, list[Nearby]]:
-    """Return the problem in reduced models about x, which are small beside large models.
+    """Return the problem with reduced models about x in place of large models, and these models.
 
-    As it is, without any, where a part has none, or where one is off by a good part of what is to
-    be explained.
+    The problem is returned unchanged, with an empty list, if a part has no reduced model or if the
+    error of one is not small compared with the residual.
     """
     nearby = []
     for i, part in enumerate(problem.parts):
@@ -294,9 +297,9 @@ def _stood_in(
 
 
 def _end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
-    """Return the problem with one quantity freed, and where a short fit of it is expected to end.
+    """Return the problem with one additional unknown, and the expected end of its short fit.
 
-    The unknowns adapt by less.
+    The change of the other unknowns is smaller and is neglected.
     """
     wide, at = _freed(problem, x, [score.parameter])
     at = at.copy()
@@ -306,22 +309,22 @@ def _end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Refit:
-    """Short fits, on few lines, with one further unknown each.
+    """Short fits on few lines, each with one additional unknown.
 
     Attributes
     ----------
     problem : Problem
-        What was fitted, on few lines.
+        The fitted problem on few lines.
     x : ndarray of float, shape (n,)
-        Where a short fit without a further unknown ends.
+        End of a short fit without an additional unknown.
     residual : Each
-        The output errors there.
+        The output errors on these lines.
     cost : float
-        Half the sum of squares, priors included, that it leaves.
+        Half the sum of squares at `x`, priors included.
     whitened : tuple of ndarray of complex
-        The residual there.
+        The whitened residual at `x`.
     beyond : float or None
-        Part of the sum of squares on these lines that noise does not explain; None: not known.
+        Part of the sum of squares on these lines that noise does not explain; None if unknown.
     steps : int
         Largest number of steps of a short fit.
     """
@@ -357,17 +360,17 @@ class _Refit:
         x, cost = _descended(few, thinned, x, steps)
         e = _whitened(few, thinned, x)
         if beyond is not None:
-            # The noise has the same share of all lines.
+            # The noise contributes equally to all lines.
             noise = sum(float(np.nansum(np.abs(w) ** 2)) for w in whitened) - beyond
             beyond = 2.0 * cost - noise * kept / problem.n_values
         return cls(few, x, thinned, cost, e, beyond, steps)
 
     def share(self, parameter: Parameter) -> tuple[float, float]:
-        """Return the share of the residual beyond the noise that a quantity explains, its change.
+        """Return the share of the residual beyond noise that a quantity explains, and its change.
 
-        Where the size of the noise is not known, the share is told from the serial correlation of
-        what the fit removed and of its residual: the first shows how much of a model error is
-        correlated on these lines. An end at a bound explains nothing.
+        If the size of the noise is unknown, the share is estimated from the serial correlation of
+        the removed part and of the remaining residual; the removed part shows how strongly a model
+        error is correlated on these lines. A fit that ends at a bound explains nothing.
         """
         wide, start = _freed(self.problem, self.x, [parameter])
         try:
@@ -383,21 +386,21 @@ class _Refit:
         if self.beyond is not None:
             return float(gain / max(self.beyond, gain)), change
         removed = [a - b for a, b in zip(self.whitened, left, strict=True)]
-        # Of a model error that hardly shows by correlation all that is left may be one.
+        # If the removed model error is hardly correlated, all of the residual may be model error.
         counted = min(_correlated_share(left) / max(_correlated_share(removed), 1e-3), 1.0)
         rest = counted * _square(left)
         return float(gain / (gain + rest)), change
 
 
 def _descended(problem: Problem, residual: Each, x: _Real, steps: int) -> tuple[_Real, float]:
-    """Return where a short fit ends, and half the sum of squares there, priors included."""
+    """Return the end of a short fit, and half its sum of squares, priors included."""
     settings = TrustRegion(steps, 1e-6, fall=_SETTLED, relative_fall=_SETTLED_SHARE)
     end = descend(problem, residual, x, Monitor(problem), settings, relax=False)
     return end.x, end.local.cost
 
 
 def _whitened(problem: Problem, residual: Each, x: _Real) -> tuple[_Complex, ...]:
-    """Return the residual over its standard deviation; NaN for what is not there."""
+    """Return the residual over its standard deviation; NaN marks values of weight 0."""
     out = []
     for i, part in enumerate(problem.parts):
         weight = residual.of(i).weight
@@ -428,7 +431,7 @@ def _correlated_share(whitened: Sequence[_Complex]) -> float:
 def _energies(
     problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
 ) -> dict[tuple[str, str], float]:
-    """Return the energy of the breach by group and matrix, each line counted by its misfit."""
+    """Return the energy of the error by group and matrix; lines are weighted by their misfit."""
     out: dict[tuple[str, str], float] = {}
     for i, part in enumerate(problem.parts):
         square = np.nan_to_num(np.abs(whitened[i]) ** 2)
@@ -454,7 +457,7 @@ def _energies(
 
 
 def _looked_at(part: Part) -> int:
-    """Return the number of lines at which the energy is looked at."""
+    """Return the number of lines at which the energy is computed."""
     if part.work <= _LITTLE / _ONE_IN:
         return _MOST_LINES
     return min(_MOST_LINES, max(1, part.n_lines // _ONE_IN))
@@ -465,7 +468,7 @@ def _breach(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
 
 
 def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
-    """Return the quantities to try: all that are not unknowns, at most those of most energy."""
+    """Return the quantities to try: those that are not unknowns, in order of decreasing energy."""
     free: set[tuple[str, str]] = set()
     driven: set[str] = set()
     for p in problem.coordinates.parameters:
@@ -492,7 +495,7 @@ def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> 
 
 
 def _sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
-    """Return the calibration factors of sensors that are not unknowns; of very many, none."""
+    """Return the calibration factors that are not unknowns; empty for very many sensors."""
     tried = calibration([part.frf for part in problem.parts], references="all")
     if len(tried) > _MOST_SENSORS:
         return []
