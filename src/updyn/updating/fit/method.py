@@ -1,4 +1,4 @@
-"""Base class of the methods, their outcome, and the descents that they share."""
+"""Base class of the methods, the result of a fit, and the descents that methods share."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: How often the spread of a residual is estimated again.
+#: Largest number of times that the spread of a residual is re-estimated.
 _SCALES = 8
-#: How often a fit with undetermined directions is pulled back towards the start.
+#: Largest number of times that undetermined combinations are pulled back towards the start.
 _PULLS = 4
-#: Cost of a value that is rounding.
+#: Cost of a residual that is rounding, for each value.
 _EXACT = 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pull:
-    """How a fit was regularised.
+    """Regularisation of a fit.
 
     Attributes
     ----------
     weight : ndarray of float, shape (n,)
-        1 / standard deviation of a prior that would pull as much, beside the unknowns' own; 0 for
-        none.
+        1 / standard deviation of an equivalent prior, in addition to the unknowns' priors; 0
+        without.
     within : ndarray of float, shape (n, k), or None
-        Orthonormal directions, where the unknowns moved along these only.
+        Orthonormal directions, if the unknowns moved along these only.
     note : str
-        In a sentence.
+        Description in a sentence.
     record : mapping
-        The choice and the curve that it was made from, for the record.
+        The choice and the curve on which it is based, for the record.
     """
 
     weight: _Vector
@@ -74,18 +74,18 @@ class Pull:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Starts:
-    """Where a fit begins.
+    """Starting points of a fit.
 
     Attributes
     ----------
     points : tuple of ndarray of float, shape (n,)
-        At least one, best first.
+        At least one, the best first.
     agreed : bool
-        Whether tries from different starts ended in the first of them.
+        Whether tries from different starts ended in the first point.
     exact : bool
-        Whether the first of them leaves only rounding of the data.
+        Whether the residual at the first point is rounding of the data.
     in_vain : bool
-        Whether a fault of the data ended the search: no other answer is worth a look.
+        Whether a fault of the data ended the search; no other answers are searched for then.
     """
 
     points: tuple[_Vector, ...]
@@ -96,16 +96,17 @@ class Starts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
-    """Another answer that fits as well.
+    """Another answer that fits equally well.
 
     Attributes
     ----------
     x : ndarray of float, shape (n,)
         Its values, in the optimiser's coordinates.
     worse : float
-        By how much the logarithm of its likelihood is smaller.
+        Decrease of the log-likelihood compared with the best answer.
     problem : Problem or None
-        With the reduced model in which it is certified; None: the model of the fit is exact there.
+        Problem with the reduced model in which the answer is certified; None if the model of the
+        fit is exact there.
     """
 
     x: _Vector
@@ -115,44 +116,42 @@ class Rival:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The outcome of a method.
+    """Result of a method.
 
     Attributes
     ----------
     x : ndarray of float, shape (n,)
         The estimate, in the optimiser's coordinates.
     reason : str
-        Why it ended: ``"converged"``, ``"unsettled"``, ``"stalled"``, ``"unsolvable"``,
-        ``"max-iterations"``, ``"stopped"`` or ``"failed"``. Unsettled where a search found no
-        answer that explains the data, and none twice, or weights and estimate did not settle on
-        each other; unsolvable where the model cannot be solved
-        next to x.
+        Why the fit ended: ``"converged"``, ``"unsettled"``, ``"stalled"``, ``"unsolvable"``,
+        ``"max-iterations"``, ``"stopped"`` or ``"failed"``. Unsettled: a search found no answer
+        that explains the data and none twice, or weights and estimate did not settle on each other.
+        Unsolvable: the model cannot be solved next to x.
     R : ndarray of float, shape (k, n)
         Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
         the noise.
     noise : tuple of mapping
-        For the record, for each part of the problem: kind, figures, chi_square, inflation. Empty:
-        nothing is known.
+        Noise record of each part of the problem: kind, figures, chi_square, inflation. Empty if the
+        noise is not known.
     note : str
-        What the user should know about this method's figures; may be empty.
+        Note for the user on the figures of this method; may be empty.
     local : Local or None
         Reduced problem of the data alone at x, in the units in which priors count against it; None
-        where the method has none.
+        if the method has none.
     unit : float
-        What of the residual these units are, where the method found their size along with the
-        unknowns.
+        Size of these units in the residual, if the method estimated it together with the unknowns.
     pull : Pull or None
-        What regularisation added.
+        Regularisation of the fit.
     advice : str
-        Experiment advice on undetermined unknowns where the method fits something else than FRFs;
-        empty: found among lines and sensors that could be added.
+        Experiment advice on undetermined unknowns, from a method that fits other data than FRFs; if
+        empty, lines and sensors that could be added are searched.
     rivals : tuple of Rival
-        Other answers that fit as well.
+        Other answers that fit equally well.
     cause : str
-        Of a fit that failed, stalled, did not settle or ran out of steps: what of model and data
-        stood in the way of the method (`Method.cause`); may be empty.
+        For a fit that failed, stalled, did not settle or ran out of steps: the obstacle in model or
+        data (`Method.cause`); may be empty.
     remedy : str
-        Of a fit that failed: what to do about it (`Method.failure_remedy`); may be empty.
+        For a fit that failed: the advised action (`Method.failure_remedy`); may be empty.
     """
 
     x: _Vector
@@ -170,46 +169,47 @@ class Fit:
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
-        """Return a fit without a Jacobian, from which identifiability cannot be judged."""
+        """Return a fit without a Jacobian; its identifiability is unknown."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
 class Method(ABC):
-    """Base of the methods. A method is a frozen dataclass: its fields are its options.
+    """Base class of the methods. A method is a frozen dataclass: its fields are its options.
 
-    What a method states of itself is read by the run, the comparison and the report; there are no
-    lists of names elsewhere.
+    The run, the comparison of methods and the report read the properties of a method from these
+    attributes; method names are not listed elsewhere.
 
     Attributes
     ----------
     max_iterations : int
         Largest number of steps.
     tolerance : float
-        Relative step at which it has converged.
+        Relative step at which the method has converged.
     name : str
-        How it is called, as registered.
+        Registered name.
     label : str
-        What its steps minimise, in words for the report; may be empty.
+        The minimised quantity, in words for the report; may be empty.
     reference : str
-        Where it was published.
+        Publication.
     needs : str
-        What of model or data it needs beyond what every method does; may be empty.
+        Requirements on model or data beyond those of every method; may be empty.
     needs_exact : str
-        Why it cannot be used in a reduced model; empty: it can.
+        Why the method cannot be used in a reduced model; empty if it can.
     cannot : tuple of str
         Quantities that it cannot update.
     instead : str
-        What to do about an unknown of such a quantity, for the message.
+        Advice on an unknown of such a quantity, for the message.
     calibrates : bool
-        Whether it supports calibration factors: it compares with `Part.block`, which applies them.
+        Whether it supports calibration factors, that is, compares with `Part.block`, which applies
+        them.
     can_regularise : bool
-        Whether it minimises one sum of squares within bounds, to which a pull can be added.
+        Whether it minimises one sum of squares within bounds, to which a penalty can be added.
     is_likelihood : bool
         Whether it minimises the negative logarithm of a likelihood.
     fits_modes : bool
-        Whether modes can be its data.
+        Whether its data can be modes.
     states_noise : bool
-        Whether its noise record holds all that is needed to simulate data.
+        Whether its noise record is sufficient to simulate data.
     """
 
     __slots__ = ()
@@ -237,13 +237,13 @@ class Method(ABC):
 
     @property
     def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down; empty: to start closer."""
+        """Advice if the iteration breaks down; empty for the usual one, to start closer."""
         return ""
 
     def cause(self, problem: Problem) -> str:
-        """Return what of model and data stands in the way of this method; may be empty.
+        """Return the obstacle to this method in model or data; may be empty.
 
-        Asked for a fit that failed, stalled or ran out of steps.
+        Called for a fit that failed, stalled or ran out of steps.
 
         Parameters
         ----------
@@ -256,14 +256,14 @@ class Method(ABC):
         return f"The data hold {numbers} real numbers for {counted(problem.n, 'unknown')}."
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return where to begin: by default the unknowns' start.
+        """Return the starting points of the fit; by default the unknowns' start.
 
         Parameters
         ----------
         problem : Problem
             Model, data and unknowns.
         noises : sequence of NoiseModel
-            How uncertain the data of each part are.
+            Noise model of each part.
         monitor : Monitor
             Records the steps.
         """
@@ -276,14 +276,14 @@ class Method(ABC):
         monitor: Monitor,
         starts: Starts,
     ) -> Fit:
-        """Fit the unknowns from what `search` found; by default from the first point.
+        """Fit the unknowns from the points that `search` found; by default from the first one.
 
         Parameters
         ----------
         problem, noises, monitor
             As for `fit`.
         starts : Starts
-            Where to begin.
+            Starting points.
         """
         return self.fit(problem, noises, monitor, starts.points[0])
 
@@ -295,18 +295,18 @@ class Method(ABC):
         held: int | None = None,
         beside: Answer | None = None,
     ) -> Answer | None:
-        """Return what is known where a fit ended; by default None: no others are looked for.
+        """Return the answer at the end of a fit; by default None, without a search for others.
 
         Parameters
         ----------
         problem, noises
             As for `fit`.
         x : ndarray of float, shape (n,)
-            Where it ended.
+            End of the fit.
         held : int, optional
             The unknown that was held, at the far end of a valley.
         beside : Answer, optional
-            Where that valley begins.
+            Beginning of that valley.
         """
         return None
 
@@ -318,18 +318,18 @@ class Method(ABC):
         at: Answer,
         points: Sequence[_Vector],
     ) -> list[Answer]:
-        """Return what may be other answers that fit as well, to be fitted in a certified model.
+        """Return candidates for other answers that fit equally well; certified fits follow.
 
         Parameters
         ----------
         models : Models
-            What they are looked for in.
+            Models in which they are searched for.
         noises, monitor
             As for `fit`.
         at : Answer
-            The answer that is known.
+            The known answer.
         points : sequence of ndarray of float, shape (n,)
-            Where to look, too: the ends of other tries of a search.
+            Further points to begin from: the ends of other tries of a search.
         """
         return []
 
@@ -344,11 +344,11 @@ class Method(ABC):
         problem : Problem
             Model, data and unknowns.
         noises : sequence of NoiseModel
-            How uncertain the data of each part are.
+            Noise model of each part.
         monitor : Monitor
             Records the steps.
         x : ndarray of float, shape (n,)
-            Where to begin.
+            Starting point.
 
         Returns
         -------
@@ -366,19 +366,19 @@ def descend(
     *,
     relax: bool = True,
 ) -> Outcome:
-    """Minimise one residual from x, priors included, and record every step.
+    """Minimise one residual from x, including priors, and record every step.
 
-    With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where
-    they end so, the descent goes on from the nearest point within the bounds. Where combinations of
-    unknowns are undetermined, of all points that fit as well the one nearest to the unknowns' start
-    is sought.
+    With `relax`, loss factors may become negative on the way (`Coordinates.relaxed_lower`); if they
+    are negative at the end, the descent continues from the nearest point within the bounds. If
+    combinations of unknowns are undetermined, the point nearest to the unknowns' start is sought
+    among all that fit equally well.
 
     Raises
     ------
     SolverError
         If the model cannot be solved at x.
     Stopped
-        If the user wants to stop before x has been evaluated.
+        If the user stops the run before x has been evaluated.
     """
     lower, upper = problem.coordinates.bounds
     within = problem.coordinates.within
@@ -397,7 +397,7 @@ def descend(
     if within is not None:
         return settings.minimise(evaluate, x, lower, upper, monitor.step, within)
     outermost = problem.coordinates.relaxed_lower if relax else lower
-    # A descent that a box cuts into rounds need not learn anew how far its steps may go.
+    # A descent that a box divides into rounds continues with the trust radius of the last round.
     first = settings if problem.coordinates.box is None else monitor.resumed(settings, x)
     outcome = first.minimise(evaluate, x, outermost, upper, monitor.step)
     monitor.ended(outcome)
@@ -405,7 +405,7 @@ def descend(
     if (inside != outcome.x).any():
         try:
             local = evaluate(inside)
-        except Stopped:  # the nearest Jacobian that is known
+        except Stopped:  # with the nearest known Jacobian
             return Outcome(inside, outcome.local, "stopped")
         if local is None:
             raise SolverError(
@@ -444,26 +444,26 @@ def descend_to_scale(
     settings: TrustRegion,
     spread: Callable[[_Vector, Local], float] | None = None,
 ) -> Outcome:
-    """Minimise a residual whose spread is not known, priors included.
+    """Minimise a residual of unknown spread, including priors.
 
-    A prior counts against the data in standard deviations of both. The spread of the residual is
-    found along with the unknowns, each in turn, until it stays within 1 %, unless it is known
-    beforehand (`Coordinates.unit`). Without priors it does not matter.
+    A prior is weighed against the data in standard deviations of both. The spread of the residual
+    is estimated in turn with the unknowns until it changes by less than 1 %, unless it is given
+    (`Coordinates.unit`). Without priors it has no effect.
 
     Parameters
     ----------
     problem, residual, x, monitor, settings
         As for `descend`.
     spread : callable, optional
-        Returns the standard deviation of the residual at a point and its local problem, where it
-        is not of measured values (`spread_of`).
+        Returns the standard deviation of the residual from a point and its local problem, for
+        residuals other than of measured values (default `spread_of`).
 
     Raises
     ------
     SolverError
         If the model cannot be solved at x.
     Stopped
-        If the user wants to stop before x has been evaluated.
+        If the user stops the run before x has been evaluated.
     """
     if problem.coordinates.unit is not None:
         return descend(problem, residual, x, monitor, settings, problem.coordinates.unit)
@@ -494,8 +494,8 @@ def descend_to_scale(
 def spread_of(local: Local, n_values: int, n: int) -> float:
     """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
 
-    With as many unknowns as measured numbers it cannot be estimated; then that of `ASSUMED` noise
-    is taken.
+    If there are not more measured numbers than unknowns, it cannot be estimated, and that of
+    `ASSUMED` noise is returned.
     """
     if 2 * n_values <= n:
         return float(ASSUMED["relative"] / np.sqrt(2.0))
@@ -503,19 +503,14 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
 
 
 def in_units(local: Local, sigma: float) -> Local:
-    """Return a reduced problem divided by the standard deviation of its residuals, unless 0."""
+    """Return a reduced problem over the standard deviation of its residuals, unless that is 0."""
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
 def stopped_at(problem: Problem, x: _Vector) -> Fit:
-    """Return the fit that was stopped at x, with the Jacobian of the log error where it is cached.
+    """Return the fit that was stopped at x, with the Jacobian of the log error if it is cached.
 
-    Parameters
-    ----------
-    problem : Problem
-        What the log error was evaluated on, with data that carry their variance.
-    x : ndarray of float, shape (n,)
-        The best point so far.
+    `problem` is that of the log error, with data that carry their variance.
     """
     residual = log_error(problem)
     local = residual.local(problem, x) if is_cached(residual, problem, x) else None
@@ -537,15 +532,8 @@ def known_length(
 ) -> dict[str, float]:
     """Return the record of the correlation length of the residual at x; empty after a stop.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was fitted.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    whitened : callable
-        Residual over its standard deviation, for a part of the problem and the model's H there,
-        both of shape (n_f, ...).
+    `whitened` maps the index of a part and the model's H, shape (n_f, ...), to the residual over
+    its standard deviation, same shape.
     """
     try:
         lengths = [
@@ -561,14 +549,14 @@ def known_length(
 
 
 def serial_correlation(whitened: NDArray[np.complex128], lag: int = 1) -> float:
-    """Return the correlation of a residual with itself some lines on; 0 of a residual of zeros.
+    """Return the correlation of a residual with itself at a lag; 0 for a residual of zeros.
 
     Parameters
     ----------
     whitened : ndarray of complex, shape (n_f, ...)
         Residual over its standard deviation.
     lag : int
-        How many lines.
+        Distance in lines.
     """
     power = float(np.mean(np.abs(whitened) ** 2))
     if power == 0.0:
@@ -587,14 +575,14 @@ def correlation_length(whitened: NDArray[np.complex128]) -> float:
     Returns
     -------
     float
-        1 for noise that is independent from line to line. The sum stops at the first lag whose
-        correlation is within two standard deviations of zero, so that independent noise gives
+        1 for noise that is independent from line to line. The sum ends at the first lag whose
+        correlation is within two standard deviations of zero; independent noise therefore gives
         exactly 1 in almost all cases.
 
     Notes
     -----
-    Standard deviations that take the lines as independent are too small by its square root
-    (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
+    Standard deviations computed for independent lines are too small by the square root of this
+    length (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
     """
     total = 1.0
     for lag in range(1, len(whitened) // 2):

@@ -1,9 +1,9 @@
 """Regularisation of a fit by Tikhonov's method or by truncated singular values.
 
-The strength is found along with the unknowns: the problem is linearised where a fit has ended, the
-strength chosen there on all its singular values at once, and the fit repeated from that point,
-until the strength settles (for generalised cross-validation of nonlinear problems Haber &
-Oldenburg, Comput. Geosci. 4 (2000) 41).
+The strength is found together with the unknowns: the problem is linearised at the end of a fit, the
+strength is chosen from all its singular values, and the fit is repeated from that point until the
+strength settles (for generalised cross-validation of nonlinear problems see Haber & Oldenburg,
+Comput. Geosci. 4 (2000) 41).
 """
 
 from __future__ import annotations
@@ -46,28 +46,28 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: Number of strengths on a logarithmic grid from which the best is refined.
+#: Number of strengths on the logarithmic grid whose best point is refined.
 _GRID = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:
-    """min |A z - b|^2, A = U diag(s) V^T, residuals in units of one standard deviation.
+    """Linear problem min |A z - b|^2, A = U diag(s) V^T, in standard deviations of the residual.
 
     Attributes
     ----------
     s : ndarray of float, shape (k,)
-        Singular values, falling.
+        Singular values in descending order.
     beta : ndarray of float, shape (k,)
         U^T b.
     V : ndarray of float, shape (n, k)
         Right singular vectors.
     rest : float
-        Squared length of what of b no z reaches.
+        Squared norm of the residual that no z can reduce.
     n_values : float
         Number of residuals.
     fixed : int
-        How many of them further unknowns, which are not regularised, take up.
+        Number of further unknowns, which are not regularised.
     """
 
     s: _Vector
@@ -95,11 +95,11 @@ class Spectrum:
         b : ndarray of float, shape (m,)
             Right-hand side.
         rest : float
-            Squared length of a residual that is there besides, whatever z.
+            Squared norm of a further residual that does not depend on z.
         n_values : float
             Number of residuals; by default m.
         fixed : int
-            How many of them further unknowns take up.
+            Number of further unknowns, which are not regularised.
 
         Returns
         -------
@@ -109,7 +109,7 @@ class Spectrum:
         beta = U.T @ b
         beyond = (
             b - U @ beta
-        )  # not |b|^2 - |beta|^2, which is rounding where A reaches nearly all of b
+        )  # not |b|^2 - |beta|^2, which is rounding if A can represent nearly all of b
         return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
 
     def passed(self, strength: float) -> _Vector:
@@ -117,19 +117,19 @@ class Spectrum:
         return np.asarray(self.s**2 / np.maximum(self.s**2 + strength**2, np.finfo(float).tiny))
 
     def kept(self, number: int) -> _Vector:
-        """Return the shares of truncated singular values: 1 for the first `number`, else 0."""
+        """Return the filter factors of a truncation: 1 for the first `number`, else 0."""
         return np.where(np.arange(len(self.s)) < number, 1.0, 0.0)
 
     def solution(self, shares: _Vector) -> _Vector:
-        """Return z, shape (n,)."""
+        """Return z for given filter factors, shape (n,)."""
         return np.asarray(self.V @ self._components(shares))
 
     def distance(self, shares: _Vector) -> float:
-        """Return |z|."""
+        """Return |z| for given filter factors."""
         return float(np.linalg.norm(self._components(shares)))
 
     def misfit(self, shares: _Vector) -> float:
-        """Return |A z - b|, with what no z reaches."""
+        """Return |A z - b| for given filter factors, including the irreducible part."""
         return float(np.sqrt(np.sum(((1.0 - shares) * self.beta) ** 2) + self.rest))
 
     def freedom(self, shares: _Vector) -> float:
@@ -137,7 +137,7 @@ class Spectrum:
         return float(shares.sum()) + self.fixed
 
     def gcv(self, shares: _Vector) -> float:
-        """Return the function of generalised cross-validation.
+        """Return the generalised cross-validation function.
 
         Golub, Heath & Wahba, Technometrics 21 (1979) 215.
         """
@@ -151,7 +151,7 @@ class Spectrum:
         """Return the curvature of the L-curve, log |z| over log |A z - b|, positive at its corner.
 
         Hansen & O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487; here from the derivatives of the
-        filter by t = log(strength): df/dt = -2 f (1 - f).
+        filter factors with respect to t = log(strength): df/dt = -2 f (1 - f).
         """
         f = self.passed(strength)
         g, squared = 1.0 - f, self.beta**2
@@ -175,58 +175,24 @@ class Spectrum:
 
 
 def minimum(spectrum: Spectrum, low: float, high: float) -> float:
-    """Return the strength of least generalised cross-validation.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-        The problem.
-    low, high : float
-        Between which strengths.
-
-    Returns
-    -------
-    float
-    """
+    """Return the strength in [low, high] of least generalised cross-validation."""
     return _best(lambda strength: spectrum.gcv(spectrum.passed(strength)), low, high)
 
 
 def corner(spectrum: Spectrum, low: float, high: float) -> float:
-    """Return the strength at the corner of the L-curve, where its curvature is largest.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-        The problem.
-    low, high : float
-        Between which strengths.
-
-    Returns
-    -------
-    float
-    """
+    """Return the strength in [low, high] at the corner of the L-curve, its largest curvature."""
     return _best(lambda strength: -spectrum.curvature(strength), low, high)
 
 
 def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
-    """Return the largest strength at which the misfit has grown no more than the noise explains.
+    """Return the largest strength in [low, high] whose misfit the noise explains.
 
-    What the unknowns can change of the residual holds as many numbers as there are unknowns. Of
-    these, a fit has to leave the noise of the freedom that it gives up, their number less the
-    effective number of unknowns, and may leave one standard deviation more: the compensated
-    discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section 5.2) on this part
-    alone. What no unknown changes would only add its own scatter, sqrt(2 n_values).
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-        The problem; the noise has to be known.
-    low, high : float
-        Between which strengths.
-
-    Returns
-    -------
-    float
+    The unknowns can change as many components of the residual as there are unknowns. In these
+    components a fit is expected to leave the noise of the degrees of freedom that it gives up (the
+    number of unknowns minus their effective number), and may leave one standard deviation more.
+    This is the compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010,
+    section 5.2), applied to these components only. The other components would only add their
+    scatter, sqrt(2 n_values). The size of the noise has to be known.
     """
     from scipy.optimize import brentq
 
@@ -261,46 +227,45 @@ def _best(cost: Callable[[float], float], low: float, high: float) -> float:
     return float(np.exp(best))
 
 
-#: How the strength of Tikhonov's method may be chosen.
+#: Criteria for the strength of Tikhonov's method.
 _STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
     "gcv": minimum,
     "l-curve": corner,
     "discrepancy": discrepancy,
 }
 CHOICES = (*_STRENGTHS, "tsvd")
-#: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
-#: e.
+#: First and smallest strength: a prior with a standard deviation of a factor e.
 WEAKEST = 1.0
-#: How often a fit is repeated with a new strength.
+#: Largest number of fits with a new strength.
 _ROUNDS = 8
-#: How often a fit is repeated with other directions.
+#: Largest number of fits with new directions.
 _TURNS = 4
 #: A strength has settled when its logarithm changes by less than this.
 _SETTLED = 0.05
 #: Directions have settled when their cosine is above this.
 _SAME = 1.0 - 1e-4
-#: Points of the curve in the record.
+#: Number of points of the curve in the record.
 _POINTS = 41
 
 
 def check_regularise(
     regularise: str | float | None, method: str, *, reducing: bool = False
 ) -> None:
-    """Check the option.
+    """Check the option `regularise`.
 
     Parameters
     ----------
     regularise : str, float or None
         As for `updyn.update`.
     method : str
-        Which method it goes with.
+        Name of the method.
     reducing : bool
-        Whether the fit is made in reduced models, each near the point of its basis.
+        Whether the fit is made in reduced models.
 
     Raises
     ------
     OptionError
-        If it is not understood, or the method cannot be regularised.
+        If the option is not valid, or the method cannot be regularised.
     """
     if regularise is None:
         return
@@ -332,12 +297,12 @@ def check_regularise(
 
 
 def keeps_to_directions(regularise: str | float | None) -> bool:
-    """Return whether a fit is kept to directions found at its start, by an option as given."""
+    """Return whether an option restricts a fit to directions found at its start."""
     return isinstance(regularise, str) and regularise.startswith("tsvd")
 
 
 def regularised(strategy: Method, method: str, regularise: str | float | None) -> Method:
-    """Return a method that is regularised; itself where nothing is asked for.
+    """Return the regularised method; the method itself if `regularise` is None.
 
     Parameters
     ----------
@@ -355,7 +320,7 @@ def regularised(strategy: Method, method: str, regularise: str | float | None) -
     Raises
     ------
     OptionError
-        As `check_regularise`.
+        As for `check_regularise`.
     """
     check_regularise(regularise, method)
     if regularise is None:
@@ -365,12 +330,12 @@ def regularised(strategy: Method, method: str, regularise: str | float | None) -
 
 @dataclass(frozen=True, slots=True)
 class Regularised(Method):
-    """A method that is regularised.
+    """Regularised method.
 
     Parameters
     ----------
     method : Method
-        What fits.
+        The method that makes each fit.
     how : str or float
         One of `CHOICES`, ``"tsvd:N"``, or the strength of Tikhonov's method.
     max_iterations : int
@@ -385,20 +350,19 @@ class Regularised(Method):
     tolerance: float
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return where to begin: where the method begins by itself."""
+        """Return the starting points of the wrapped method."""
         self._check(problem)
         return self.method.search(problem, noises, monitor)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x, choosing how strongly they are held.
+        """Fit the unknowns from x and choose the strength of the regularisation.
 
         Raises
         ------
         OptionError
-            If every unknown has a prior of its own, or more directions are asked for than there are
-            unknowns.
+            If every unknown has a prior, or more directions are requested than there are unknowns.
         """
         free, number = self._check(problem)
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
@@ -410,9 +374,9 @@ class Regularised(Method):
         return run.stated(noises, x, float(self.how))
 
     def _check(self, problem: Problem) -> tuple[NDArray[np.bool_], int | None]:
-        """Return which unknowns have no prior, and how many directions are asked for, if so.
+        """Return which unknowns have no prior, and the requested number of directions or None.
 
-        Before a search, which may take long, as before a fit.
+        Called before a search, which may take long, and before a fit.
         """
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
@@ -435,22 +399,20 @@ class Regularised(Method):
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """Fits of one problem, differently held.
+    """Regularised fits of one problem.
 
     Attributes
     ----------
     problem : Problem
         Model, data and unknowns.
     method : Method
-        What fits.
+        The method that makes each fit.
     monitor : Monitor
-        Who watches.
+        Records the steps.
     free : ndarray of bool, shape (n,)
-        The unknowns without a prior of their own; the others keep theirs and nothing else holds
-        them.
+        The unknowns without a prior; the others have their prior only.
     unit : float or None
-        Unit of the residual, known from the first fit; all strengths count against
-        that.
+        Unit of the residual, known after the first fit; all strengths refer to it.
     """
 
     problem: Problem
@@ -461,7 +423,7 @@ class _Run:
 
     # -- Tikhonov ----------------------------------------------------------------------------------
     def stated(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
-        """Fit with a strength that counts against the noise in an almost free fit."""
+        """Fit with a given strength, relative to the noise of an almost unregularised fit."""
         first = self._pulled(noises, x, min(strength, WEAKEST))
         if _broken(first):
             return first
@@ -472,7 +434,7 @@ class _Run:
         return run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
 
     def chosen(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
-        """Fit with the strength that a criterion chooses where the fit ends."""
+        """Fit with the strength that a criterion chooses at the end of the fit."""
         strength, tried, settled = WEAKEST, list[float](), False
         fit = self._pulled(noises, x, strength)
         noises, run = self._held(noises, fit), self._after(fit)
@@ -495,7 +457,7 @@ class _Run:
     def _pulled(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
         coordinates = self.problem.coordinates
-        # Of a value the prior is in its own unit, which need not be that of x.
+        # The prior of a value is in the unit of the value, which may differ from that of x.
         start = coordinates.home
         units = np.where(coordinates.parameters.is_factor, 1.0, coordinates.slope(start))
         items = []
@@ -552,7 +514,7 @@ class _Run:
 
     # -- truncated singular values -----------------------------------------------------------------
     def truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
-        """Fit along the leading singular vectors at the end of the fit, from the start."""
+        """Fit from the start along the leading singular vectors, renewed at each end."""
         home = self.problem.coordinates.home
         fit = self._pulled(noises, x, WEAKEST)
         noises, run = self._held(noises, fit), self._after(fit)
@@ -593,7 +555,7 @@ class _Run:
         return replace(fit, pull=Pull(np.zeros(len(x)), within, note, record))
 
     def _directions(self, spectrum: Spectrum, number: int) -> NDArray[np.float64]:
-        """Return orthonormal directions: leading singular vectors and unknowns with priors."""
+        """Return orthonormal directions: leading singular vectors, and the unknowns with priors."""
         n = len(self.free)
         own = np.flatnonzero(~self.free)
         out = np.zeros((n, number + len(own)))
@@ -602,7 +564,7 @@ class _Run:
         return out
 
     def _projected(self, home: _Vector, x: _Vector, within: NDArray[np.float64]) -> _Vector:
-        """Return the projection of x on the directions from home, cut off at the first bound."""
+        """Return the projection of x on the directions through home, cut off at the first bound."""
         way = within @ (within.T @ (x - home))
         lower, upper = self.problem.coordinates.bounds
         home = np.clip(home, lower, upper)
@@ -622,7 +584,7 @@ class _Run:
         return replace(self, unit=fit.unit)
 
     def _held(self, noises: Sequence[NoiseModel], fit: Fit) -> Sequence[NoiseModel]:
-        """Return the noise in the residual of the first fit, the same for all strengths."""
+        """Return noise models fixed at the first fit's residual, the same for all strengths."""
         if _broken(fit):
             return noises
         held = []
@@ -630,14 +592,14 @@ class _Run:
             for part, noise in zip(self.problem.parts, noises, strict=True):
                 share = self.problem.share(part)
                 held.append(_Held(noise.refit(part.responses(fit.x), part.frf, share)))
-        except Stopped:  # the next fit stops, too
+        except Stopped:  # the next fit stops as well
             return noises
         return held
 
     def _spectrum(self, fit: Fit) -> Spectrum:
-        """Return the problem linearised where a fit ended, about the unknowns' start.
+        """Return the spectrum of the problem linearised at the end of a fit, about the start.
 
-        Unknowns with a prior of their own adapt to the others: they are eliminated with it.
+        Unknowns with a prior adapt to the others; they are eliminated together with it.
         """
         assert fit.local is not None
         local = fit.local if self.unit is None else in_units(fit.local, self.unit / fit.unit)
@@ -657,7 +619,7 @@ class _Run:
 
 @dataclass(frozen=True, slots=True)
 class _Held(Wrapping):
-    """A noise model that is not refitted."""
+    """Noise model that is not refitted."""
 
     base: NoiseModel
 
@@ -676,12 +638,12 @@ class _Held(Wrapping):
 
 
 def _broken(fit: Fit) -> bool:
-    """Whether nothing is known of where a fit ended, or the user does not wait for more."""
+    """Return whether a fit has no local problem, or was stopped or failed."""
     return fit.local is None or fit.reason in ("stopped", "failed")
 
 
 def _inflation(fit: Fit) -> float:
-    """Return the inflation of the noise, serial correlation included."""
+    """Return the inflation of the noise, including serial correlation."""
     found = float(fit.noise[0].get("inflation", 1.0)) if fit.noise else 1.0
     return found if found > 0.0 and np.isfinite(found) else 1.0
 
@@ -700,7 +662,7 @@ def _number(spectrum: Spectrum) -> int:
 
 
 def _same(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
-    """Whether two sets of orthonormal directions span the same."""
+    """Return whether two sets of orthonormal directions span the same space."""
     if before.shape != now.shape:
         return False
     return now.shape[1] == 0 or bool(np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME)
@@ -709,7 +671,7 @@ def _same(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
 def _curve(
     spectrum: Spectrum, shares: list[_Vector], axis: str, along: list[Any], here: _Vector
 ) -> dict[str, list[Any] | float]:
-    """Return misfit over distance for the record, linearised where the fit ended."""
+    """Return misfit over distance for the record, linearised at the end of the fit."""
     return {
         axis: along,
         "misfit": list(map(spectrum.misfit, shares)),
