@@ -1,9 +1,9 @@
-"""Answers of a fit, and where to look for another that fits as well.
+"""Comparison of answers, and starting points from which to find others that fit equally well.
 
-A minimum of the misfit is an answer; whether it is the only one, its curvature cannot say. Further
-answers are looked for where they are known to hide: at the other ends of the search, along unknowns
-that the data hardly hold, where unknowns are put back to their start, and where parts of the
-structure are exchanged, as in the mirror image of a symmetric one.
+A minimum of the misfit is an answer, but its curvature does not show whether it is the only one.
+Other answers are searched for where experience finds them: at the other ends of the search, along
+unknowns that the data hardly determine, with unknowns put back to their start, and with parts of
+the structure exchanged, as in the mirror image of a symmetric structure.
 """
 
 from __future__ import annotations
@@ -51,30 +51,30 @@ AS_WELL = float(np.log(100.0))
 #: Spread of the unknowns about their start that decides between answers that fit equally well: a
 #: factor of e, or a loss factor of 0.3.
 _USUAL_FACTOR, _USUAL_LOSS = 1.0, 0.3
-#: Two answers are one below this distance, in standard deviations.
+#: Two answers are the same if each unknown differs by less than this number of standard deviations.
 _APART = 3.0
-#: Probability below which a residual of this size is not explained by noise of known size.
+#: Probability below which noise of known size does not explain a residual of the observed size.
 _SELDOM = 1e-3
-#: A reduced chi-square that is more than noise, of heavy tails and of modes.
+#: Reduced chi-square above which a residual is more than noise, for heavy tails and for modes.
 _EXCESS = 1.5
-#: A correlation of neighbouring lines that is; fewest lines from which it is judged.
+#: Correlation of neighbouring lines above which it is; least number of lines for this criterion.
 _CORRELATED, _ENOUGH_LINES = 0.2, 8
-#: Unknowns with a larger standard deviation than this are moved,
+#: Unknowns with a larger standard deviation than this are moved.
 _UNSURE = 0.05
-#: at most so many,
+#: Largest number of unknowns that are moved.
 _HOPS = 6
-#: by so many standard deviations, and at most a factor of e.
+#: Distance by which they are moved, in standard deviations, and at most a factor of e.
 _FAR = 8.0
-#: Unknowns with a larger one are restarted together, so many times.
+#: Unknowns with a larger standard deviation than this are restarted together; number of restarts.
 _RESTARTED, _RESTARTS = 0.01, 6
-#: Largest number of exchanges, and of points that are tried because they fit fairly well.
+#: Largest number of exchanges, and of points that are selected because they fit fairly well.
 _EXCHANGES, _PROMISING = 200, 4
 
 
 def explains(problem: Problem, answer: Answer) -> bool:
-    """Whether the residual of an answer looks like noise.
+    """Return whether the residual of an answer looks like noise.
 
-    It is no larger than noise that is known, and not serially correlated.
+    It must not be larger than noise of known size, nor serially correlated.
     """
     for i, part in enumerate(problem.parts):
         H, weight = part.responses(answer.x), answer.residual.of(i).weight
@@ -97,7 +97,7 @@ def _exceeds(
     H: NDArray[np.complex128],
     noise: NoiseModel,
 ) -> bool:
-    """Whether noise of known size hardly leaves a whitened residual, shape (n_f, ...), as large."""
+    """Return whether a whitened residual, shape (n_f, ...), exceeds noise of known size."""
     part = problem.parts[i]
     square = float(np.sum(np.abs(e) ** 2))
     if noise.heavy_tails:
@@ -122,19 +122,11 @@ def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
 
 
 def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
-    """Return the other answers that fit as well and contradict what the chosen one claims.
+    """Return the other answers that fit equally well and contradict the chosen one.
 
-    One that ran out of steps counts: it fits as well already. One that holds the unknowns less
-    firmly counts, too, though its own standard deviations may reach the chosen one.
-
-    Parameters
-    ----------
-    chosen : Answer
-        The answer.
-    others : sequence of Answer
-        What it is compared with.
-    less : float
-        By how much their log-likelihoods may be smaller.
+    An answer that ran out of steps counts, because it fits equally well already. An answer with
+    larger standard deviations counts even if these include the chosen one. `less` is the accepted
+    decrease of the log-likelihood.
     """
     found: list[Answer] = []
     for other in sorted(as_likely(chosen, others, less), key=lambda answer: answer.unlikelihood):
@@ -144,9 +136,9 @@ def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> l
 
 
 def contradicts(other: Answer, chosen: Answer) -> bool:
-    """Return whether some unknown differs by more than the chosen answer allows it.
+    """Return whether some unknown differs by more than the chosen answer allows.
 
-    If the other one improves on the chosen one, by more than that one allows it.
+    If the other answer improves on the chosen one, its standard deviations are used instead.
     """
     if chosen.local is None or other.local is None:
         return False
@@ -154,42 +146,42 @@ def contradicts(other: Answer, chosen: Answer) -> bool:
 
 
 def distance(answer: Answer, x: _Vector) -> float:
-    """Return how far a point, shape (n,), is from an answer, in standard deviations of the data."""
+    """Return the distance of a point, shape (n,), from an answer, in standard deviations."""
     if answer.local is None:
         return np.inf
     return float(np.linalg.norm(answer.local.R @ (x - answer.x)))
 
 
 def is_at(x: _Vector, answer: Answer) -> bool:
-    """Return whether a point, shape (n,), differs from an answer by no more than that allows."""
+    """Return whether a point, shape (n,), is within the uncertainty of an answer."""
     if answer.local is None:
         return False
     return not _apart(x, answer.x, _std(answer.local))
 
 
 def is_again(found: Answer, answer: Answer) -> bool:
-    """Return whether what was found is an answer again, by the deviations of the better one."""
+    """Return whether two answers are the same, by the standard deviations of the better one."""
     return is_at(answer.x, found) if improves(found, answer) else is_at(found.x, answer)
 
 
 def as_likely(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
-    """Return the other answers whose log-likelihoods are smaller by no more than `less`."""
+    """Return the other answers whose log-likelihoods are lower by no more than `less`."""
     return [other for other in others if other.unlikelihood <= chosen.unlikelihood + less]
 
 
 def improves(answer: Answer, other: Answer) -> bool:
     """Return whether an answer fits better than another by more than `AS_WELL`.
 
-    The other one is then no answer, and its standard deviations say nothing: where the misfit is
-    larger than the noise, its Jacobian can be singular, as at a point between two answers.
+    The other one is then not an answer, and its standard deviations are meaningless: if the misfit
+    is larger than the noise, its Jacobian can be singular, as at a point between two answers.
     """
     return answer.unlikelihood < other.unlikelihood - AS_WELL
 
 
 def differ(a: Answer, b: Answer) -> bool:
-    """Return whether some unknown differs by more than both answers allow it.
+    """Return whether some unknown differs by more than both answers allow.
 
-    If one of them improves on the other, by more than that one allows it.
+    If one answer improves on the other, only its standard deviations are used.
     """
     if a.local is None or b.local is None:
         return False
@@ -209,16 +201,16 @@ def _usual(problem: Problem) -> _Vector:
 
 
 def _std(local: Local) -> _Vector:
-    """Return the standard deviations of the unknowns; inf where the data do not determine one."""
+    """Return the standard deviations of the unknowns; inf for undetermined ones."""
     found = resolve(local.R)
     return np.where(found.involved, np.inf, np.sqrt(np.diag(found.covariance)))
 
 
 def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
-    """Yield points, shape (n,), with an unknown moved alone that the data hardly hold.
+    """Yield points, shape (n,), with one unknown moved that the data hardly determine.
 
-    Moving one unknown by itself leaves the ridge of the misfit; steps along the ridge were measured
-    to fall back.
+    Moving a single unknown leaves the valley of the misfit; steps along the valley were measured to
+    fall back.
     """
     if answer.local is None:
         return
@@ -235,10 +227,10 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
 
 
 def restarted(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
-    """Yield points, shape (n,), with the least known unknowns at random about their start.
+    """Yield points, shape (n,), with the most uncertain unknowns at random about their start.
 
-    All of them together: light parts whose resonances have been taken for one another's do not come
-    free one by one. The other unknowns stay, as the data hold them.
+    They are moved together: light parts whose resonances have been exchanged cannot be corrected
+    one by one. The other unknowns keep their values.
     """
     if answer.local is None:
         return
@@ -257,8 +249,8 @@ def restarted(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
 def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     """Yield points, shape (n,), with the unknowns farthest from their start put back to it.
 
-    One, two, four, eight: those that the data hardly hold may have gone far together, each making
-    up for the others. Where the data hold all unknowns, there are none.
+    One, two, four, eight: unknowns that the data hardly determine may have moved far together, each
+    compensating for the others. If the data determine all unknowns, no point is yielded.
     """
     if answer.local is None or _std(answer.local).max() <= _UNSURE:
         return
@@ -273,7 +265,7 @@ def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
 def elsewhere(
     models: Models, answer: Answer, unlikelihood: Callable[[_Vector], float], most: int
 ) -> list[_Vector]:
-    """Return points, shape (n,), away from an answer that fit fairly well as they stand.
+    """Return points, shape (n,), away from an answer that fit fairly well without a descent.
 
     Each unknown is moved alone, to its start and to either side, and parts of the structure are
     exchanged.
@@ -281,13 +273,13 @@ def elsewhere(
     Parameters
     ----------
     models : Models
-        What they are compared in.
+        Models in which the points are compared.
     answer : Answer
-        Where they are away from.
+        The known answer.
     unlikelihood : callable
-        Minus the log-likelihood at a point.
+        Returns minus the log-likelihood at a point.
     most : int
-        Largest number of points that are looked at, most of them on few lines.
+        Largest number of points that are evaluated, most of them on few lines.
     """
     problem = models.exact
     points = chain(exchanged(problem, answer.x), _moved(problem, answer.x))
@@ -305,9 +297,9 @@ def elsewhere(
     else:
         tries = screen.promising(tries, _PROMISING)
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
-    # The misfit is doubled at most.
+    # Points are kept if they double the misfit at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]
-    return [tries[i] for i in promising[:_PROMISING]]  # heavy tails leave all in
+    return [tries[i] for i in promising[:_PROMISING]]  # with heavy tails, all pass
 
 
 def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
@@ -321,9 +313,9 @@ def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
 
 
 def exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    """Yield points with the unknowns of groups exchanged: of like groups in mirror order, of two.
+    """Yield points with groups exchanged: similar groups in mirrored order, and pairs of groups.
 
-    What is exchanged are stiffnesses and masses, not their factors.
+    The stiffnesses and masses are exchanged, not their factors.
     """
     own: dict[str, dict[str, int]] = {}
     for i, p in enumerate(problem.coordinates.parameters):
@@ -350,7 +342,7 @@ def _reverse(names: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
-    """Return groups whose matrices have the same entries but for a factor, two or more each."""
+    """Return lists of two or more groups whose matrices have the same entries up to a factor."""
     system = problem.system
     classes: dict[tuple[object, ...], list[str]] = {}
     for name in names:
@@ -365,7 +357,7 @@ def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
 
 
 def _sizes(problem: Problem) -> _Vector:
-    """Return the logarithm of what a factor of 1 stands for, shape (n,); 0 for other unknowns."""
+    """Return the logarithm of the size of a factor of 1, shape (n,); 0 for other unknowns."""
     system, parameters = problem.system, problem.coordinates.parameters
     sizes = np.zeros(problem.n)
     for i, p in enumerate(parameters):

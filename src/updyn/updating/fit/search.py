@@ -1,19 +1,19 @@
-"""Multi-start search for the basin of attraction in which a local fit starts.
+"""Multi-start search for the basin of attraction of a local fit.
 
-The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened
-by three things. Loss factors start inflated, so that the model's resonances are broad enough to
-overlap the measured ones, and may pass through negative values on the way: a bound at zero stops
-most searches for lightly damped parts, whose true values lie on it. And a basin is accepted only
-when further tries, with other inflations and then from random points, end in it too. Where they do
-not, tries go on beside the best end. A basin that is found on few lines is mostly that of all, so
-that a try goes down on few and ends on all; where these leave more than noise, tries go down on
-all. (Measured and left out: going up in frequency, where the few low lines let the unknowns run
-away; going from smoothed FRFs to sharp ones, which takes twice the steps; a common factor on all
-stiffnesses, chosen beforehand so that the frequency axes agree, which finds no more.)
+The log error has the widest basin of all residuals (measured: benchmarks/basin.py). Three measures
+widen it further. Loss factors start inflated, which makes the model's resonances broad enough to
+overlap the measured ones. Loss factors may become negative on the way, because a bound at zero
+stops most searches for lightly damped parts, whose true values are at that bound. A basin is
+accepted only if further tries, with other inflated loss factors and then from random points, end in
+it too; otherwise tries continue near the best end. A basin on few lines is mostly that on all
+lines, so a try descends on few lines and ends on all; if the residual on all lines is more than
+noise, tries descend on all. (Measured and rejected: increasing frequencies, because the few low
+lines let the unknowns diverge; smoothed FRFs first, which takes twice the steps; a common factor on
+all stiffnesses that aligns the frequency axes beforehand, which finds no more.)
 
-Where there are several workers and the lines of one evaluation are too few to be worth spreading,
-whole tries run in them, ahead of their turn. What they evaluated is remembered, and the tries are
-then made here as ever: the answer and its history do not depend on the workers.
+With several workers, and too few lines in one evaluation to distribute them, whole tries run in the
+workers ahead of their turn. Their evaluations are cached, and the tries are then made here as
+usual: the answer and its history do not depend on the workers.
 """
 
 from __future__ import annotations
@@ -46,42 +46,43 @@ _Found: TypeAlias = "tuple[list[tuple[bytes, Record]], int]"
 _Points: TypeAlias = "Generator[_Vector, None, None]"
 _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
 
-#: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
-#: is sought.
+#: Largest number of lines of a search: a basin is as wide on some hundred lines as on thousands.
 SEARCH_LINES = 400
-#: A try goes down on about so many of them, and on so many numbers for each unknown.
+#: Number of these lines on which a try descends, and measured numbers for each unknown on them; the
+#: larger of the two counts.
 _FEW, _NUMBERS = 32, 4
-#: Largest number of tries: each is a descent, and the starts of all are drawn at once.
+#: Largest number of tries. Each is a descent, and their starts are drawn together.
 MOST_STARTS = 10_000
 #: Largest number of steps of a try.
 SEARCH_STEPS = 60
 
-#: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
+#: Loss factors of the first tries. 0.3 is best on average; the others reach some of the answers
+#: that it misses.
 _INFLATED = (0.3, 0.1, 1.0)
-#: How far tries beside a point begin from it, in turn: in logarithms of factors; loss factors.
+#: Distance of the starts of tries near a point, in turn, in logarithms of factors; in loss factors.
 _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
-#: Every so many of them begin with one unknown put back to its start.
+#: Of every so many of these tries, one begins with one unknown put back to its start.
 _BY_TURNS = 3
-#: Tries that begin in a point itself go down on these shares of the lines first, in turn: any, or
-#: neighbours.
+#: Tries that begin at the point itself descend first on a share of the lines: in turn on random
+#: lines and on a contiguous band.
 _ANY, _NEIGHBOURS = 1.0 / 3.0, 0.5
-#: So many for each of the tries are enough, where they find nothing better.
+#: Number of such tries, for each try of the search, without a better end after which they stop.
 _HOPS_A_TRY = 2
-#: After so many tries whose ends cannot be the answer, a fault of the data may be why.
+#: Number of tries without a plausible end after which a fault of the data is considered.
 _DOUBTED = 3
-#: The best of the tries goes on for so many times their steps.
+#: Ratio of the number of steps of the continued best try to that of a try.
 _LONG = 5
-#: How often as many tries are made.
+#: Largest number of rounds of tries.
 _SEARCHES = 3
-#: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
+#: Ends of tries that are fitted: those within this factor of the least cost; largest number.
 _WORTH, _KEPT = 1.5, 4
 #: Unknowns with a larger standard deviation than this are moved.
 _UNSURE = 0.01
 #: Largest number of unknowns that are moved.
 _HOPS = 6
-#: How far they are moved, in standard deviations.
+#: Distance by which they are moved, in standard deviations.
 _FAR = 8.0
-#: How often.
+#: Largest number of rounds of such moves.
 _ROUNDS = 2
 #: Stop a try when the remaining decrease is below 0.01 standard deviations.
 _ENOUGH = 1e-5
@@ -89,21 +90,21 @@ _ENOUGH = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Multi-start log-error search.
+    """Multi-start search by log error.
 
     Parameters
     ----------
     starts : int
         Largest number of tries.
     max_iterations : int
-        Steps a try.
+        Largest number of steps of a try.
     spread : float
-        Random tries move factors by up to this, in logarithm, and by twice as much; where none of
-        them explains the data and no two agree, as many more begin farther off.
+        Random tries move factors by up to this, in logarithm, and by twice as much. If none of them
+        explains the data and no two agree, the next round begins farther away.
     seed : int
-        Of the random tries.
+        Seed of the random tries.
     inflate : bool
-        Whether loss factors start inflated; else every try begins with those of the start.
+        Whether loss factors start inflated; otherwise every try begins with those of the start.
     """
 
     starts: int = 8
@@ -117,23 +118,23 @@ class Search:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
     def run(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return where the tries ended that are worth a fit, least log error first.
+        """Return the ends of tries that are worth a fit, in order of increasing log error.
 
         The points are within the bounds.
 
         Parameters
         ----------
         problem : Problem
-            From `coarse`.
+            Problem returned by `coarse`.
         noises : sequence of NoiseModel
-            How uncertain the data of each part are.
+            Noise model of each part.
         monitor : Monitor
             Records the steps.
         """
         belief = Belief(problem, all(noise.size_known for noise in noises))
         agreed, in_vain = False, False
         ends: list[Outcome] = []
-        with suppress(Stopped):  # the best so far
+        with suppress(Stopped):  # return the best so far
             for number in range(_SEARCHES):
                 way, begun = _on_few_lines(problem) if number == 0 else problem, len(ends)
                 starts = self._points(problem, number)
@@ -161,7 +162,7 @@ class Search:
         monitor: Monitor,
         ends: list[Outcome],
     ) -> bool:
-        """Add where tries end; return whether the best end is believed."""
+        """Append the ends of tries to `ends`; return whether the best end is accepted."""
         attempt = _try_on_all if way is problem else _try
         with closing(self._ahead(attempt, problem, starts, way)) as points:
             for start in points:
@@ -175,7 +176,7 @@ class Search:
 
     @staticmethod
     def _is_in_vain(belief: Belief, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
-        """Return whether the first tries found no answer, and a fault of the data is why."""
+        """Return whether the first tries found no answer because of a fault of the data."""
         if len(ends) < _DOUBTED or belief.plausible(min(ends, key=_cost)):
             return False
         return monitor.is_in_vain()
@@ -183,9 +184,10 @@ class Search:
     def _again(
         self, problem: Problem, belief: Belief, monitor: Monitor, ends: list[Outcome]
     ) -> bool:
-        """Make the first tries again on all lines; return whether the best end is believed.
+        """Repeat the first tries on all lines; return whether the best end is accepted.
 
-        Few lines lead tries to one end that leaves more than noise, where all lines part them.
+        On few lines, tries can agree on an end whose residual is more than noise, and that all
+        lines would separate.
         """
         own: list[Outcome] = []
         agreed = self._tried(problem, problem, self._points(problem), belief, monitor, own)
@@ -201,10 +203,10 @@ class Search:
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
-        """Add the ends of further descents from the best end of a round, which began at `begun`.
+        """Append the ends of further descents from the best end of the round that began at `begun`.
 
-        What was found in an earlier round is left alone, as what is beside it is known. Another
-        basin may be nearer to the answer, though its end is not the best of all.
+        Ends of earlier rounds are omitted, because their neighbourhood is known. Another basin may
+        be nearer to the answer even if its end is not the best of all.
         """
         own = min(ends[begun:], key=_cost, default=None)
         if own is None or any(_is_same(own, end) for end in ends[:begun]):
@@ -215,7 +217,7 @@ class Search:
     def _go_on(
         self, problem: Problem, monitor: Monitor, best: Outcome, ends: list[Outcome]
     ) -> None:
-        """Add where a try ends if its number of steps is not limited."""
+        """Append the end of a try continued with a larger number of steps."""
         if best.reason != "max-iterations":
             return
         longer = replace(self._settings, max_iterations=_LONG * self.max_iterations)
@@ -232,10 +234,11 @@ class Search:
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
-        """Add the better ends of tries beside an end, and beside each better one.
+        """Append the better ends of tries near an end, and near each better one.
 
-        They go on until it may be the answer, or so many have not found a better one. That others
-        come back to it is no sign that tries from elsewhere would; only better ones are added.
+        The tries stop when the best end may be the answer, or after a fixed number without a better
+        one. Only better ends are appended: tries that return to an end do not confirm it as tries
+        from elsewhere would.
         """
         number = last = 0
         while number - last < _HOPS_A_TRY * self.starts and not (
@@ -248,28 +251,28 @@ class Search:
                 ends.append(best)
 
     def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
-        """Return where a try ends that begins beside a point, shape (n,).
+        """Return the end of a try that begins near a point, shape (n,).
 
-        Minima of the misfit stand in groups; a short way off, the next is more likely in reach than
-        from a start far from all of them. Every third begins with one unknown put back to its
-        start, by turns those that are far from theirs: a part whose resonance has been taken for
-        another's.
+        Minima of the misfit occur in groups: from a short distance the next one is more likely in
+        reach than from a start far from all of them. Every third such try begins with one unknown
+        put back to its start, in turn those far from it: the resonance of a part may have been
+        taken for that of another.
 
         Parameters
         ----------
         problem : Problem
-            From `coarse`.
+            Problem returned by `coarse`.
         x : ndarray of float, shape (n,)
             The point.
         number : int
-            Which of the tries.
+            Index of the try.
         monitor : Monitor
             Records the steps.
 
         Returns
         -------
         ndarray or None
-            None where the model cannot be solved on the way.
+            None if the model cannot be solved on the way.
         """
         end = self._try_beside(problem, _on_few_lines(problem), x, number, monitor)
         return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
@@ -297,9 +300,9 @@ class Search:
     def _try_from(
         self, problem: Problem, way: Problem, x: _Vector, monitor: Monitor
     ) -> Outcome | None:
-        """Return where a try ends, or None where the model cannot be solved on its way.
+        """Return the end of a try, or None if the model cannot be solved on the way.
 
-        It goes down on the lines of `way`, and ends on all.
+        The try descends on the lines of `way` and ends on all lines.
         """
         if way is not problem:
             with monitor.stage("search", way):
@@ -313,7 +316,7 @@ class Search:
     def _relaxed_descent(
         problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion
     ) -> Outcome | None:
-        """Return where a descent from x ends, or None where the model cannot be solved there."""
+        """Return the end of a descent from x, or None if the model cannot be solved at x."""
 
         def evaluate(at: _Vector) -> Local | None:
             local = residual.local(problem, at)
@@ -337,13 +340,13 @@ class Search:
         Parameters
         ----------
         attempt : callable
-            The attempt from a start.
+            Makes the attempt from a start.
         problem : Problem
-            What it is an attempt at.
+            The problem of the attempt.
         points : iterable of ndarray of float, shape (n,)
             The starts.
         begun : Problem
-            What is evaluated first.
+            The problem that the attempt evaluates first.
         """
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
@@ -365,7 +368,7 @@ class Search:
                 yield start
 
     def _levels(self, problem: Problem) -> tuple[float, ...]:
-        """Return to what loss factors are raised, by turns."""
+        """Return the levels to which loss factors are raised, in turn."""
         loss = ~problem.coordinates.parameters.is_factor
         return _INFLATED if self.inflate and loss.any() else (0.0,)
 
@@ -385,12 +388,12 @@ class Search:
                 yield _inflated(problem, moved, levels[i % len(levels)])
 
     def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
-        """Look for a better minimum beside a minimum of the log error, shape (n,).
+        """Return a better minimum near a minimum x of the log error, shape (n,), or x itself.
 
-        Where noise leaves an unknown uncertain, the misfit can have several minima along it. Each
-        such unknown is moved alone, well outside its own standard deviation, and all are fitted
-        again from there. Moving one unknown by itself leaves the ridge of the misfit; steps along
-        the ridge were measured to fall back.
+        If noise leaves an unknown uncertain, the misfit can have several minima along it. Each such
+        unknown is moved alone, far outside its standard deviation, and all unknowns are fitted from
+        there. Moving a single unknown leaves the valley of the misfit; steps along the valley were
+        measured to fall back.
         """
         best: Outcome | None = None
         try:
@@ -411,7 +414,7 @@ class Search:
                 if best.local.cost == before:
                     break
         except Stopped:
-            pass  # the best so far
+            pass  # return the best so far
         return x if best is None else best.x
 
     @staticmethod
@@ -427,7 +430,7 @@ class Search:
 
 
 def _inflated(problem: Problem, x: _Vector, level: float) -> _Vector:
-    """Return x with loss factors raised to a level; higher ones and bounds are kept."""
+    """Return x with loss factors raised to a level, within bounds; higher ones are kept."""
     loss = ~problem.coordinates.parameters.is_factor
     return np.where(loss, np.clip(np.maximum(x, level), *problem.coordinates.bounds), x)
 
@@ -447,7 +450,7 @@ def _cost(end: Outcome) -> float:
 
 
 def _distinct(ends: list[Outcome]) -> list[Outcome]:
-    """Return the ends of tries that are not much worse than the best, one of each basin."""
+    """Return one end of each basin, of the tries that are not much worse than the best."""
     found: list[Outcome] = []
     most = _WORTH * min(map(_cost, ends), default=0.0)
     for end in sorted(ends, key=_cost):
@@ -457,21 +460,13 @@ def _distinct(ends: list[Outcome]) -> list[Outcome]:
 
 
 def _is_same(a: Outcome, b: Outcome) -> bool:
-    """Whether a step from one to the other changes the residual by next to nothing."""
+    """Return whether the step between two ends hardly changes the residual."""
     moved = b.local.R @ (a.x - b.x)
     return bool(moved @ moved <= SAME * b.local.cost)
 
 
 def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
-    """Return the problem that is searched: some lines, whose data carry what is known of the noise.
-
-    Parameters
-    ----------
-    problem : Problem
-        All lines.
-    noises : sequence of NoiseModel
-        How uncertain the data of each part are.
-    """
+    """Return the problem of the search: some lines, with the known noise as variance."""
     parts = []
     for part, noise in zip(problem.parts, noises, strict=True):
         frf = replace(part.frf, variance=noise.beforehand(part.frf))
@@ -480,7 +475,7 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
 
 
 def _on_few_lines(problem: Problem) -> Problem:
-    """Return the problem on few lines; itself where it has hardly more."""
+    """Return the problem on few lines; the problem itself if it has hardly more."""
     if not problem.parts:
         return problem
     numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
@@ -491,10 +486,10 @@ def _on_few_lines(problem: Problem) -> Problem:
 
 
 def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
-    """Return the problem on a share of its lines; None where so few do not hold the unknowns.
+    """Return the problem on a share of its lines; None if these are too few for the unknowns.
 
-    Where all lines have a minimum of the misfit that is not the answer, some of them mostly have
-    none; the answer is a minimum on any.
+    A minimum of the misfit on all lines that is not the answer is mostly no minimum on some of the
+    lines; the answer is a minimum on any.
     """
     if not problem.parts:
         return None
@@ -517,7 +512,7 @@ def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
 
 
 def _spread(turn: int) -> float:
-    """Return 1/2, 1/4, 3/4, 1/8, ... by turns, each far from those before (van der Corput 1935)."""
+    """Return 1/2, 1/4, 3/4, 1/8, ... in turn, each far from those before (van der Corput 1935)."""
     place, share, rest = 0.0, 0.5, turn + 1
     while rest:
         place += share * (rest % 2)
@@ -526,15 +521,15 @@ def _spread(turn: int) -> float:
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
-    """Return points of a Latin hypercube about x, as far off as `far`, shape (number, n)."""
-    from scipy.stats import qmc  # slow to load, and seldom needed
+    """Return points of a Latin hypercube of half-width `far` about x, shape (number, n)."""
+    from scipy.stats import qmc  # slow to import and seldom needed
 
     draws = qmc.LatinHypercube(d=len(x), rng=seed).random(number)
     return np.asarray(x + far * (2.0 * draws - 1.0))
 
 
 def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
-    """Make a try that goes down on few lines elsewhere; return all that it evaluated."""
+    """Make a try that descends on few lines, in a worker; return all its evaluations."""
     search, start = item
     return _recorded(
         problem,
@@ -543,13 +538,13 @@ def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
 
 
 def _try_on_all(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
-    """Make a try on all lines elsewhere; return all that it evaluated."""
+    """Make a try on all lines, in a worker; return all its evaluations."""
     search, start = item
     return _recorded(problem, lambda alone: search._try_from(alone, alone, start, Monitor(alone)))
 
 
 def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
-    """Descend elsewhere; return all that it evaluated."""
+    """Make a descent in a worker; return all its evaluations."""
     search, x = item
     return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
 
@@ -557,6 +552,6 @@ def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
 def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
     memory = Recent(limit=np.inf)
     session = Session(memory=memory)
-    with suppress(SolverError):  # to be met again when its turn comes
+    with suppress(SolverError):  # raised again when the try takes its turn
         work(problem.with_session(session))
     return memory.items, session.lines_solved

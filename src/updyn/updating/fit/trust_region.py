@@ -1,20 +1,20 @@
 """Nonlinear least squares with bounds: a trust region on the reduced Jacobian.
 
-The problem is met only through its reduced form at a point: the triangle R of the QR factors of the
-stacked, weighted Jacobian and the projected residual. A step minimises |R p + q| within a ball, on
-the unknowns that no bound holds. Gauss-Newton steps do without the normal equations (More 1978,
-"The Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
+Each point is represented by its reduced problem: the triangle R of the QR factors of the stacked,
+weighted Jacobian, and the projected residual q. A step minimises |R p + q| within a ball, over the
+unknowns that are not on a bound. Gauss-Newton steps are computed without the normal equations (More
+1978, "The Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
 
-Where the size of the noise is known, two rules use it. A combination of the unknowns that the data
-do not determine (its standard deviation is above `WIDEST`) stays where it is while its best value
-is less than two standard deviations away: the misfit is a curved valley along it, in which a
-hundred short steps gain nothing that could be told from noise. And the iteration ends when a whole
-Gauss-Newton step, whatever the radius, would gain no more than is asked for: the relative offset
-criterion of Bates & Watts, Technometrics 23 (1981) 179.
+If the size of the noise is known, two rules use it. A combination of unknowns that the data do not
+determine (its standard deviation is above `WIDEST`) keeps its value while its best value is less
+than two standard deviations away: the misfit is a curved valley along it, in which a hundred short
+steps gain nothing significant. And the iteration ends when a full Gauss-Newton step, without the
+trust radius, would gain no more than a given decrease: the relative offset criterion of Bates &
+Watts, Technometrics 23 (1981) 179.
 
-Where the residual is large, the Gauss-Newton model lacks the second derivatives of the residual
-times the residual itself, and its steps have to be short. They are learnt from the gradients
-(`_Curvature`), and used while they predict what a step gains better than the model without them.
+If the residual is large, the Gauss-Newton model lacks the product of the residual and its second
+derivatives, and its steps have to be short. This term is learnt from the gradients (`_Curvature`)
+and used while it improves the prediction of the gain of a step.
 """
 
 from __future__ import annotations
@@ -38,10 +38,11 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
+#: Largest component of a step that is rounding.
 _ROUNDING = 1e-6
-#: Share of the cost that a step from next to a minimum would take away.
+#: Predicted decrease, as a share of the cost, below which a point is next to a minimum.
 _NEAR_MINIMUM = 1e-6
-#: An undetermined combination stays where it is within this many standard deviations.
+#: An undetermined combination keeps its value within this number of standard deviations.
 _NEAR = 2.0
 
 
@@ -51,18 +52,18 @@ def _unknown(local: Local) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """One trial step, as shown to the observer.
+    """Trial step, as passed to the observer.
 
     Attributes
     ----------
     x : ndarray of float, shape (n,)
-        The point after it (the trial, whether accepted or not).
+        The trial point, accepted or not.
     local : Local or None
-        The problem there; None where it could not be evaluated.
+        The local problem there; None if it could not be evaluated.
     length : float
         Largest component of the step.
     accepted : bool
-        Whether it was taken.
+        Whether the step was accepted.
     """
 
     x: _Vector
@@ -73,18 +74,18 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """Where the iteration ended.
+    """End of the iteration.
 
     Attributes
     ----------
     x : ndarray of float, shape (n,)
         Best point.
     local : Local
-        The problem there.
+        The local problem there.
     reason : {"converged", "stalled", "unsolvable", "max-iterations", "stopped"}
-        Why it ended; unsolvable where the model cannot be solved at the points next to it.
+        Why the iteration ended; unsolvable if the model cannot be solved at the points next to x.
     radius : float
-        The trust radius with which it would have gone on; of an iteration that ran out of steps.
+        The next trust radius, for an iteration that ran out of steps.
     """
 
     x: _Vector
@@ -102,15 +103,15 @@ class TrustRegion:
     max_iterations : int
         Largest number of trial steps.
     tolerance : float
-        Converged when a step and the predicted fall of the cost are below this, relative.
+        Converged when a step and the predicted decrease of the cost are below this, relative.
     radius : float
         First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
     fall, relative_fall : float
-        Converged, too, when the linear model promises no larger fall of the cost, absolute or as a
-        share of it, by a step of any length.
+        Also converged when the linear model predicts no larger decrease of the cost, absolute or
+        relative, for a step of any length.
     noise : callable
-        Returns the standard deviation of the residuals at a local problem; 0, as by default, where
-        it is not known.
+        Returns the standard deviation of the residuals of a local problem; 0, the default, if it is
+        not known.
     """
 
     max_iterations: int = 100
@@ -138,13 +139,13 @@ class TrustRegion:
         Parameters
         ----------
         evaluate : callable
-            Returns the local problem at a point, or None where the model cannot be solved. If it
-            raises `Stopped` once the start has been evaluated, the iteration ends as stopped, at
+            Returns the local problem at a point, or None if the model cannot be solved. If it
+            raises `Stopped` after the start has been evaluated, the iteration ends as stopped, at
             its best point.
         x, lower, upper : ndarray of float, shape (n,)
-            Start, which must be possible to evaluate, and bounds.
+            Start, at which the model must be solvable, and bounds.
         observe : callable, optional
-            Called after every trial step; returning True stops the iteration.
+            Called after every trial step; a return value of True stops the iteration.
         within : ndarray of float, shape (n, k), optional
             Orthonormal directions: the iteration stays in their span, from `x`.
 
@@ -163,7 +164,7 @@ class TrustRegion:
             model = curvature.added_to(here) if curved else here
             p, fall, limited = _step(model, x, lower, upper, radius, within, noise)
             length = float(np.abs(p).max(initial=0.0))
-            # The decrease of a step that the radius limits is no measure of the distance to the
+            # If the radius limits the step, its decrease does not measure the distance to the
             # minimum.
             left = fall
             if limited or curved:
@@ -174,8 +175,7 @@ class TrustRegion:
             if nowhere:
                 curvature = _Curvature.unknown(len(x))
                 continue
-            # What is learnt of the curvature cannot by itself make the steps so short that they
-            # look like convergence.
+            # Steps shortened by the learnt curvature alone must not look like convergence.
             near = not curved or left <= max(_NEAR_MINIMUM, self._share) * here.cost
             trial = np.clip(x + p, lower, upper)
             try:
@@ -204,11 +204,10 @@ class TrustRegion:
             elif length <= _ROUNDING and not near:
                 curvature = _Curvature.unknown(len(x))
             else:
-                # A whole Gauss-Newton step this small that still does not help: only rounding is
-                # left.
+                # A full Gauss-Newton step this small without a gain: the rest is rounding.
                 if length <= _ROUNDING and not limited:
-                    # Costs that agree to rounding cannot choose between the two points; what is
-                    # left to gain can.
+                    # If the costs agree to rounding, the remaining predicted decrease decides
+                    # between the two points.
                     if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
                         left = _step(there, trial, lower, upper, radius, within, noise)[1]
                         if left < fall:
@@ -229,35 +228,35 @@ class TrustRegion:
         return Outcome(x, here, "max-iterations", radius)
 
 
-#: The Gauss-Newton model holds where it predicts what a step gains to this share, and where the
-#: step takes away so much of the cost.
+#: The Gauss-Newton model holds if it predicts the gain of a step with this relative error, or if
+#: the step lowers the cost by more than this share.
 _HOLDS, _FALLS = 0.25, 0.02
-#: What is learnt of the curvature is used after steps up to this length; farther from a minimum,
-#: Gauss-Newton steps reach the right one as often, or more so (benchmarks/basin.py).
+#: The learnt curvature is used after steps up to this length; farther from a minimum, Gauss-Newton
+#: steps reach the right one at least as often (benchmarks/basin.py).
 _SHORT = 0.05
-#: Share of the cost below which what a step gains is rounding.
+#: Share of the cost below which the gain of a step is rounding.
 _SEEN = 1e-12
-#: Smallest cosine of a step and of what the curvature lacks along it from which that is learnt.
+#: Smallest cosine between a step and the missing change of the gradient for an update.
 _COSINE = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Curvature:
-    """What the Gauss-Newton model lacks of the second derivatives of the cost.
+    """Second derivatives of the cost that the Gauss-Newton model lacks.
 
-    These are J^T J + S, with S the sum of the residuals times their second derivatives. Each step,
-    taken or not, shows the change of the gradient along it, and from that S is learnt by updates of
-    rank one (structured secant method: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7 (1981) 348;
-    the update: Conn, Gould & Toint, Math. Program. 50 (1991) 177). It is used after a short step
-    whose gain it predicts better, and which hardly lowers the cost: the residual is large (Fletcher
-    & Xu, IMA J. Numer. Anal. 7 (1987) 371).
+    The second derivatives are J^T J + S, with S the sum of the residuals times their second
+    derivatives. Each step, accepted or not, shows the change of the gradient along it, from which S
+    is learnt by updates of rank one (structured secant method: Dennis, Gay & Welsch, ACM Trans.
+    Math. Softw. 7 (1981) 348; the update: Conn, Gould & Toint, Math. Program. 50 (1991) 177). S is
+    used after a short step whose gain it predicts better, and which hardly lowers the cost: the
+    residual is then large (Fletcher & Xu, IMA J. Numer. Anal. 7 (1987) 371).
 
     Attributes
     ----------
     S : ndarray of float, shape (n, n)
-        Symmetric.
+        Symmetric matrix.
     used : bool
-        Whether the next step goes by it.
+        Whether the next step uses S.
     """
 
     S: NDArray[np.float64]
@@ -265,13 +264,13 @@ class _Curvature:
 
     @classmethod
     def unknown(cls, n: int) -> _Curvature:
-        """Return that of which nothing is known yet."""
+        """Return the curvature before any update, S = 0."""
         return cls(np.zeros((n, n)))
 
     def added_to(self, here: Local) -> Local:
-        """Return a local problem of the same gradient, and of the second derivatives J^T J + S.
+        """Return a local problem of the same gradient, with the second derivatives J^T J + S.
 
-        A direction along which these are negative counts with their absolute value.
+        Negative eigenvalues are replaced by their absolute values.
         """
         norms = np.linalg.norm(here.R, axis=0)
         scale = np.where(norms > 0.0, norms, 1.0)
@@ -282,7 +281,7 @@ class _Curvature:
         return Local(here.cost, root[:, None] * V.T * scale, V.T @ (here.gradient / scale) / root)
 
     def learnt(self, step: _Vector, here: Local, there: Local, *, accepted: bool) -> _Curvature:
-        """Return it after a step from `here` to `there`."""
+        """Return the curvature after a step from `here` to `there`."""
         gained = here.cost - there.cost
         plain = _fall(here, step, here.q)
         curved = plain - 0.5 * float(step @ self.S @ step)
@@ -335,7 +334,7 @@ def _step(
             upper - x,
             free,
         )
-    # The model is convex: on the way from 0 to its minimum within the bounds it only falls.
+    # The model is convex: it decreases all the way from 0 to its minimum within the bounds.
     size = float(np.linalg.norm(p))
     if size > radius:
         p = p * (radius / size)
@@ -345,9 +344,8 @@ def _step(
 def _resting(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
     """Return q without the pull on undetermined combinations that are within the noise.
 
-    The singular values of R over the standard deviation of the noise are one over the standard
-    deviations of the combinations; U^T q over it is how many of these each is away from its best
-    value.
+    The standard deviations of the combinations are the noise over the singular values of R; U^T q
+    over the noise is the distance of each from its best value, in standard deviations.
     """
     if noise == 0.0:
         return q
@@ -394,10 +392,10 @@ def _box_step(
 ) -> _Vector:
     """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
 
-    Unknowns are put on the bound that they meet first and let go when the gradient pulls them off
-    it (Stark & Parker, Comput. Stat. 10 (1995) 129). Every turn lowers |R p + q| or leaves it, so
-    that the loop may end at any. `scipy.optimize.lsq_linear` gives the same where R has full
-    rank; where it has not, it takes another of the minimisers, and not that of least scaled norm.
+    Unknowns are fixed at the bound that they meet first, and released when the gradient points away
+    from it (Stark & Parker, Comput. Stat. 10 (1995) 129). No iteration increases |R p + q|, so the
+    loop may end at any. `scipy.optimize.lsq_linear` gives the same result if R has full rank;
+    otherwise it returns another minimiser, not that of least scaled norm.
     """
     p, free = np.zeros(len(low)), free.copy()
     norms = np.linalg.norm(R, axis=0)
@@ -428,7 +426,7 @@ def _box_step(
 
 
 def _least_squares(R: NDArray[np.float64], q: _Vector) -> _Vector:
-    """Minimise |R p + q|; where R with unit columns is rank-deficient, by the least scaled norm."""
+    """Minimise |R p + q|; if R is rank-deficient, with the least column-scaled norm."""
     if R.shape[1] == 0:
         return np.zeros(0)
     norms = np.linalg.norm(R, axis=0)
@@ -445,7 +443,7 @@ def _ball_step(R: NDArray[np.float64], q: _Vector, radius: float) -> tuple[_Vect
         return full, 0.0
     U, s, Vt = np.linalg.svd(R, full_matrices=False)
     b = U.T @ q
-    # |p(damping)| falls monotonically: bisect, in the logarithm, the damping that puts p on the
+    # |p(damping)| decreases monotonically: bisect the logarithm of the damping that puts p on the
     # sphere.
     high = max(float(np.linalg.norm(s * b)) / radius, np.finfo(float).tiny)
     low = high * 1e-40
