@@ -1,6 +1,6 @@
 """Assessment of a fit: identifiability, covariance, agreement with the data, adequacy, rounding.
 
-After a stop, evaluations that take long are left out, and the rest is assessed.
+If the user stops the assessment, long evaluations are omitted and the rest is completed.
 """
 
 from __future__ import annotations
@@ -50,43 +50,42 @@ __all__ = [
 
 T = TypeVar("T")
 
-#: A level that noise alone hardly has, in its standard deviations.
+#: Least magnitude of a value that is clear of the noise, in standard deviations.
 _CLEAR = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """What is known of a fit.
+    """Assessment of a fit.
 
     Attributes
     ----------
     fit : Fit
-        The fit, as stopped where the judgement was.
+        The fit, with the reason ``"stopped"`` if the assessment was stopped.
     analysis : Analysis
-        What the data determine.
+        Identifiability.
     covariance : ndarray of float, shape (n, n)
-        Of the values, from data and priors; inf for unknowns that neither determines.
+        Covariance of the values, from data and priors; inf for unknowns that neither determines.
     advice : str
         Experiment advice on undetermined unknowns.
     misfit : float
-        Median of |H - H_X| / |H_X| over values that are clear of the noise as far as it is known
-        before a fit: what noise and model error leave. 0 where it is not known, nan where no value
-        is clear of the noise.
+        Median of |H - H_X| / |H_X| over the values that are clear of the noise, as far as the noise
+        is known before a fit. It includes noise and model error. 0 if unknown, nan if no value is
+        clear of the noise.
     at_bound : dict of str to str
         ``"lower"`` or ``"upper"`` for unknowns on a bound.
     correlation : tuple of dict
-        For each part of the problem, figures of agreement before and after; empty where they are
-        not known.
+        For each part of the problem, figures of agreement before and after the fit; empty if
+        unknown.
     adequacy : tuple of Adequacy or None
-        For each part, whether the residual is noise; None where it is not known, or rounding is
-        seen.
+        For each part, the tests of the residual against noise; None if unknown or if rounding was
+        found.
     rounding : Rounding or None
-        Where rounding moves the model's answer by what matters.
+        Rounding errors of the model that are not small compared with the misfit.
     alternatives : tuple of Alternative
-        Other answers that fit as well.
+        Other solutions that fit equally well.
     discrepancy : Discrepancy or None
-        Errors of the model that the residual shows, which the covariance includes; None where it
-        shows none.
+        Model error found in the residual and included in the covariance; None without any.
     """
 
     fit: Fit
@@ -111,23 +110,23 @@ def judge(
     *,
     is_likelihood: bool,
 ) -> Judgement:
-    """Judge a fit.
+    """Assess a fit.
 
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The problem that was fitted.
     data : sequence of Split or ModalSplit
-        For each part, all its data, and what of them was held out; those of modes last.
+        For each part, all data and the held-out data; those of modes last.
     fit : Fit
-        How it ended.
+        The result of the fit.
     noises : sequence of NoiseModel
-        How uncertain the data of each part are.
+        Noise model of the data of each part.
     firsts : sequence of FieldSolver, optional
-        What solves each part at the start of the unknowns, where it is not the problem's own.
+        Solver of each part at the start of the unknowns, if it differs from the problem's solver.
     is_likelihood : bool
-        Whether the fit maximises a likelihood. Only then do errors of the model move the estimate
-        as they move the weighted output error, and are part of the covariance.
+        Whether the fit maximises a likelihood. Only then do model errors shift the estimate in the
+        same way as the weighted output error, so that they are included in the covariance.
 
     Returns
     -------
@@ -144,13 +143,13 @@ def judge(
             return otherwise
 
     names, even = problem.coordinates.parameters.names, None
-    if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
+    if fit.reason == "failed":  # the last point is not informative: analyse the start
         blinded = Fit.blind(fit.x, fit.reason, fit.note)
         fit = replace(blinded, cause=fit.cause, remedy=fit.remedy)
         blind = analyse(fit.R, names)
         analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
         misfit = 0.0
-    elif fit.reason == "stopped":  # the user waits
+    elif fit.reason == "stopped":  # the user is waiting: omit long evaluations
         analysis, advice, misfit = analyse(fit.R, names), "", 0.0
     else:
         if not fit.advice:
@@ -220,20 +219,10 @@ def judge(
 
 
 def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
-    """Analyse the data at the start of the unknowns, and advise.
+    """Return the identifiability analysis at the start of the unknowns, and the experiment advice.
 
-    Parameters
-    ----------
-    problem : Problem
-        Model, data and unknowns.
-    noises : sequence of NoiseModel
-        How uncertain the data of each part are; noise of ordinary size is taken where it would be
-        estimated from a fit.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved there.
+    Noise of typical size is assumed for parts whose noise would be estimated from a fit. Raises
+    `SolverError` if the model cannot be solved there.
     """
     local, share = local_at_start(problem, noises)
     x = problem.coordinates.home
@@ -245,15 +234,7 @@ def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, 
 def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
     """Return the whitened output error at the start, and the median of standard deviation over |H|.
 
-    Parameters
-    ----------
-    problem, noises
-        As for `at_start`.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved there.
+    The arguments are those of `at_start`. Raises `SolverError` if the model cannot be solved there.
     """
     x = problem.coordinates.home
     errors, shares = [], []
@@ -274,9 +255,9 @@ def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Loca
 def _even(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64], R: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return a reduced Jacobian in which no value outweighs the others, where rank is lost by that.
+    """Return a reduced Jacobian with rows of equal size, if rows of unequal size reduce the rank.
 
-    None where R has full rank, or as much of it.
+    None if R has full rank or if equal rows do not increase the rank.
     """
     short = null_space(R).shape[1]
     if short == 0 or not R.any():
@@ -286,7 +267,7 @@ def _even(
 
 
 def _spread(problem: Problem, fit: Fit, even: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return the covariance of the optimiser's coordinates; inf for what is left open."""
+    """Return the covariance of the optimiser's coordinates; inf for undetermined ones."""
     weight = problem.coordinates.prior[1]
     if fit.pull is not None and fit.pull.within is not None:
         known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.pull.within)
@@ -312,9 +293,9 @@ def _over_ratios(
     undetermined: NDArray[np.float64],
     spread: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the covariance over all ratios of relative noise and floor; `spread` if one is known.
+    """Return the covariance over all ratios of relative noise and floor, for noise from few data.
 
-    It is that of fits whose noise was estimated from few data.
+    Return `spread` if this does not apply or if a ratio is known.
     """
     if problem.modal or fit.pull is not None or fit.reason in _ABORTED:
         return spread
@@ -328,14 +309,14 @@ def _over_ratios(
     return spread if found is None else np.where(np.isinf(spread), np.inf, found)
 
 
-#: How a fit ended whose answer is not assessed.
+#: Reasons of termination after which a fit is not assessed.
 _ABORTED = ("failed", "stopped")
-#: Outcomes of a test of the residual that say nothing of an error of the model.
+#: Outcomes of the tests of the residual that carry no information on a model error.
 _UNTOLD = ("exact", "untested")
-#: Restricted log-likelihood that an error of the model gains by chance in a share `LEVEL` of fits
-#: whose residual is noise: a variance of 0 is at the bound of its range, so that twice the gain is
-#: 0 in half of them, and has the chi-square distribution of one degree of freedom in the others
-#: (Self & Liang, J. Am. Stat. Assoc. 82 (1987) 605).
+#: Gain in restricted log-likelihood by a model error that is exceeded by chance in a share `LEVEL`
+#: of fits whose residual is noise. A variance of 0 is at the bound of its range, hence twice the
+#: gain is 0 in half of the fits and has the chi-square distribution of one degree of freedom in the
+#: others (Self & Liang, J. Am. Stat. Assoc. 82 (1987) 605).
 _BY_CHANCE = 0.5 * float(chdtri(1.0, 2.0 * LEVEL))
 
 
@@ -346,10 +327,10 @@ def _model_error(
     adequacy: Sequence[Adequacy | None],
     undetermined: NDArray[np.float64],
 ) -> Discrepancy | None:
-    """Return the errors of the model that the residual shows; None where it shows none.
+    """Return the model error found in the residual; None without any.
 
-    A residual that tests have called structure has one; any other has to show it by likelihood.
-    From few data the noise itself is hardly known, and nothing is found.
+    A residual classed as structure contains a model error; for other residuals, the gain in
+    likelihood must be significant. Few data hardly determine the noise, and None is returned.
     """
     if any("degrees_of_freedom" in record for record in fit.noise):
         return None
@@ -373,7 +354,7 @@ def _model_error(
 def _with_model_error(
     problem: Problem, fit: Fit, spread: NDArray[np.float64], error: Discrepancy
 ) -> tuple[Fit, NDArray[np.float64]]:
-    """Return a fit whose record states an error of the model, and the covariance with it."""
+    """Return the fit and the covariance with the model error included."""
     unknown = error.unknown(spread)
     record: dict[str, Any] = {"model_error": error.share}
     names = [name for name, lost in zip(_names(problem), unknown, strict=True) if lost]
@@ -392,7 +373,7 @@ def _names(problem: Problem) -> list[str]:
 def _in_values(
     problem: Problem, x: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the covariance of the values by that of the optimiser's coordinates."""
+    """Return the covariance of the values from that of the optimiser's coordinates."""
     slope = problem.coordinates.slope(x)
     is_open = np.isinf(spread)
     out = np.where(is_open, 0.0, spread) * slope[:, None] * slope
@@ -401,7 +382,7 @@ def _in_values(
 
 
 def _noise_is_known(adequacy: Adequacy | None, noise: NoiseModel) -> bool:
-    """Return whether the size of the noise is known: stated, or that of a residual of noise."""
+    """Return whether the size of the noise is stated or estimated from a residual of noise."""
     if noise.bulk.size_known:
         return True
     return adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
@@ -415,7 +396,7 @@ def _predicted(
     spread: NDArray[np.float64],
     noise: NoiseModel,
 ) -> dict[str, float]:
-    """Return what is predicted of held-out data; empty where the model is singular."""
+    """Return the predictive figures of held-out data; empty if the model is singular."""
     try:
         H = part.responses(x)
         known, scale = noise.refit(H, part.frf, problem.share(part)).bulk, 1.0
@@ -430,7 +411,7 @@ def _predicted(
 def _with_prediction(
     correlation: tuple[Mapping[str, Any], ...], i: int, figures: Mapping[str, float]
 ) -> tuple[Mapping[str, Any], ...]:
-    """Return the figures of agreement, those of the held-out data of a part extended."""
+    """Return the figures of agreement extended by the predictive figures of part i."""
     found = list(correlation)
     validation = found[i].get("validation", {})
     if figures and validation.get("after"):
@@ -442,9 +423,9 @@ def _with_prediction(
 def _typical_misfit(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> float:
-    """Return the median of |H - H_X| / |H_X|, over values that are clear of the noise.
+    """Return the median of |H - H_X| / |H_X| over the values that are clear of the noise.
 
-    Nan where none is. Of modes alone, of the relative errors of frequencies.
+    nan if no value is. Without FRFs, the median of the relative errors of natural frequencies.
     """
     misfits = []
     for part, noise in zip(problem.parts, noises, strict=True):
@@ -475,8 +456,8 @@ def _correlation(
     whole = part.with_data(split.whole)
     untouched = replace(whole, solver=first)
     start = part.coordinates.home
-    # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has
-    # none.
+    # Only the unbounded plain iteration can end at a negative loss factor; the updated model uses
+    # zero instead.
     end = np.where(part.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
     parts = {"fitted": split.fitted}
     if split.held is not None:
@@ -498,7 +479,7 @@ def _no_figures(split: Split | ModalSplit) -> dict[str, Any]:
 def _scores(
     whole: Part, x: NDArray[np.float64], parts: Mapping[str, FRF]
 ) -> dict[str, dict[str, float]]:
-    """Score the model on parts of the data, solved once; empty where it is singular."""
+    """Return the figures of agreement with parts of the data; empty if the model is singular."""
     frf = whole.frf
     try:
         answer = FRF(
@@ -518,7 +499,7 @@ def _scores(
     return scores
 
 
-#: A fit is not settled if its unknowns could still reduce the residual by more than this share.
+#: A fit is not settled if a step could reduce the residual by more than this share.
 _MOVING = 0.05
 
 
@@ -527,27 +508,27 @@ def examine(
 ) -> tuple[Adequacy | None, ...]:
     """Test the residual of a fit against noise, whitened by the noise models of its tests.
 
-    Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that
-    a robust fit gave less weight count in full, but not where something is sought that would
-    explain a misfit: whatever moves a single value explains an outlier. That takes one evaluation
-    with derivatives.
+    The residual is measured minus computed FRF, whichever residual the method minimised. Values
+    with a reduced weight in a robust fit have full weight in the tests, but keep the reduced weight
+    in the search for a model error, because any quantity that affects a single value explains an
+    outlier. The search takes one evaluation with derivatives.
 
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The problem that was fitted.
     x : ndarray of float, shape (n,)
         The estimate.
     noises : sequence of NoiseModel
-        How uncertain the data of each part are.
+        Noise model of the data of each part.
     settled : bool
-        Whether the fit ended at a minimum. Where it did not, it is tested all the same if the
-        unknowns could not reduce the residual by more than a twentieth.
+        Whether the fit ended at a minimum. Otherwise, it is tested only if a step could not reduce
+        the residual by more than 5 %.
 
     Returns
     -------
     tuple of Adequacy or None
-        For each part of FRFs; None where the model cannot be solved, or the fit is not settled.
+        For each part of FRFs; None if the model cannot be solved or the fit is not settled.
     """
     if not problem.parts:
         return ()
@@ -561,7 +542,7 @@ def examine(
         share = problem.share(part)
         known = noise.refit(H, part.frf, share)
         weight = robust = whitening(known, H, part)
-        if isinstance(known, Robust):  # outliers count as all other values
+        if isinstance(known, Robust):  # outliers have full weight in the tests
             weight = whitening(replace(known, weight=None), H, part)
         errors.append(OutputError(robust, "residual"))
         with np.errstate(invalid="ignore"):
@@ -602,22 +583,16 @@ def examine(
 
 
 def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
-    """Return whether the unknowns could still reduce the residual by a good part."""
+    """Return whether a step could still reduce the residual by more than `_MOVING`."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 
 
 def whitening(known: NoiseModel, H: NDArray[np.complex128], part: Part) -> NDArray[np.float64]:
-    """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance.
+    """Return 1 / sigma of the real (and of the imaginary) part, shape (n_f, n_i, n_j).
 
-    Parameters
-    ----------
-    known : NoiseModel
-        Refitted to the residual.
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        Of the model.
-    part : Part
-        With the data.
+    Values without a finite variance have weight 0. `known` is the noise model after its refit to
+    the residual, and H the FRF of the model, shape (n_f, n_i, n_j).
     """
     variance = np.broadcast_to(known.variance(H, part.frf), H.shape)
     usable = np.isfinite(variance) & (variance > 0.0)

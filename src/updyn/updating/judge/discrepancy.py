@@ -1,9 +1,10 @@
-"""Model error in the standard deviations: a discrepancy that is estimated with the unknowns.
+"""Model error in the standard deviations: a discrepancy estimated together with the unknowns.
 
-What noise does not explain of a residual is the effect of errors that the model has no unknown for.
-The fit has put a part of it into the unknowns; that part is not seen in the residual, and neither
-resampling nor the covariance of the residual shows it. A model of the errors does (Kennedy &
-O'Hagan, J. R. Stat. Soc. B 63 (2001) 425): here local changes of the dynamic stiffness.
+The part of a residual that noise does not explain is the effect of errors in quantities that are
+not unknowns. The fit compensates a part of these errors by the unknowns; that part does not appear
+in the residual, nor in resampling or in a covariance computed from the residual. A statistical
+model of the errors includes it (Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425); here the
+errors are local changes of the dynamic stiffness.
 """
 
 from __future__ import annotations
@@ -28,36 +29,36 @@ __all__ = ["Discrepancy", "estimate_discrepancy"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest number of degrees of freedom at which the model may be wrong. With more, changes of all
-#: neighbours together stand for a change of a group, which no data tell from them: of a measured
-#: beam, the deviation of its mass is 0.3 % with 16 and 34 % with 64. Of structures of 6 to 33
-#: degrees of freedom (`benchmarks/discrepancy.py errors`) 95 % intervals cover 96.7 % with 16,
-#: 96.5 % with 64 and 95.0 % with 8.
+#: Largest number of degrees of freedom with local changes. With more, equal changes at all
+#: neighbours cannot be distinguished from a change of the group: the standard deviation of the mass
+#: of a measured beam is 0.3 % with 16 and 34 % with 64. For structures of 6 to 33 degrees of
+#: freedom (`benchmarks/discrepancy.py errors`), 95 % intervals cover 96.7 % with 16, 96.5 % with 64
+#: and 95.0 % with 8.
 _PLACES = 16
-#: Kinds of change at each of them: stiffness, loss, viscous damping and mass.
+#: Number of changes at each degree of freedom: stiffness, loss, viscous damping and mass.
 _KINDS = 4
-#: Variance ratios that are tried: logarithms of the share of the discrepancy over that of the noise
-#: along the direction that shows it most, and their number.
+#: Grid of the logarithm of the variance ratio of discrepancy and noise, in the direction in which
+#: the ratio is largest.
 _RATIOS = np.linspace(-9.0, 30.0, 79)
-#: Effect of a change over the largest one, below which it is rounding.
+#: Effect of a change, relative to the largest one, below which it is rounding.
 _UNSEEN = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Discrepancy:
-    """What errors of the model add to the uncertainty of the unknowns.
+    """Contribution of model errors to the uncertainty of the unknowns.
 
     Attributes
     ----------
     covariance : ndarray of float, shape (n, n)
-        Of the optimiser's coordinates about the estimate: the square of the likeliest shift, and
-        the spread of the shift.
+        Mean square error of the optimiser's coordinates: the square of the mean shift plus the
+        covariance of the shift.
     shift : ndarray of float, shape (n,)
-        The likeliest shift, truth less estimate.
+        Mean of the shift, true value minus estimate.
     share : float
         Share of the sum of squares of the residual that the discrepancy explains.
     gain : float
-        Restricted log-likelihood, less that without a discrepancy.
+        Increase of the restricted log-likelihood by the discrepancy.
     """
 
     covariance: _Real
@@ -66,15 +67,11 @@ class Discrepancy:
     gain: float
 
     def unknown(self, spread: _Real) -> NDArray[np.bool_]:
-        """Return which unknowns have no honest interval, though the data determine them.
+        """Return which determined unknowns have no valid interval, shape (n,).
 
-        Those whose standard deviation exceeds half of `WIDEST`: the error of the model leaves them
-        anything within the range of their shift, and first order says nothing of how far it goes.
-
-        Parameters
-        ----------
-        spread : ndarray of float, shape (n, n)
-            Covariance due to noise; inf for unknowns that are open anyway.
+        These are unknowns with a standard deviation above half of `WIDEST`: the model error permits
+        any value in the range of their shift, in which the first-order approximation is not valid.
+        `spread`, shape (n, n), is the covariance due to noise; inf for undetermined unknowns.
         """
         with np.errstate(invalid="ignore"):
             std = np.sqrt(np.diag(spread) + np.diag(self.covariance))
@@ -90,38 +87,38 @@ def estimate_discrepancy(
     size_known: bool,
     least_gain: float,
 ) -> Discrepancy | None:
-    """Estimate the errors that a structural residual shows, and what they do to the unknowns.
+    """Estimate the model errors in a residual, and their effect on the unknowns.
 
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The problem that was fitted.
     fit : Fit
-        How it ended.
+        The result of the fit.
     residual : Each
-        The output errors of its parts, in standard deviations of the noise.
+        The output errors of the parts, in standard deviations of the noise.
     undetermined : ndarray of float, shape (n, k)
-        Orthonormal basis of the directions that the data leave open.
+        Orthonormal basis of the undetermined directions.
     size_known : bool
-        Whether the noise is known from elsewhere, so that it is not smaller than that.
+        Whether the size of the noise is known independently, which is then a lower limit.
     least_gain : float
-        Restricted log-likelihood that a discrepancy has to gain.
+        Least increase of the restricted log-likelihood.
 
     Returns
     -------
     Discrepancy or None
-        None where the data show no discrepancy, or are of modes as well.
+        None if the data show no discrepancy or include modes.
 
     Notes
     -----
-    The residual is r = J d + B z + e, with d the shift of the unknowns, e noise of variance s^2,
-    and B the effects of a spring, a loss, a dashpot and a mass at single degrees of freedom, all
-    scaled to equal norm. The changes z are normal, with one variance for all. Both variances
-    maximise the restricted likelihood, that of the residual but for what J can take (Patterson &
-    Thompson, Biometrika 58 (1971) 545), in which z and so d have a mean and a covariance. The shift
-    has a prior of standard deviation `WIDEST`, a factor of e, beyond which first order means
-    nothing. The estimate stays as it is: its mean square error is the square of the mean of d and
-    the covariance of d.
+    The residual is r = J d + B z + e with the shift d of the unknowns, noise e of variance s^2, and
+    the effects B of a spring, a loss, a dashpot and a mass at single degrees of freedom, all scaled
+    to equal norm. The changes z are normal with a common variance. Both variances maximise the
+    restricted likelihood, which is the likelihood of the residual orthogonal to J (Patterson &
+    Thompson, Biometrika 58 (1971) 545). At these variances z, and therefore d, has a mean and a
+    covariance. The prior of the shift has the standard deviation `WIDEST`, a factor of e, above
+    which the first-order approximation is not valid. The estimate is not changed; its mean square
+    error is the square of the mean of d plus the covariance of d.
     """
     if problem.modal or not problem.parts:
         return None
@@ -155,22 +152,22 @@ def estimate_discrepancy(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Components:
-    """The residual in the coordinates of its two variances.
+    """The residual in coordinates in which both variances are diagonal.
 
     Attributes
     ----------
     norms : ndarray of float, shape (k,)
-        Of the columns of J.
+        Norms of the columns of J.
     head, effects : ndarray of float, shape (k, k) and (k, m)
-        Triangle of J with unit columns, and the effects of the changes along J.
+        Triangle of J with unit columns, and the components of the changes in the range of J.
     V : ndarray of float, shape (r, m)
-        Right singular vectors of the effects beyond the unknowns.
+        Right singular vectors of the effects orthogonal to J.
     s, h : ndarray of float, shape (r,)
-        Their singular values, and the residual along the left ones.
+        Their singular values, and the residual along the left singular vectors.
     rest : float
-        Sum of squares of the residual beyond.
+        Sum of squares of the residual orthogonal to J and to all effects.
     numbers : int
-        Numbers of the residual that the unknowns leave.
+        Number of real values minus number of unknowns.
     """
 
     norms: _Real
@@ -184,7 +181,7 @@ class _Components:
 
     @classmethod
     def of(cls, J: _Real, B: _Real, r: _Real, rest: float, numbers: int) -> _Components | None:
-        """Reduce the stacked problem; None where J has no full rank, or nothing is left of r."""
+        """Reduce the stacked problem; None if J is rank-deficient or the residual is zero."""
         k, norms = J.shape[1], np.linalg.norm(J, axis=0)
         if k == 0 or B.shape[1] == 0 or numbers <= 0 or not norms.all():
             return None
@@ -200,14 +197,10 @@ class _Components:
         return cls(norms, head, effects, V, s, h, rest, numbers)
 
     def estimate(self, least: float, held: _Real) -> Discrepancy:
-        """Return the discrepancy of the greatest restricted likelihood.
+        """Return the discrepancy at the maximum of the restricted likelihood.
 
-        Parameters
-        ----------
-        least : float
-            Least variance of the noise.
-        held : ndarray of float, shape (p, k)
-            Rows of the priors of the shift, over their standard deviations.
+        `least` is the least variance of the noise; `held`, shape (p, k), holds the rows of the
+        priors of the shift divided by their standard deviations.
         """
         from scipy.optimize import minimize_scalar
 
@@ -230,10 +223,10 @@ class _Components:
         return Discrepancy(covariance, shift, max(1.0 - left / total, 0.0), gain)
 
     def _shift(self, noise: float, size: float, held: _Real) -> tuple[_Real, _Real]:
-        """Return mean and covariance of the shift by the changes, at the variances of both.
+        """Return mean and covariance of the shift due to the changes, at given variances of both.
 
-        The changes come first in the stacked problem, so that the last block of its triangle is
-        that of the shift alone. What noise adds, the covariance at known changes, is taken off.
+        The changes come first in the stacked problem, so the last block of its triangle belongs to
+        the shift alone. The covariance at known changes, which is due to noise, is subtracted.
         """
         k, m = self.effects.shape
         prior = held / self.norms
@@ -254,14 +247,14 @@ class _Components:
         return shift, wide @ wide.T - narrow @ narrow.T
 
     def _power(self, ratio: float) -> float:
-        """Return the sum of squares of the residual over its variance, noise of variance 1."""
+        """Return the weighted sum of squares of the residual at a noise variance of 1."""
         return self.rest + float(np.sum(self.h**2 / (1.0 + np.exp(ratio) * self.s**2)))
 
     def _noise(self, ratio: float, least: float) -> float:
         return max(self._power(ratio) / self.numbers, least, float(np.finfo(float).tiny))
 
     def _cost(self, ratio: float, least: float) -> float:
-        """Return minus the restricted log-likelihood at a ratio of the variances, in logarithm."""
+        """Return minus the restricted log-likelihood at the logarithm of the variance ratio."""
         noise = self._noise(ratio, least)
         spread = float(np.sum(np.log1p(np.exp(ratio) * self.s**2)))
         twice = spread + self.numbers * float(np.log(noise)) + self._power(ratio) / noise
@@ -269,12 +262,9 @@ class _Components:
 
 
 def _with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
-    """Return the reduced problem with the unknowns first, and then the local changes.
+    """Return the reduced problem with the unknowns first, followed by the local changes.
 
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved.
+    Raises `SolverError` if the model cannot be solved.
     """
     places = _places(problem)
     n = problem.n + _KINDS * len(places[0])
@@ -285,7 +275,7 @@ def _with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
 
 
 def _solved(wide: _LocalErrors, part: Part, x: _Real, n: int) -> Local:
-    """Return the reduced problem of a part, from memory where it is known."""
+    """Return the reduced problem of a part, from the cache if present."""
 
     def compute() -> Record:
         local = reduced(wide, part, x, n)
@@ -296,9 +286,10 @@ def _solved(wide: _LocalErrors, part: Part, x: _Real, n: int) -> Local:
 
 
 def _places(problem: Problem) -> list[NDArray[np.intp]]:
-    """Return for each part the degrees of freedom of local changes; -1 where it lacks one.
+    """Return for each part the degrees of freedom of local changes; -1 if a part lacks one.
 
-    They are evenly spread over all that can be read. Tests of one structure share them by label.
+    They are evenly distributed over all degrees of freedom whose response can be computed. Tests of
+    one structure share them by label.
     """
     most = max(_PLACES // len(problem.parts), 1)
     chosen: dict[str, None] = {}
@@ -316,16 +307,16 @@ def _places(problem: Problem) -> list[NDArray[np.intp]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LocalErrors(LineResidual):
-    """The output error, with the derivatives by local changes after those by the unknowns.
+    """Output error with derivatives with respect to the unknowns, followed by the local changes.
 
     Parameters
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j)
         As for `OutputError`.
     places : ndarray of int, shape (m,)
-        Degrees of freedom of the changes; -1 where the model lacks one.
+        Degrees of freedom of the changes; -1 if the model lacks one.
     name : str
-        For messages.
+        Name for messages.
     """
 
     weight: _Real
@@ -342,7 +333,7 @@ class _LocalErrors(LineResidual):
         return part.partition(len(part.rows) + len(part.columns) + more)
 
     def block(self, part: Part, x: _Real, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, and derivatives by the unknowns and by the changes."""
+        """Return the residual and its derivatives with respect to the unknowns and the changes."""
         block = part.block(x, lines)
         assert block.dH is not None
         errors = _effects(part, x, lines, self.places)
@@ -364,6 +355,6 @@ def _effects(part: Part, x: _Real, lines: slice, places: NDArray[np.intp]) -> _C
     H = np.zeros((len(places), len(freq), *part.sign.shape), dtype=np.complex128)
     H[there] = -fields[:, :, rows, None] * fields[:, :, None, columns]
     H *= part.gains(x) * part.sign * (s ** QUANTITIES[part.frf.quantity])[:, None, None]
-    # A loss is an imaginary stiffness; where it is absolute, its size is that of the column.
+    # A loss is an imaginary stiffness of unit size; columns are scaled to equal norm later.
     by_kind = (np.ones_like(s), 1j * np.ones_like(s), s, s**2)
     return np.concatenate([H * kind[:, None, None] for kind in by_kind])

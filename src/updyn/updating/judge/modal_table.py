@@ -1,4 +1,4 @@
-"""`ModalTable`: the modes of the test, of the start model and of the updated model, paired."""
+"""Table of the modes of the test, of the start model and of the updated model, paired."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from updyn.text_table import text_table
 
 __all__ = ["ModalRow", "ModalTable", "ModeEntry", "compare_modes"]
 
-#: Most measured DOFs for which the mass is reduced to them.
+#: Largest number of measured DOFs to which the mass is reduced.
 _MOST_REDUCED = 300
-#: The columns of the table as text.
+#: Column headings of the text table.
 _COLUMNS = (
     "mode",
     "test (Hz)",
@@ -46,15 +46,15 @@ class ModeEntry:
     Attributes
     ----------
     number : int
-        Its number in its set of modes, from 0.
+        Index in its set of modes, from 0.
     frequency : float
         Natural frequency in Hz.
     loss_factor : float
-        Modal loss factor, twice the damping ratio; nan where not known.
+        Modal loss factor, twice the damping ratio; nan if unknown.
     change : float or None
-        Frequency over that of the test's mode less 1, in %; None of a mode without a pair.
+        Frequency relative to that of the test's mode minus 1, in %; None for an unpaired mode.
     mac : float or None
-        MAC with the test's mode; None of a mode without a pair.
+        MAC with the test's mode; None for an unpaired mode.
     in_subspace : bool
         Whether `mac` is that of the subspace of close modes, see `updyn.correlation.Subspace`.
     """
@@ -69,12 +69,12 @@ class ModeEntry:
 
 @dataclass(frozen=True, slots=True)
 class ModalRow:
-    """One mode of the structure: as tested, at the start and updated; None where it is not found.
+    """One mode of the structure in the test, at the start and updated; None if not found.
 
     Attributes
     ----------
     test, start, updated : ModeEntry or None
-        The three.
+        The mode in each of the three sets.
     """
 
     test: ModeEntry | None = None
@@ -83,7 +83,7 @@ class ModalRow:
 
     @property
     def frequency(self) -> float:
-        """Frequency in Hz of the first of the three, by which rows are sorted."""
+        """Frequency in Hz by which rows are sorted: of the test, else updated, else start mode."""
         first = self.test or self.updated or self.start
         assert first is not None
         return first.frequency
@@ -96,17 +96,16 @@ class ModalTable:
     Attributes
     ----------
     test, start, updated : Modes or None
-        The three sets at the measured DOFs, with the test's labels and signs. Those of the models
-        are the modes in the band of the test, and others that are paired. None where they are not
-        known.
+        The three sets at the measured DOFs, with the test's labels and signs. The sets of the
+        models contain the modes in the band of the test and further paired modes. None if unknown.
     cross_orthogonality : ndarray, shape (n_updated, n_test), or None
-        Of the updated model's modes and the test's, with the mass of the updated model reduced to
-        the measured DOFs (`updyn.dynamics.guyan.reduced_mass`).
+        Cross-orthogonality of the updated model's modes and the test's modes, with the mass of the
+        updated model reduced to the measured DOFs (`updyn.dynamics.guyan.reduced_mass`).
     own_orthogonality : ndarray, shape (n_updated, n_updated), or None
-        Of the updated model's modes with each other, with the same mass: what stands off the
-        diagonal is the error of the reduction.
+        Orthogonality of the updated model's modes with the same mass; the off-diagonal terms show
+        the error of the reduction.
     notes : tuple of str
-        What is not known and why, and what has to be known to read the table.
+        Reasons for unknown values, and remarks on how to read the table.
     """
 
     test: Modes | None = None
@@ -126,12 +125,12 @@ class ModalTable:
 
     @property
     def known(self) -> bool:
-        """Whether there are modes of the test, and modes of a model beside them."""
+        """Whether the modes of the test and of at least one model are known."""
         return bool(self.correlations)
 
     @cached_property
     def rows(self) -> tuple[ModalRow, ...]:
-        """A row for each mode of the test, and for each in its band that only the models have."""
+        """Rows for all modes of the test, and for modes in its band that only the models have."""
         if self.test is None:
             return ()
         entries: dict[str, dict[int, ModeEntry]] = {"start": {}, "updated": {}}
@@ -181,7 +180,7 @@ class ModalTable:
         return {name: found.figures() for name, found in self.correlations.items()}
 
     def text(self) -> str:
-        """Return the table, or why there is none, as text for the terminal."""
+        """Return the table as text for the terminal, or the reason why it is unknown."""
         if not self.known:
             return "Modes: not known. " + " ".join(self.notes)
         marks = (" ", "*") if self.subspace_notes else ("", "")
@@ -217,7 +216,7 @@ def _row_cells(row: ModalRow, marks: tuple[str, str]) -> list[str]:
 
 
 def _number(entry: ModeEntry | None, name: str, form: str, unit: str = "") -> str:
-    """Return an attribute of an entry as text; ``-`` where there is none."""
+    """Return an attribute of an entry as text; ``-`` if missing."""
     value = getattr(entry, name, None)
     if value is None or np.isnan(value):
         return "-"
@@ -235,19 +234,19 @@ def compare_modes(
     Parameters
     ----------
     start : Model
-        The model before.
+        The model before the update.
     updated : Model or None
-        The model after; None before any update.
+        The model after the update; None before any update.
     test : ModeSet or Modes
         The measured modes, at DOFs of the models.
     band : (float, float), optional
-        The band in Hz in which modes could have been measured. None: from the lowest to the
-        highest measured frequency.
+        The measured frequency band in Hz; by default from the lowest to the highest measured
+        frequency.
 
     Returns
     -------
     ModalTable
-        What cannot be computed is None, and a note says why.
+        Values that cannot be computed are None, and a note gives the reason.
     """
     notes = [] if len(test.dofs) else [BY_FREQUENCY]
     models = {"start": start, "updated": updated}
@@ -273,7 +272,7 @@ def compare_modes(
 def _orthogonality(
     model: Model, computed: Modes, measured: Modes, notes: list[str]
 ) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
-    """Return cross-orthogonality with the measured modes, and of the computed with each other."""
+    """Return the cross-orthogonality with the measured modes, and the model's own orthogonality."""
     try:
         mass = reduced_mass(model, measured.dofs)
         shapes = computed.shapes

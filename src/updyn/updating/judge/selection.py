@@ -38,8 +38,8 @@ __all__ = [
 _Vector = NDArray[np.float64]
 _Matrix = NDArray[np.float64]
 
-#: Of the unknowns that explain another, those are named whose share is at least so much of the
-#: largest.
+#: Least share, relative to the largest, of an unknown that is named as an explanation of another;
+#: and the largest number of names.
 _SHARE = 0.2
 _NAMED = 3
 
@@ -47,26 +47,26 @@ _NAMED = 3
 def subset(
     R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float = 15.0
 ) -> tuple[list[int], dict[int, str]]:
-    """Choose columns of a Jacobian by QR factors with column pivoting.
+    """Select columns of a Jacobian by QR factorisation with column pivoting.
 
     Parameters
     ----------
     R : ndarray of float, shape (k, m)
         Jacobian or its triangle, in units of one standard deviation of the noise.
     names : sequence of str
-        Of its columns.
+        Names of the columns.
     n : int, optional
         Number of columns; by default as many as the noise and `max_collinearity` allow.
     max_collinearity : float
-        Largest 1 / smallest singular value of the chosen columns at unit length, where `n` is not
+        Largest 1 / smallest singular value of the selected columns at unit length, if `n` is not
         given.
 
     Returns
     -------
     order : list of int
-        The chosen columns, in the order of pivoting.
+        The selected columns, in the order of pivoting.
     left_out : dict of int to str
-        By column that is not chosen, the reason.
+        The reason for each column that is not selected.
     """
     size = np.linalg.norm(R, axis=0)
     state = _Pivoting(R, names, size)
@@ -88,7 +88,7 @@ def subset(
 
 
 class _Pivoting:
-    """QR factors so far: a basis of the chosen columns, and the residuals of the others."""
+    """State of a pivoted QR factorisation: basis of selected columns, residuals of the others."""
 
     def __init__(self, R: _Matrix, names: Sequence[str], size: _Vector) -> None:
         self.R, self.names, self.size = R, names, size
@@ -103,8 +103,8 @@ class _Pivoting:
         return np.asarray(np.linalg.norm(self.rest, axis=0))
 
     def take(self, i: int) -> None:
-        # Once more against the basis: rounding of the earlier projections counts where columns are
-        # nearly dependent.
+        # Orthogonalise again: rounding of the earlier projections matters for nearly dependent
+        # columns.
         fresh = self.rest[:, i] - self.basis @ (self.basis.T @ self.rest[:, i])
         fresh = fresh / np.linalg.norm(fresh)
         self.basis = np.column_stack([self.basis, fresh])
@@ -112,7 +112,7 @@ class _Pivoting:
         self.order.append(i)
 
     def refused(self, i: int, limit: float) -> str:
-        """Return the reason why a column is not taken; empty where it may be."""
+        """Return the reason why a column is not selected; empty if it may be."""
         if self.size[i] * WIDEST <= 1.0:
             known = "not at all"
             if self.size[i] > 0.0:
@@ -140,21 +140,21 @@ class _Pivoting:
 def collinear_clusters(
     cosine: _Matrix, kinds: Sequence[str | None], threshold: float
 ) -> list[list[int]]:
-    """Cluster columns of one kind whose cosines are at least a threshold, each with each.
+    """Cluster columns of one kind whose cosines are all at least a threshold.
 
     Parameters
     ----------
     cosine : ndarray of float, shape (n, n)
-        Between the columns; nan for a column that is zero.
+        Cosines between the columns; nan for a column of zeros.
     kinds : sequence of str or None
-        Columns of different kinds are not joined, those of kind None not at all.
+        Columns of different kinds, or of kind None, are not joined.
     threshold : float
         Between 0 and 1.
 
     Returns
     -------
     list of list of int
-        Clusters of two or more, ascending.
+        Clusters of two or more columns, in ascending order.
     """
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
@@ -180,25 +180,25 @@ def collinear_clusters(
 
 
 def unit(R: _Matrix) -> _Matrix:
-    """Return a matrix with its columns at unit length; those that are zero stay so."""
+    """Return a matrix with columns scaled to unit length; columns of zeros are unchanged."""
     size = np.linalg.norm(R, axis=0)
     return np.asarray(R / np.where(size > 0.0, size, 1.0))
 
 
 def index(s: NDArray[np.floating[Any]]) -> float:
-    """Return the collinearity index from the singular values of unit columns; may be inf."""
+    """Return the collinearity index from the singular values of unit columns; inf if singular."""
     if s[-1] <= RANK_TOLERANCE * s[0]:
         return float("inf")
     return float(1.0 / s[-1])
 
 
-#: The collinearity index above which unknowns trade against each other: 10 to 15 (Brun, Reichert &
-#: Kuensch 2001).
+#: Collinearity index above which unknowns are not separable: 10 to 15 (Brun, Reichert & Kuensch
+#: 2001).
 MAX_COLLINEARITY = 15.0
-#: Cosine from which two unknowns count as collinear: 8 degrees, where a seventh of the effect of
-#: either is independent of the other.
+#: Least cosine of two collinear unknowns: an angle of 8 degrees, at which a seventh of the effect
+#: of either is independent of the other.
 ALIKE = 0.99
-#: Names of joined groups are written one by one up to so many letters.
+#: Largest length of a list of joined group names that is written in full.
 _LONG = 40
 
 
@@ -213,51 +213,51 @@ def select(
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
 ) -> Selection:
-    """Select, before a fit, the unknowns that the data separate; the others stay at their start.
+    """Select, before a fit, the unknowns that the data separate; the others are held.
 
     Parameters
     ----------
     model : Model
-        The model where the unknowns start.
+        The model at the start of the unknowns.
     frf : FRF
-        The measurement. The choice depends on the derivatives of the model, and on these values
-        only through the noise.
+        The measurement. The selection depends on the derivatives of the model, and on the measured
+        values only through the noise.
     parameters : ParameterSet or Selection
-        All unknowns that might be fitted; or the result of `cluster`.
+        All unknowns that might be fitted, or the result of `cluster`.
     n : int or "rank", optional
-        Number of unknowns to keep; "rank": as many as there are combinations that the data
-        determine above the noise. By default as many as keep the collinearity index at most
-        `max_collinearity`, each known, beside those chosen before it, to better than a factor e (a
-        loss factor: than 1).
+        Number of unknowns to keep; "rank" keeps as many as there are combinations that the data
+        determine above the noise. By default, the number is the largest for which the collinearity
+        index is at most `max_collinearity` and each unknown, given those selected before it, is
+        determined to better than a factor e (a loss factor: to better than 1).
     max_collinearity : float
-        Largest collinearity index of the chosen ones; it does not count where `n` is given.
+        Largest collinearity index of the selected unknowns; ignored if `n` is given.
     lines, noise
-        As for `updyn.update`. Where the noise is not known, 5 % of |H| and a floor of 0.1 % of the
-        rms are assumed, as for `updyn check`.
+        As for `updyn.update`. If the noise is unknown, 5 % of |H| and a floor of 0.1 % of the rms
+        are assumed, as for `updyn check`.
 
     Returns
     -------
     Selection
-        Give it to `updyn.update` as its parameters.
+        Pass it to `updyn.update` as its parameters.
 
     Raises
     ------
     InputError
-        If model, data, unknowns or options do not fit together, or the data see none of the
+        If model, data, unknowns or options are inconsistent, or the data depend on none of the
         unknowns.
     SolverError
         If the model cannot be solved at a line.
 
     Notes
     -----
-    QR factors with column pivoting of the Jacobian whitened by the noise (Golub & Van Loan, Matrix
-    Computations, 4th ed. 2013, section 5.4.2; for dynamic models Velez-Reyes & Verghese, Proc. IEEE
-    Conf. Control Applications 1995, 991; one by one, too, but by what they explain of a residual,
-    Lallement & Piranda, Proc. IMAC VIII, 1990, 579): each next unknown is the one whose effect is
-    least explained by those before it. One that lifts the collinearity index (Brun, Reichert &
-    Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the
-    index of a larger set is never smaller. Effects are those of a change by a factor e, or of a
-    loss factor by 1.
+    The Jacobian, whitened by the noise, is factorised by QR with column pivoting (Golub & Van Loan,
+    Matrix Computations, 4th ed. 2013, section 5.4.2; for dynamic models Velez-Reyes & Verghese,
+    Proc. IEEE Conf. Control Applications 1995, 991; Lallement & Piranda, Proc. IMAC VIII, 1990,
+    579, also select one by one, but by the explained part of a residual): each next unknown is the
+    one whose effect is least explained by the previous ones. An unknown that raises the
+    collinearity index (Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit
+    is discarded, because the index of a larger set is never smaller. Effects are those of a change
+    by a factor e, or of a loss factor by 1.
 
     Examples
     --------
@@ -276,12 +276,12 @@ def select_jointly(
     n: int | Literal["rank"] | None = None,
     max_collinearity: float = MAX_COLLINEARITY,
 ) -> Selection:
-    """Select the unknowns that several tests together determine separately; see `select`.
+    """Select the unknowns that several tests together separate; see `select`.
 
     Parameters
     ----------
     tests : sequence of Test
-        At least one; what they hold out counts as data here.
+        At least one; held-out data of the tests are used as data here.
     parameters, n, max_collinearity
         As for `select`.
 
@@ -292,7 +292,7 @@ def select_jointly(
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together, or the data see none of the
+        If models, data, unknowns or options are inconsistent, or the data depend on none of the
         unknowns.
     SolverError
         If a model cannot be solved at a line.
@@ -362,8 +362,8 @@ def cluster(
     model, frf, parameters
         As for `select`.
     threshold : float
-        Cosine between the whitened derivatives from which two unknowns are collinear. In a cluster
-        every two are.
+        Least cosine between the whitened derivatives of two collinear unknowns. All pairs in a
+        cluster are collinear.
     lines, noise
         As for `select`.
 
@@ -372,20 +372,20 @@ def cluster(
     Selection
         Its merged unknowns multiply all their groups by one factor (or give them one loss factor).
         Unknowns with opposite effects, of different quantities, or with different starts are not
-        joined: `remarks` names them.
+        joined; `remarks` lists them.
 
     Raises
     ------
     InputError
-        If model, data, unknowns or options do not fit together.
+        If model, data, unknowns or options are inconsistent.
     SolverError
         If the model cannot be solved at a line.
 
     Notes
     -----
     Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index
-    1 / sqrt(1 - cosine) is 10 at 0.99). A merged unknown has the bounds that all its members share
-    and the narrowest of their priors.
+    1 / sqrt(1 - cosine) is 10 at 0.99). The bounds of a merged unknown are the intersection of the
+    bounds of its members, and its prior is the narrowest of theirs.
 
     Examples
     --------
@@ -406,7 +406,7 @@ def cluster_jointly(
     Parameters
     ----------
     tests : sequence of Test
-        At least one; what they hold out counts as data here.
+        At least one; held-out data of the tests are used as data here.
     parameters, threshold
         As for `cluster`.
 
@@ -417,7 +417,7 @@ def cluster_jointly(
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together.
+        If models, data, unknowns or options are inconsistent.
     SolverError
         If a model cannot be solved at a line.
 
@@ -478,7 +478,7 @@ def cluster_jointly(
 
 # -- clusters --------------------------------------------------------------------------------------
 def _kind(p: Parameter) -> str | None:
-    """Return the quantity of an unknown that may be joined; None for sensors and mixed laws."""
+    """Return the quantity of an unknown; None for sensors and mixed quantities."""
     if p.is_channel:
         return None
     kinds = {(d.quantity, d.power) for d in p.acts_on}
@@ -491,7 +491,7 @@ def _kind(p: Parameter) -> str | None:
 
 
 def _kind_and_start(p: Parameter) -> str | None:
-    """Return quantity and start, equal where unknowns may be joined; None if `p` may not be."""
+    """Return quantity and start as a key, equal for unknowns that may be joined, or None."""
     kind = _kind(p)
     if kind is None:
         return None
@@ -499,7 +499,7 @@ def _kind_and_start(p: Parameter) -> str | None:
 
 
 def _drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
-    """Return the drives of some unknowns, joined."""
+    """Return the drives of several unknowns in one tuple."""
     drives: list[Drive] = []
     for i in members:
         drives += given[i].acts_on
@@ -507,14 +507,14 @@ def _drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
 
 
 def _joinable(given: ParameterSet, members: list[int]) -> bool:
-    """Whether unknowns can be one: within bounds that leave room, each group once."""
+    """Return whether unknowns can be joined: their bounds overlap, and no group occurs twice."""
     drives = _drives(given, members)
     room = given.lower[members].max() < given.upper[members].min()
     return bool(room) and len(set(drives)) == len(drives)
 
 
 def _joined(given: ParameterSet, members: list[int]) -> Parameter:
-    """Return the linked unknown that stands for several."""
+    """Return the merged unknown."""
     own = [given[i] for i in members]
     first = own[0]
     quantity = first.quantity
@@ -553,7 +553,7 @@ def _remarks(
     out = [f"the data do not see {given.names[i]}" for i in unseen]
     seen: set[tuple[int, int]] = set()
     for i, j in combinations(range(len(given)), 2):
-        # One remark for a cluster and an unknown outside it: further pairs add nothing.
+        # One remark for each pair of clusters or unknowns is sufficient.
         pair = (home.get(i, -1 - i), home.get(j, -1 - j))
         if not abs(cosine[i, j]) >= threshold or pair[0] == pair[1] or pair in seen:
             continue

@@ -1,6 +1,6 @@
-"""Trust: whether to believe an answer, in five parts, each with a sentence.
+"""Trust: whether to believe a result, in five claims with a sentence each.
 
-The rules, and why they are as they are, stand in docs/verdict.md.
+docs/verdict.md gives the rules and the reasons for them.
 """
 
 from __future__ import annotations
@@ -20,73 +20,74 @@ from updyn.updating.judge.strayed import Strayed
 
 __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
-#: Where a sentence ends and the next begins.
+#: Boundary between two sentences.
 _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
-#: How a message begins where not all unknowns are determined.
+#: Beginning of a message on undetermined unknowns.
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
-#: Unknowns that a sentence names.
+#: Largest number of unknowns named in a sentence.
 _NAMED = 4
-#: What is said where the modes of model and test were not compared.
+#: Claim on resemblance if the modes of model and test were not compared.
 NOT_COMPARED = Claim(None, "The modes of model and test were not compared.", asked=False)
 
-#: Typical misfit from which no noise model makes an answer plausible: half of the values are off by
-#: more than this share.
+#: Typical misfit above which a result is implausible for any noise model: half of the values are in
+#: error by more than this share.
 GROSS = 0.5
-#: How a fit ended that did not converge.
+#: Sentences for fits that did not converge.
 _ENDED = {
     "max-iterations": "The largest number of steps was reached before convergence.",
     "stalled": "The fit stalled before a minimum of the misfit.",
     "failed": "The fit failed.",
 }
-#: Typical misfit below which there is nothing left but rounding.
+#: Typical misfit below which only rounding remains.
 ROUNDED = 1e-8
-#: What is said where all values are lost in the noise.
+#: Sentence for data without a value clear of the noise.
 _HIDDEN = (
     "No value stands clear of the noise that was stated or measured, so that the misfit says"
     " nothing of the model."
 )
-#: Typical misfit from which a residual that is not noise leaves open whether to believe an answer,
-#: unless held-out data are predicted: what the search for causes calls noise at most.
+#: Typical misfit above which a residual that is not noise makes plausibility unknown, unless
+#: held-out data are predicted; the search for causes uses the same limit for noise.
 ROUGH = 0.05
-#: Relative residual from which a model that answers nothing would be as near to the data.
+#: Relative residual of a model with zero response.
 NOTHING = 1.0
-#: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
-#: number of them.
+#: Share and least number of stiffnesses and masses at a bound above which the bounds determine the
+#: result.
 MANY, SOME = 0.5, 2
-#: Correlation with its sign of a held-out channel: one below this does not follow the model.
+#: Signed correlation below which a held-out channel does not follow the model.
 LOST = 0.0
-#: Relative residual of held-out data, about 2 dB, up to which a model predicts their level.
+#: Largest relative residual of predicted held-out data, about 2 dB.
 PREDICTED = 0.25
-#: Relative residual, about 1 dB, up to which a prediction is good, however small the noise.
+#: Largest relative residual of a good prediction, about 1 dB, however small the noise.
 CLOSE = 0.1
-#: Held-out residual over the fitted one, or the one that is predicted, that is far worse. The noise
-#: of sensors of one kind differs by less.
+#: Ratio of the held-out to the fitted or predicted residual above which the prediction fails. The
+#: noise of sensors of one type differs by less.
 FAR_WORSE = 3.0
-#: Rms residual, in predicted standard deviations, from which the prediction fails: noise of one
-#: sensor twice that of the others passes.
+#: Rms residual, in predicted standard deviations, above which the prediction fails; a sensor with
+#: twice the noise of the others passes.
 BEYOND = 2.0
-#: Predicted residual from which held-out data cannot tell: half of their level is uncertain.
+#: Predicted residual above which held-out data are inconclusive: half of their level is uncertain.
 UNCLEAR = 0.5
-#: Residual after over residual before, from which an update did harm, if it is not small anyway.
+#: Ratio of the residual after to that before, above which an update did harm; and largest residual
+#: to which this does not apply.
 HARM, SMALL = 1.1, 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Trust(Mapping[str, Claim]):
-    """The verdict in five parts, by their names.
+    """The verdict in five claims, by their names.
 
     Attributes
     ----------
     converged : Claim
-        Of the optimiser: whether no step would gain what could be told from the noise.
+        Whether the optimiser converged: no step would change the values significantly.
     determined : Claim
-        Of the data: whether they determine all unknowns, in one way.
+        Whether the data determine all unknowns uniquely.
     validated : Claim
-        Of data that were held out: whether the updated model predicts them.
+        Whether the updated model predicts the held-out data.
     plausible : Claim
-        Of model and data: whether the residual, the values and the causes found allow the answer.
+        Whether the residual, the values and the identified causes permit the result.
     resembles : Claim
-        Of the model at its start, and updated: whether it has modes of the test.
+        Whether the model, at its start and updated, has modes of the test.
     """
 
     converged: Claim
@@ -110,30 +111,24 @@ class Trust(Mapping[str, Claim]):
 
     @property
     def holds(self) -> bool:
-        """Whether all parts hold that were asked for."""
+        """Whether all claims that were asked hold."""
         return all(claim.holds is True or not claim.asked for claim in self.values())
 
     @property
     def credible(self) -> bool:
-        """Whether nothing speaks against the answer but undetermined unknowns."""
+        """Whether none of `resembles`, `validated` and `plausible` is False."""
         against = (self.resembles, self.validated, self.plausible)
         return all(claim.holds is not False for claim in against)
 
     def beyond(self, status: str, message: str) -> str:
-        """Return what the message of a result says beyond the parts.
-
-        Parameters
-        ----------
-        status, message : str
-            Of the result.
-        """
+        """Return the part of the message of a result that the claims do not contain."""
         rest = message
         for claim in self.values():
             for sentence in _SENTENCE.split(claim.why):
                 rest = rest.replace(sentence, "")
         if status in ("converged", "not-credible"):  # the first sentence is the verdict
             rest = rest.partition(". ")[2]
-        # The part `determined` has the figure; which unknowns they are is said here.
+        # The claim `determined` holds the number; the names of the unknowns are kept here.
         return " ".join(_OPEN.sub("Not determined: ", rest).split())
 
 
@@ -152,34 +147,34 @@ def trust(
     strays: Sequence[Strayed] = (),
     unsure: Sequence[str] = (),
 ) -> Trust:
-    """Return the verdict, without that on resemblance.
+    """Return the verdict, without the claim on resemblance.
 
     Parameters
     ----------
     status : str
-        How the fit ended.
+        Status of the fit.
     left : float or None
-        What is left to gain, in standard deviations; None where it is not known.
+        Remaining gain of further steps in standard deviations; None if unknown.
     rank : (int, int)
-        Combinations of unknowns that the data determine, and number of unknowns.
+        Number of combinations that the data determine, and number of unknowns.
     answers : int
-        Answers that fit equally well.
+        Number of solutions that fit equally well.
     correlation : sequence of mapping
         For each test the figures ``before``, ``after``, ``validation``.
     misfit : float
-        Typical misfit, as a share of the level; nan where no value is clear of the noise.
+        Typical misfit, relative to the level; nan if no value is clear of the noise.
     pressed : (sequence of str, int)
-        Stiffnesses and masses at a bound, and the number of those that are unknown.
+        Stiffnesses and masses at a bound, and the number of those that are unknowns.
     findings : sequence of Finding
         Causes that were found.
     unseen : str
-        Why causes were not looked for, though the residual is not noise.
+        Reason why causes were not searched, although the residual is not noise.
     structural : bool
         Whether the residual of FRFs is not noise.
     strays : sequence of Strayed
         Stiffnesses and masses that ended far from their start.
     unsure : sequence of str
-        Unknowns without an interval, as the error of the model may have moved them far.
+        Unknowns without an interval, because of the model error.
     """
     predicts = validated(correlation)
     plausible = _plausible(
@@ -196,9 +191,9 @@ def trust(
 def _doubted(
     plausible: Claim, rough: float | None, unsure: Sequence[str], strays: Sequence[Strayed]
 ) -> Claim:
-    """Return a claim that holds, as not known where the error of the model leaves it open.
+    """Return a claim that holds, changed to unknown if the model error makes it uncertain.
 
-    `rough` is the typical misfit of a residual that is not noise, where no data were predicted.
+    `rough` is the typical misfit of a residual that is not noise, if no data were predicted.
     """
     if rough is not None:
         return Claim(
@@ -221,7 +216,7 @@ def _converged(status: str, left: float | None, misfit: float) -> Claim:
     if status == "stopped":
         return Claim(None, "The fit was stopped by the user.")
     gain = ""
-    if left is not None and not misfit < ROUNDED:  # the deviations of rounding say nothing
+    if left is not None and not misfit < ROUNDED:  # deviations of rounding are meaningless
         gain = f" Further steps could gain {left:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
         return Claim(True, "The fit ended at a minimum of the misfit." + gain)
@@ -276,7 +271,8 @@ def _predicts(one: Mapping[str, Any]) -> Claim:
     fitted = one.get("after", {}).get("residual_median", residual)
     expected, deviations = held.get("residual_expected"), held.get("residual_deviations")
     said = f"The residual of the held-out data is {percent(residual)} of their level"
-    # A residual that is not noise has been seen, so that noise is no excuse.
+    # No residual is predicted if the fitted residual is not noise; noise then cannot explain the
+    # held-out residual.
     beyond = expected is None or (deviations > BEYOND and residual > expected)
     if expected is not None:
         said += f"; noise and the deviations of the unknowns predict {percent(expected)}"

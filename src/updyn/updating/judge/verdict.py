@@ -1,4 +1,4 @@
-"""Verdict on a fit: its status, message and remedy."""
+"""Verdict on a fit: status, message and remedy."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ __all__ = [
     "verdict",
 ]
 
-#: Keys of the job by which a sensor's factor is freed.
+#: Job keys that free the calibration factor of a sensor.
 _CALIBRATED = {"calibration": "responses", "force_calibration": "references"}
-#: What separates the steps of a remedy; the first helps most.
+#: Separator between the steps of a remedy; the most effective step comes first.
 STEP = "\n"
 
-#: A correlation length from which the residual is called model error, in lines.
+#: Correlation length in lines above which the residual is reported as model error.
 _CORRELATED = 3.0
-#: A standard deviation (of a logarithm for a factor, of the value for a loss factor) that is called
-#: weak.
+#: Standard deviation (of the logarithm of a factor, of the value of a loss factor) above which an
+#: unknown is reported as weakly determined.
 _WEAK = 0.3
-#: A reduced chi-square from which the noise no longer explains the misfit.
+#: Reduced chi-square above which noise does not explain the misfit.
 _MISFIT = 2.0
-#: Unknowns in which answers differ that are named.
+#: Largest number of named unknowns in which solutions differ.
 _SHOWN = 3
-#: A typical misfit that is called a miss where nobody says how noisy the data are.
+#: Typical misfit above which the model does not explain data of unknown noise.
 _FAR = 0.3
-#: What is left to gain, in standard deviations, from which no one could tell the values from those
-#: of a fit that converged.
+#: Remaining gain, in standard deviations, below which the values do not differ significantly from
+#: those of a converged fit.
 _ARRIVED = 0.1
-#: A fit that was cut short is still falling if a step would take away this share of the misfit, or
-#: the last ten gained this share of the remaining decrease.
+#: The misfit of an unconverged fit is still decreasing if a step would remove the first share of
+#: the misfit, or if the last ten steps gained the second share of the remaining decrease.
 _FALLING, _STEADY = 0.05, 0.1
 _CLOSER = "Start closer, or use the default method."
 _CHECK = "Check units, calibration and labels"
@@ -78,26 +78,26 @@ def verdict(
     Parameters
     ----------
     fit : Fit
-        The outcome of the method.
+        The result of the fit.
     analysis : Analysis
-        What the data determine.
+        Identifiability.
     names : list of str
         The unknowns.
     advice : str
         Experiment advice on undetermined unknowns.
     misfit : float
-        Median of |H - H_X| / |H_X|; nan where no value is clear of the noise.
+        Median of |H - H_X| / |H_X|; nan if no value is clear of the noise.
     adequacy : mapping of str to Adequacy, optional
-        Whether the residual is noise, by the names of the tests.
+        Tests of the residual against noise, by the names of the tests.
     rounding : Rounding, optional
-        Where rounding is seen in the model's answer.
+        Rounding error of the model's response.
     end : Ending, optional
-        What was left to gain where the fit ended.
+        Remaining decrease at the end of the fit.
 
     Returns
     -------
     status, message, remedy : str
-        One of `STATUSES`; the cause; what to do next, empty where all is well.
+        One of `STATUSES`; the cause; the next step, empty if none is needed.
     """
     status, message, remedy = _ended(fit, analysis, names, advice, misfit, end)
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
@@ -111,7 +111,7 @@ def verdict(
             inadequate.append(found)
         message += _few(fit)
         looked = status == "converged" or (status == "max-iterations" and not _falls(end))
-        # No try of a search can explain the data where what is wrong is held.
+        # No start of a search can explain the data if the quantity in error is not an unknown.
         is_held = fit.reason == "unsettled" and any(map(_is_named, inadequate))
         if is_held or (looked and inadequate):
             known = any(map(_is_named, inadequate))
@@ -126,17 +126,17 @@ def verdict(
 
 
 def as_steps(*steps: str) -> str:
-    """Return the steps of a remedy as one text, the one that helps most first."""
+    """Return the non-empty steps of a remedy as one text, without duplicates."""
     return STEP.join(dict.fromkeys(step for step in steps if step))
 
 
 def _is_named(found: Adequacy) -> bool:
-    """Return whether one error would explain the residual."""
+    """Return whether a single error explains the residual."""
     return bool(found.explained_by) and found.explained_by[0].explains >= EXPLAINED
 
 
 def _free(found: list[Adequacy]) -> str:
-    """Return the remedy for an error that would explain the residual; empty where none is known."""
+    """Return the remedy for an error that would explain the residual; empty if none is known."""
     for adequacy in found:
         if not adequacy.explained_by:
             continue
@@ -159,7 +159,7 @@ def _free_it(name: str) -> str:
 
 
 def _look(found: list[Adequacy]) -> str:
-    """Return the remedy for a residual that no error of the model explains."""
+    """Return the remedy for a residual that no model error explains."""
     if all(adequacy.noisy for adequacy in found):
         return _OWN_NOISE
     if all(adequacy.lone for adequacy in found):
@@ -168,7 +168,7 @@ def _look(found: list[Adequacy]) -> str:
 
 
 def _few(fit: Fit) -> str:
-    """Return what is said of noise that was estimated from few numbers, or from none at all."""
+    """Return the sentence on noise that was assumed or estimated from few values, if any."""
     known = fit.noise[0] if fit.noise else {}
     if known.get("kind") == Assumed.kind:
         return (
@@ -191,7 +191,7 @@ def _few(fit: Fit) -> str:
 
 
 def _excluded(pressed: Sequence[Pressed]) -> str:
-    """Return what is said of bounds that exclude what the data ask for."""
+    """Return the sentences on bounds that exclude the values that the data require."""
     return "".join(
         f" {one.name} stopped at its {one.side} bound, {one.limit:.4g}; the data ask for a value"
         f" beyond it, by {one.deviations:.2g} standard deviations."
@@ -209,7 +209,7 @@ def _widen(pressed: Sequence[Pressed]) -> str:
 
 
 def _falls(end: Ending | None) -> bool:
-    """Return whether a fit that was cut short was still falling fast enough to go on."""
+    """Return whether the misfit of an unconverged fit was still decreasing substantially."""
     return end is None or (
         end.deviations > _ARRIVED and (end.share > _FALLING or end.gained > _STEADY)
     )
@@ -218,7 +218,7 @@ def _falls(end: Ending | None) -> bool:
 def _cut_short(
     fit: Fit, analysis: Analysis, names: list[str], misfit: float, end: Ending | None
 ) -> tuple[str, str]:
-    """Return message and remedy of a fit that ran out of steps, its unknowns being determined."""
+    """Return message and remedy of a fit at the step limit whose unknowns are determined."""
     message = "The largest number of steps was reached before convergence."
     if end is None:
         return f"{message} {fit.cause}".strip(), "Raise max_iterations, or start closer."
@@ -293,7 +293,7 @@ def _ended(
             f" minimum was reached. {fit.cause}"
         )
         return "stalled", message.strip(), f"Start elsewhere. {REMEDY}"
-    # Where the misfit is rounding, so is what a step changes of it.
+    # If the misfit is rounding, so is its change by a step.
     if fit.reason == "stalled" and not misfit < ROUNDED:
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
         return "stalled", message.strip(), "Start elsewhere or loosen bounds."
@@ -301,9 +301,9 @@ def _ended(
 
 
 def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str, str]:
-    """Return message and remedy where causes of the misfit were found.
+    """Return message and remedy with the causes of the misfit.
 
-    Where one of them forbids to believe the answer, advice on the fit is beside the point.
+    If a cause makes the result unacceptable, advice on the fit is omitted.
     """
     said = " ".join(finding.statement for finding in findings)
     grave = [finding for finding in findings if finding.grave]
@@ -313,17 +313,17 @@ def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str,
 
 
 def overruled(message: str) -> str:
-    """Return the message of a fit whose search was ended by a fault of the data."""
+    """Return the message of a fit whose search was ended by a data fault."""
     return f"{message} No further start was tried: without that fault, the model explains the data."
 
 
 def cleared(remedy: str) -> str:
-    """Return the remedy of a fit whose data were searched for faults, none of which was found."""
+    """Return the remedy of a fit in whose data no known fault was found."""
     return remedy.replace(_CHECK, "No known fault of the data explains it (docs/verdict.md)")
 
 
 def disbelieved(judged: Trust, message: str, remedy: str) -> tuple[str, str]:
-    """Return message and remedy of a fit that converged to an answer that is not to be believed."""
+    """Return message and remedy of a converged fit whose result is not credible."""
     against = [
         claim.why
         for claim in (judged.resembles, judged.plausible, judged.validated)
@@ -342,14 +342,15 @@ def disbelieved(judged: Trust, message: str, remedy: str) -> tuple[str, str]:
 def ambiguous(
     different: Sequence[tuple[str, Sequence[float]]], others: Sequence[Alternative]
 ) -> tuple[str, str]:
-    """Return message and remedy where several answers fit equally well.
+    """Return message and remedy if several solutions fit equally well.
 
     Parameters
     ----------
     different : sequence of (str, sequence of float)
-        Unknowns in which they differ, those that differ most first, with all their values.
+        Unknowns in which the solutions differ, with all their values, in order of decreasing
+        difference.
     others : sequence of Alternative
-        The other answers.
+        The other solutions.
     """
     shown = []
     for name, values in different[:_SHOWN]:
@@ -409,7 +410,7 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
 
 
 def _misses(fit: Fit, misfit: float) -> tuple[str, str]:
-    """Return what is said of a misfit that noise does not explain, and the remedy; or nothing."""
+    """Return the sentences on a misfit that noise does not explain, if any, and the remedy."""
     known = ("stated", "variance", "coherence")
     said = ""
     if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
