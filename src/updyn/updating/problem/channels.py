@@ -1,14 +1,14 @@
 """Calibration factors of sensors as unknowns.
 
-A sensor whose sensitivity is off by a few percent makes a whole row of the FRF wrong by one factor,
-and no noise model of independent values can say that. So the factor is an unknown with a prior, and
-the measurement is compared with
+A sensor with a wrong sensitivity scales a whole row of the FRF by one factor. No noise model of
+independent values describes this error, so the factor is an unknown with a prior. The measurement
+is compared with
 
     s_i s_j H_ij
 
 with s_i of the response sensor and s_j of the force sensor (a scale parameter of the measurement
 with a Gaussian prior on its logarithm, as in Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425,
-sec. 4). The model is left as it is.
+sec. 4). The model itself is not changed.
 """
 
 from __future__ import annotations
@@ -51,39 +51,39 @@ def calibration(
     bounds: tuple[float, float] = _BOUNDS,
     name: str | None = None,
 ) -> ParameterSet:
-    """Return calibration factors of sensors as unknowns, added to those of the model with ``+``.
+    """Return calibration factors of sensors as unknowns.
 
-    Each is a positive factor on what its sensor reads: the measurement is compared with the model's
-    FRF times the factors of its two channels. 1.08 means that the sensor reads 8 % too much. The
-    updated model is that without them.
+    Join them with the unknowns of the model by ``+``. Each is a positive factor on the reading of a
+    sensor: the measurement is compared with the model's FRF times the factors of its two channels.
+    A factor of 1.08 means that the sensor reads 8 % too much. The updated model does not include
+    the factors.
 
     Parameters
     ----------
     frf : FRF or iterable of FRF
         The measurement, or those of all tests.
     responses, references : "all" or iterable of str or Dof
-        Which response sensors, and which force sensors, by their labels; the sign does not matter.
-        Sensors that are trusted are left out: they hold the level. A sensor of the same label in
-        several tests has one factor.
+        Response sensors and force sensors by their labels, regardless of sign. Leave out trusted
+        sensors: they fix the level. Sensors with the same label in several tests share one factor.
     prior_std : float
         Standard deviation of the logarithm of each factor before the measurement: 0.05 is about 5
-        %. Without a prior the common level of all sensors would be for the data to say, which know
-        it only as far as masses are known.
+        %. Without a prior, only known masses would determine the common level of all sensors.
     bounds : (float, float)
-        Of each factor.
+        Bounds of each factor.
     name : str, optional
-        One factor for all that were chosen, called ``NAME.calibration``: one accelerometer or
-        hammer that roves, one amplifier.
+        If given, all selected sensors share one factor with the name ``NAME.calibration``, as for
+        one roving accelerometer or hammer, or one amplifier.
 
     Returns
     -------
     ParameterSet
-        Called ``5:Z.calibration`` for responses, ``5:Z.force_calibration`` for references.
+        Unknowns with the names ``5:Z.calibration`` for responses, ``5:Z.force_calibration`` for
+        references.
 
     Raises
     ------
     ParameterError
-        If a sensor is not in the measurement, none is chosen, or a number or the name is not
+        If a sensor is not in the measurement, no sensor is selected, or a number or the name is not
         usable.
     DofError
         If a label cannot be read.
@@ -149,14 +149,14 @@ def _plain(dofs: DofSet) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
-    """Which calibration factors act on which channels of some data.
+    """Calibration factors of the channels of some data.
 
     Attributes
     ----------
     rows : ndarray of float, shape (n, n_i)
         Power of each unknown in the factor of each response.
     columns : ndarray of float, shape (n, n_j)
-        Likewise of each reference.
+        Power of each unknown in the factor of each reference.
     """
 
     rows: _Vector
@@ -164,14 +164,14 @@ class Gains:
 
     @classmethod
     def find(cls, parameters: ParameterSet, frf: FRF) -> Gains | None:
-        """Return the calibration factors that act on some data; None where there are none.
+        """Return the calibration factors of some data; None if no unknown is one.
 
         Parameters
         ----------
         parameters : ParameterSet
             All unknowns.
         frf : FRF
-            The data. Sensors that they lack have no effect on them.
+            The data. Factors of sensors that are not in the data have no effect.
         """
         if not any(p.is_channel for p in parameters):
             return None
@@ -192,23 +192,22 @@ class Gains:
         Parameters
         ----------
         logs : ndarray of float, shape (n,)
-            Logarithms of the calibration factors; what stands there for other unknowns does not
-            count.
+            Logarithms of the calibration factors; entries of other unknowns are ignored.
         """
         return np.asarray(np.exp((logs @ self.rows)[:, None] + logs @ self.columns))
 
     def apply(self, logs: _Vector, H: _Complex, dH: _Complex | None) -> None:
-        """Multiply model and derivatives, as `Block` has them, by the factors, in place.
+        """Multiply the model and its derivatives by the factors, in place.
 
         Parameters
         ----------
         logs : ndarray of float, shape (n,)
             As for `factors`.
         H : ndarray of complex, shape (n_f, n_i, n_j)
-            Of the model.
+            FRF of the model.
         dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
-            By the optimiser's coordinates, among them the logarithms of the factors: these are
-            filled in.
+            Derivatives by the optimiser's coordinates; those by the logarithms of the factors are
+            set here.
         """
         factors = self.factors(logs)
         H *= factors
@@ -225,16 +224,16 @@ def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> 
     Parameters
     ----------
     label, quantity : str
-        Of the drive.
+        Label of the sensor and quantity of the drive.
     data : iterable of FRF
         The tests.
     name : str
-        Of the unknown, for messages.
+        Name of the unknown, for messages.
 
     Raises
     ------
     ParameterError
-        If it is in none.
+        If the sensor is in no test.
     """
     kind = CHANNELS[quantity]
     there: list[str] = []

@@ -18,11 +18,11 @@ _RELAXED = -0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """The optimiser's coordinates x: logarithms of factors; equivalent loss factors for damping.
+    """The optimiser's coordinates x: logarithms of factors, equivalent loss factors for damping.
 
-    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one
-    frequency, the same for all tests of a run: alpha / omega and omega beta. So all x are of the
-    size of one, whatever the band.
+    The coordinate of a loss factor is the loss factor. That of a Rayleigh coefficient is its loss
+    factor at one frequency, the same for all tests of a run: alpha / omega and omega beta. So all
+    coordinates are of order one in any band.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ class Coordinates:
     box : (ndarray, ndarray), optional
         Narrower bounds in x, each of shape (n,).
     within : ndarray of float, shape (n, k), optional
-        Orthonormal directions: x moves from the unknowns' start along them only.
+        Orthonormal directions; x moves from the start only along these.
     unit : float, optional
-        The standard deviation against which priors count, where the spread of a residual would say
-        it.
+        Standard deviation of the residuals to which priors are relative; by default it is estimated
+        from the residual.
     omega : float
-        That frequency in rad/s.
+        The frequency of the equivalent loss factors in rad/s.
     centre : ndarray of float, shape (n,), optional
-        Centres of the priors in x, where they are not at the unknowns' start.
+        Centres of the priors in x; by default the start of the unknowns.
     """
 
     parameters: ParameterSet
@@ -64,7 +64,7 @@ class Coordinates:
         )
 
     def to_values(self, x: _Vector) -> _Vector:
-        """Return the unknowns' values for x, both shape (n,), or (..., n) of several points."""
+        """Return the unknowns' values for x, both shape (n,) or (..., n)."""
         return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
 
     def slope(self, x: _Vector) -> _Vector:
@@ -78,10 +78,10 @@ class Coordinates:
 
     @property
     def relaxed_lower(self) -> _Vector:
-        """Lower bounds in x that let damping turn negative on the way, shape (n,).
+        """Lower bounds in x that allow negative damping during a search, shape (n,).
 
-        The true loss factor of a lightly damped part lies on its bound at zero, and a search that
-        may not step across gets caught there.
+        The true loss factor of a lightly damped part is close to its bound at zero; a search that
+        cannot cross this bound may stop there.
         """
         lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
         return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
@@ -89,7 +89,7 @@ class Coordinates:
     def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
         if self.box is None:
             return lower, upper
-        # A box that begins outside the bounds still leaves their nearest point.
+        # A box outside the bounds is reduced to their nearest point.
         low, high = np.clip(self.box[0], lower, upper), np.clip(self.box[1], lower, upper)
         return low, high
 
@@ -102,17 +102,17 @@ class Coordinates:
 
     @property
     def home(self) -> _Vector:
-        """Where the unknowns start, as x, shape (n,)."""
+        """Start of the unknowns in x, shape (n,)."""
         return self.to_x(self.parameters.start)
 
     def with_one(self, x: _Vector, i: int, value: float) -> _Vector:
-        """Return x with unknown `i` at `value`, a coordinate as in x, within the bounds."""
+        """Return x with coordinate `i` at `value`, clipped to the bounds."""
         moved = x.copy()
         moved[i] = value
         return np.clip(moved, *self.bounds)
 
     def moved(self, x: _Vector) -> Coordinates:
-        """Return a copy whose unknowns start at x; priors stay where they are."""
+        """Return a copy with the start of the unknowns at x and the same priors."""
         own = self.parameters
         start = np.clip(self.to_values(x), own.lower, own.upper)
         return replace(self, parameters=own.with_start(start), centre=self.prior[0])

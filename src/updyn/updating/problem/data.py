@@ -1,4 +1,4 @@
-"""Tests of an update: model and measurement of each, held-out data, measurements with gaps."""
+"""Tests of an update: model and measurement of each, validation data, measurements with gaps."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ __all__ = [
 ]
 
 
-#: Cosine of the angle, 1 degree, from which a sensor is worth a warning.
+#: Cosine of the smallest angle between sensor and DOF for a warning, 1 degree.
 _ALONG = float(np.cos(np.radians(1.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Test:
-    """One test: the structure in one configuration, and what was measured on it.
+    """One test: the structure in one configuration, and its measurement.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Test:
     'free'
     """
 
-    __test__ = False  # not a test, whatever its name suggests to pytest
+    __test__ = False  # keeps pytest from collecting the class
 
     model: Model
     data: FRF | ModeSet
@@ -77,7 +77,7 @@ class Test:
         Raises
         ------
         OptionError
-            If it measured modes.
+            If the test measured modes.
         """
         if isinstance(self.data, FRF):
             return self.data
@@ -91,7 +91,7 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
     Raises
     ------
     InputError
-        If one is of another type, an unknown acts on nothing in any of the models, a sensor is no
+        If one is of another type, an unknown acts on no quantity of any model, a sensor is not a
         DOF of its model, or all FRFs of a test are zero.
     """
     for test in tests:
@@ -104,7 +104,7 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
             if p.is_channel:
                 check_channel(d.group, d.quantity, data, p.name)
             elif not any(has_quantity(test.model, d.group, d.quantity) for test in tests):
-                tests[0].model.group(d.group)  # names the nearest where there is none
+                tests[0].model.group(d.group)  # names the nearest group if it is missing
                 raise ParameterError(
                     f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model"
                 )
@@ -122,14 +122,14 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
 
 
 def check_measured(frf: FRF, name: str = "") -> None:
-    """Check that something was measured.
+    """Check that the data are not all zero.
 
     Parameters
     ----------
     frf : FRF
         The data to be fitted.
     name : str
-        Of the test, for the message.
+        Name of the test, for the message.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def check_measured(frf: FRF, name: str = "") -> None:
 
 
 def _warn_of_no_mass(model: Model, frf: FRF, name: str) -> None:
-    """Warn of a model that is to answer above 0 Hz as springs and dampers alone, as a mount may."""
+    """Warn of a model without mass if the data extend above 0 Hz."""
     if frf.freq[-1] > 0.0 and not any(_is_there(group.mass) for group in model.groups.values()):
         text = (
             f"{_of_test(name)}the model has no mass: no group has a mass matrix other than zero, so"
@@ -155,12 +155,12 @@ def _of_test(name: str) -> str:
 
 
 def _is_there(matrix: Matrix | None) -> bool:
-    """Return whether a matrix is given and not zero."""
+    """Return whether a matrix exists and is not zero."""
     return matrix is not None and bool(matrix.data.any())
 
 
 def _warn_of_idle(tests: Sequence[Test], parameters: ParameterSet) -> None:
-    """Warn of unknowns of the model that change nothing, as all that they act on is zero."""
+    """Warn of unknowns of the model without effect, because all their matrices are zero."""
     for p in parameters:
         if p.is_channel or any(_acts(test.model, d) for test in tests for d in p.acts_on):
             continue
@@ -174,7 +174,7 @@ def _warn_of_idle(tests: Sequence[Test], parameters: ParameterSet) -> None:
 
 
 def _acts(model: Model, drive: Drive) -> bool:
-    """Return whether a matrix that a drive acts on is in the model and not zero."""
+    """Return whether the model has a matrix other than zero that a drive acts on."""
     group = model.groups.get(drive.group)
     return group is not None and _is_there(getattr(group, GROUP_QUANTITIES[drive.quantity]))
 
@@ -191,7 +191,7 @@ def _check_without_lines(test: Test) -> None:
 
 
 def _warn_of_axes(model: Model, frf: FRF) -> None:
-    """Warn where a sensor or force of the measurement does not point along its DOF."""
+    """Warn of a sensor or force that does not point along its DOF in the model."""
     placed = frf.geometry
     if placed is None or placed.axes is None:
         return
@@ -216,7 +216,7 @@ def _warn_of_axes(model: Model, frf: FRF) -> None:
 
 
 def _axes_at(geometry: Geometry | None, node: int) -> NDArray[np.float64] | None:
-    """Return the axes of a node, shape (3, 3), or None where the geometry states none."""
+    """Return the axes of a node, shape (3, 3), or None if the geometry does not state them."""
     if geometry is None or geometry.axes is None:
         return None
     at = np.flatnonzero(geometry.nodes == node)
@@ -232,20 +232,20 @@ def has_quantity(model: Model, group: str, quantity: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Data that are fitted and data that are held out.
+    """Fitted data and validation data of one test.
 
     Attributes
     ----------
     whole : FRF
         All data.
     fitted : FRF
-        Data that are fitted.
+        The fitted data.
     responses : tuple of str
-        Labels of the responses that are held out.
+        Labels of the validation responses.
     band : tuple of (float, float) or None
-        Band that is held out, in Hz.
+        Validation band in Hz.
     held : FRF or None
-        Data that are held out.
+        The validation data.
     """
 
     whole: FRF
@@ -256,19 +256,19 @@ class Split:
 
 
 def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] | None) -> Split:
-    """Hold responses, or a band, out of the data.
+    """Split data into fitted data and validation data.
 
     Parameters
     ----------
     frf : FRF
         All data.
     validation : iterable of str or Dof, or (float, float), optional
-        Responses, or a band in Hz.
+        Validation responses, or a band in Hz.
 
     Raises
     ------
     DataError
-        If the band or the responses are not understood, or nothing is left to fit.
+        If `validation` is neither a band nor responses, or no data remain to fit.
     DofError
         If a response is not in the data.
     """
@@ -303,12 +303,12 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
 
 
 def held_out(validation: object) -> list[Any]:
-    """Return what is to be held out, labels or the two ends of a band, as a list.
+    """Return the validation labels, or the two limits of the band, as a list.
 
     Raises
     ------
     DataError
-        If it is no list, or a single text, of which the characters would be labels.
+        If `validation` is not iterable, or is a single text, whose characters would be labels.
     """
     if validation is None:
         return []
@@ -322,16 +322,16 @@ def held_out(validation: object) -> list[Any]:
 
 @dataclass(frozen=True, slots=True)
 class ModalSplit:
-    """Modes that are fitted and modes that are held out.
+    """Fitted modes and validation modes of one test.
 
     Attributes
     ----------
     whole, fitted : ModeSet
-        All modes, and those that are fitted.
+        All modes, and the fitted modes.
     band : tuple of (float, float) or None
-        Band that is held out, in Hz.
+        Validation band in Hz.
     held : ModeSet or None
-        The modes in it.
+        The validation modes.
     """
 
     whole: ModeSet
@@ -343,7 +343,7 @@ class ModalSplit:
 def split_modes(
     modes: ModeSet, validation: Iterable[str | Dof] | tuple[float, float] | None
 ) -> ModalSplit:
-    """Hold the modes in a band out of the data.
+    """Split modes into fitted modes and those of a validation band.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def split_modes(
     Raises
     ------
     DataError
-        If it is no band, no mode lies in it, or none outside.
+        If `validation` is not a band, or no mode lies inside or outside it.
     """
     given = held_out(validation)
     if not given:
@@ -384,12 +384,12 @@ def complete_parts(
     geometry: Geometry | None = None,
     source: str = "",
 ) -> tuple[FRF, ...]:
-    """Cut data in which values are missing into FRFs in which none is.
+    """Cut data with missing values into complete FRFs.
 
     A sensor that dropped out over some lines, or was not mounted for one of the forces, leaves
     gaps, which an `FRF` cannot have. The measured values are cut into rectangles of lines,
-    responses and references, which join the pairs of response and reference that have the same
-    lines. Every measured value is in exactly one rectangle. Fit them as tests of one structure
+    responses and references; pairs of response and reference with the same lines are joined. Every
+    measured value is in exactly one rectangle. Fit the result as tests of one structure
     (`updyn.update_jointly`).
 
     Parameters
@@ -397,26 +397,27 @@ def complete_parts(
     freq : array_like of float, shape (n_f,)
         Lines in Hz.
     values : array_like of complex, shape (n_f, n_responses, n_references)
-        As for `updyn.FRF`, but not-a-number, or masked, where a value is missing or not to be used.
+        As for `updyn.FRF`, but not-a-number, or masked, for values that are missing or not to be
+        used.
     responses, references, quantity
         As for `updyn.FRF`.
     coherence, variance : array_like of float, shape of `values`, optional
-        As for `updyn.FRF`. They count only where `values` has a value, and have to have one there.
+        As for `updyn.FRF`. They are required at all existing values, and ignored elsewhere.
     averages, geometry, source
         As for `updyn.FRF`.
 
     Returns
     -------
     tuple of FRF
-        The largest first; one, with everything, where there is no gap. Their source states what is
-        missing.
+        The FRFs, the largest first; a single one if there is no gap. Their source states the number
+        of missing values.
 
     Raises
     ------
     DataError
-        If nothing is left, a value is infinite, or something else than values is missing.
+        If all values are missing, a value is infinite, or other data than values are missing.
     DofError
-        If a label cannot be read or stands twice.
+        If a label cannot be read or occurs twice.
 
     Examples
     --------
@@ -454,7 +455,7 @@ def complete_parts(
     for name, given in (("coherence", coherence), ("variance", variance)):
         if given is None:
             continue
-        quality[name] = np.ma.asanyarray(given)  # masks stay, and are refused where values are
+        quality[name] = np.ma.asanyarray(given)  # masks are kept, and refused at existing values
         if quality[name].shape != shape:
             raise DataError(
                 f"{name}: expected shape (lines, responses, references) = {shape}, found"
@@ -476,7 +477,7 @@ def complete_parts(
             **own,
         )
         parts.append(frf)
-    parts.sort(key=lambda frf: -frf.values.size)  # stable
+    parts.sort(key=lambda frf: -frf.values.size)  # stable sort
     return tuple(parts)
 
 
@@ -498,7 +499,7 @@ def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
 
 
 def _missing(there: NDArray[np.bool_]) -> str:
-    """Return what is missing as text: ``1 of 42 channels misses 17 of 400 lines``."""
+    """Return the missing values as text: ``1 of 42 channels misses 17 of 400 lines``."""
     missing = (~there).sum(axis=0).ravel()
     n_channels = int((missing > 0).sum())
     counts = np.unique(missing[missing > 0])

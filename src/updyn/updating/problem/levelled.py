@@ -1,4 +1,4 @@
-"""Derivatives of FRFs in which no value outweighs the others: what rank is told from."""
+"""Derivatives of FRFs with limited norms, for tests of rank."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levelled(LineResidual):
-    """d ln H / dx of each value, of those with a norm above 1 the direction; the residual is 0.
+    """Rows d ln H / dx, normalised to a norm of at most 1; the residual is 0.
 
-    On a resonance of loss factor eta, d ln H / dx is as large as 1 / eta. Beside one such line all
-    others are lost to a test of rank, which compares singular values, though they may determine
-    what it leaves open. A row that is scaled has the same null space.
+    On a resonance of loss factor eta, d ln H / dx is as large as 1 / eta. A test of rank compares
+    singular values, so one such line would hide all others, which may determine other unknowns.
+    Scaling a row does not change the null space.
 
     Parameters
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j)
-        1 for the values that count, else 0.
+        1 for the values that are used, else 0.
     name : str
-        How the report calls it.
+        Name in the report.
     """
 
     weight: NDArray[np.float64]
@@ -44,11 +44,11 @@ class Levelled(LineResidual):
         return self.weight
 
     def on(self, part: Part, lines: slice) -> Self:
-        """Return it with the weights of a block of lines."""
+        """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
     def block(self, part: Part, x: NDArray[np.float64], lines: slice) -> tuple[_Complex, _Complex]:
-        """Return zeros and derivatives at a block of lines, whose weights these are."""
+        """Return zeros and derivatives at a block of lines; `weight` is of the same block."""
         block = part.block(x, lines)
         assert block.dH is not None
         weight = np.where(block.H != 0.0, self.weight, 0.0)
@@ -58,15 +58,7 @@ class Levelled(LineResidual):
 
 
 def levelled(problem: Problem, noises: Sequence[NoiseModel]) -> EachOf[Levelled]:
-    """Return the derivatives of all values that count: neither rounding nor of infinite variance.
-
-    Parameters
-    ----------
-    problem : Problem
-        Model, data and unknowns.
-    noises : sequence of NoiseModel
-        How uncertain the data of each part are.
-    """
+    """Return the rows of all values that are neither rounding error nor of infinite variance."""
     errors = []
     for part, noise in zip(problem.parts, noises, strict=True):
         without = np.where(np.isfinite(noise.beforehand(part.frf)), 0.0, np.inf)

@@ -1,4 +1,4 @@
-"""Choice of frequency lines: all, a list, or those with the most information (optimal design)."""
+"""Selection of frequency lines: all, a list, or the most informative (optimal design)."""
 
 from __future__ import annotations
 
@@ -32,27 +32,28 @@ __all__ = [
 ]
 
 _RELATIVE_FLOOR = 1e-2
-#: Lines are exchanged where they are at most this many times the unknowns.
+#: Lines are exchanged if their number is at most this many times that of the unknowns.
 _FEW = 2
 
 
 def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
-    """Return the positions of the lines to use in the part's data.
+    """Return the positions of the selected lines in the data of a part.
 
     Parameters
     ----------
     lines : None, str or array_like of float
-        None: all. ``"d-optimal:40"``: the 40 that determine all unknowns together best;
-        ``"a-optimal:40"``: the 40 that leave them least uncertain, ``"a-optimal:40:shaft.*"`` those
-        of that name, globs with commas between. Else frequencies in Hz, each a line of the data.
+        None: all lines. ``"d-optimal:40"``: 40 lines for the smallest joint uncertainty of all
+        unknowns; ``"a-optimal:40"``: 40 lines for the smallest mean variance,
+        ``"a-optimal:40:shaft.*"`` for that of some unknowns (globs, separated by commas). Else
+        frequencies in Hz, each a line of the data.
     part : Part
         Built on all lines.
 
     Raises
     ------
     OptionError
-        If the text is not understood, asks for more lines than there are, or for unknowns that
-        there are not.
+        If the text is not understood, asks for more lines than the data have, or names unknowns
+        that do not exist.
     DataError
         If a frequency is not a line of the data.
     """
@@ -95,18 +96,18 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
 
 
 def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
-    """Choose lines one by one by the largest increase of det of the Fisher information.
+    """Select lines one by one by the largest increase of det of the Fisher information.
 
-    The information is taken at the start of the unknowns, for noise that is relative with a floor
-    of 1 % of the rms of all data of the same unit, as sensors have. Loss factors are taken as at
-    least 0.02 there, so that a peak that is not yet in its place still draws lines to its flanks.
+    The information is taken at the start of the unknowns, for relative noise with a floor of 1 % of
+    the rms of all data of the same unit, as is typical of sensors. Loss factors are taken as at
+    least 0.02, so that a peak at a wrong frequency still selects lines on its flanks.
 
     Parameters
     ----------
     part : Part
         Built on all lines.
     count : int
-        How many lines to choose.
+        Number of lines.
 
     Returns
     -------
@@ -115,10 +116,10 @@ def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
 
     Notes
     -----
-    Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). Up to
-    twice as many lines as unknowns are then exchanged, one for one, as long as that raises it
-    (Fedorov's exchange): with so few the first choices, made before the determinant means much,
-    still count.
+    Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). If
+    there are at most twice as many lines as unknowns, lines are then exchanged one for one while
+    this increases the determinant (Fedorov's exchange): the first lines were selected when the
+    information was still nearly singular.
     """
     return _chosen(
         part, f"d-optimal {count}", lambda information: _most_telling(information, count)
@@ -126,19 +127,19 @@ def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
 
 
 def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> NDArray[np.intp]:
-    """Choose lines one by one, each the one that lowers the variance of some unknowns most.
+    """Select lines one by one by the largest decrease of the variance of some unknowns.
 
-    The mean over these unknowns of the variance over that with all lines; for one unknown it is
-    c-optimality. The information is that of `d_optimal`.
+    The criterion is the mean over these unknowns of their variance relative to that with all lines;
+    for one unknown it is c-optimality. The information is that of `d_optimal`.
 
     Parameters
     ----------
     part : Part
         Built on all lines.
     count : int
-        How many lines to choose.
+        Number of lines.
     wanted : sequence of int, optional
-        The unknowns that count, by position; by default all. The others are fitted all the same.
+        Positions of the unknowns in the criterion; by default all. The others are fitted, too.
 
     Returns
     -------
@@ -159,12 +160,12 @@ def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> ND
 
 
 def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> list[int]:
-    """Return the positions of the unknowns that fit globs.
+    """Return the positions of the unknowns that match globs.
 
     Parameters
     ----------
     what : str
-        Where the globs stand, for messages.
+        Source of the globs, for messages.
     patterns : sequence of str
         The globs.
     known : sequence of str
@@ -173,7 +174,7 @@ def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> 
     Raises
     ------
     OptionError
-        If a glob fits none; the message names the nearest.
+        If a glob matches no unknown; the message names the nearest.
     """
     at: set[int] = set()
     for pattern in patterns:
@@ -187,7 +188,7 @@ def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> 
 def _chosen(
     part: Part, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
 ) -> NDArray[np.intp]:
-    """Choose by the information of each line, shape (n_f, n, n)."""
+    """Select lines by the information of each line, shape (n_f, n, n)."""
     x = _start(part)
     floor = _RELATIVE_FLOOR * level_by_unit(part.frf)
 
@@ -240,12 +241,12 @@ Lines = str | ArrayLike | None
 
 
 def on_lines(part: Part, lines: Lines) -> Part:
-    """Return the part on chosen lines of its data.
+    """Return the part restricted to selected lines.
 
     Raises
     ------
     InputError
-        If the choice is not understood, or a line is not in the data.
+        If the selection is not understood, or a line is not in the data.
     """
     at = choose_lines(lines, part)
     if len(at) == len(part.frf.freq):

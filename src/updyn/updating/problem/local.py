@@ -25,7 +25,7 @@ _Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Local:
-    """The least-squares problem at one point.
+    """Reduced least-squares problem at one point.
 
     Attributes
     ----------
@@ -49,17 +49,18 @@ class Local:
 
 #: Columns of a panel of the QR factorisation.
 _PANEL = 16
-#: Blocks that are stacked at a time.
+#: Number of blocks stacked at a time.
 _TOGETHER = 8
 
 
 def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
-    """Stack blocks [J r], shape (m, n + 1), by QR in the order given, and return the local problem.
+    """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem.
 
     Parameters
     ----------
     blocks : iterable of ndarray of float
-        Weighted Jacobian with the residual as last column, or a triangle that stands for it.
+        Weighted Jacobian with the residual as last column, or a triangle with the same normal
+        matrix.
     n : int
         Number of unknowns.
     """
@@ -75,13 +76,13 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
     return Local(0.5 * float(last @ last), triangle[:n, :n].copy(), last[:n].copy())
 
 
-#: Rows of a tall block, and of a sample of it, over its columns: the sample shows how the columns
-#: depend on each other.
+#: Rows of a tall block, and of a sample of it, relative to its columns. The sample shows the
+#: correlation of the columns.
 _TALL, _SAMPLE = 20, 4
-#: Rows that are worked on at a time: they stay in the processor's cache.
+#: Number of rows processed at a time: they fit the processor's cache.
 _STRIP = 2048
-#: Smallest diagonal entry over the largest of the factor of preconditioned columns. Their condition
-#: is about its reciprocal; the square of that times the unit roundoff is the relative error of
+#: Smallest ratio of diagonal entries of the factor of the preconditioned columns. Their condition
+#: number is about its inverse; the square of that times the unit roundoff is the relative error of
 #: every singular value.
 _EVEN = 0.03
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
@@ -89,7 +90,7 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 @alone
 def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
-    """Return R of the QR factors of a block that is usually tall, shape (min(m, n + 1), n + 1).
+    """Return R of the QR factors of a usually tall block, shape (min(m, n + 1), n + 1).
 
     Parameters
     ----------
@@ -106,14 +107,14 @@ def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
 
 
 def _preconditioned(columns: _Matrix, last: _Vector) -> _Matrix | None:
-    """Return R by Cholesky of preconditioned columns, or None where rows differ too much.
+    """Return R by Cholesky of preconditioned columns, or None if rows differ too much.
 
-    R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal, so that R_2 of
-    their Gram matrix is as exact as by reflections: R = R_2 R_1 (Garrison & Ipsen, SIAM J. Matrix
-    Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm"), in less time.
+    R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal. R_2 of their Gram
+    matrix is then as accurate as by reflections, in less time: R = R_2 R_1 (Garrison & Ipsen, SIAM
+    J. Matrix Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm").
     """
     n, m = len(columns) + 1, len(last)
-    # Evenly spread, and out of step with responses, references and lines.
+    # Spread evenly, and not in step with responses, references or lines.
     some = np.sort((np.arange(_SAMPLE * n) * _GOLDEN % 1.0 * m).astype(np.intp))
     sample = _householder(_rows_of(columns, last, some))
     if not np.diag(sample).all():
@@ -144,8 +145,8 @@ def _householder(block: _Matrix) -> _Matrix:
     """Return R by reflections, shape (min(m, n), n); overwrites a block in Fortran order."""
     if min(block.shape) == 0:
         return block[:0]
-    # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy
-    # and scipy call.
+    # The recursive algorithm with narrow panels is several times faster for tall blocks than geqrf,
+    # which numpy and scipy call.
     factors, _, info = lapack.dgeqrt(
         min(_PANEL, *block.shape), np.asfortranarray(block), overwrite_a=True
     )

@@ -1,10 +1,10 @@
 """Measured modes as data: `ModalPart` of a test, its pairs with modes of the model, its residuals.
 
-Modes of the undamped model are paired with the measured ones anew at every point, by shape and
-frequency. Measured modes of close frequencies are compared by the span of their shapes, whose basis
-is arbitrary. A measured mode that resembles none of the model gives no residual; it counts as if
-its shape were lost altogether, so that the misfit falls when a mode of the model comes to resemble
-it.
+Modes of the undamped model are paired with the measured ones at every point, by shape and
+frequency. Measured modes with close frequencies are compared by the span of their shapes, because
+the basis of the span is arbitrary. A measured mode that resembles no mode of the model has no
+residuals; the misfit counts it as if its shape did not agree at all, and decreases when a mode of
+the model comes to resemble it.
 """
 
 from __future__ import annotations
@@ -38,43 +38,43 @@ __all__ = ["LIKE", "ModalError", "ModalPart", "Pairs", "Target", "check_any_pair
 
 _Real = NDArray[np.float64]
 
-#: A measured mode resembles one of the model from this MAC on.
+#: Smallest MAC at which a measured mode and a mode of the model count as similar.
 LIKE = 0.8
-#: What a factor e between two frequencies costs in the pairing, in MAC: it breaks ties where
-#: sensors are few.
+#: Cost in the pairing of a factor e between two frequencies, in MAC: decides between shapes that
+#: are alike because sensors are few.
 _APART = 0.5
-#: A singular value of shapes of unit length below this share of the largest is rounding.
+#: Singular values of unit-length shapes below this share of the largest are rounding error.
 _FLAT = 1e-9
 #: Modes are computed up to this multiple of the highest measured frequency.
 _BEYOND = 1.5
-#: Residuals of a mode that resembles none of the model: a factor e in frequency, the whole shape,
-#: all damping.
+#: Residual of a measured mode without a counterpart: a factor e in frequency, the whole shape, all
+#: damping.
 _LOST = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """The measured modes of one test, brought to the DOFs of the model.
+    """The measured modes of one test at the DOFs of the model.
 
     Attributes
     ----------
     value : ndarray of float, shape (m,)
         Measured eigenvalues omega^2 in 1/s2.
     shapes : ndarray of float, shape (k, m)
-        Measured shapes, times `weight`, of unit length.
+        Measured shapes times `weight`, scaled to unit length.
     length : ndarray of float, shape (m,)
-        Their lengths before, of shapes of unit modal mass; nan elsewhere.
+        Their lengths before scaling, for shapes of unit modal mass; else nan.
     loss_factor : ndarray of float, shape (m,)
-        Measured modal loss factors; nan where there is none.
+        Measured modal loss factors; nan if not measured.
     rows : ndarray of int, shape (k,)
         DOFs of the model.
     weight : ndarray of float, shape (k,)
-        Sign of each sensor over the level of all modes at sensors of its unit (translation or
+        Sign of each sensor, divided by the rms of all modes at sensors of its unit (translation or
         rotation).
     std_frequency, std_loss_factor : ndarray of float, shape (m,)
-        Standard deviations as shares; 0 where none are known.
+        Standard deviations as shares; 0 if not known.
     std_shapes : ndarray of float, shape (k, m)
-        Of the shapes, as shares of their rms.
+        Standard deviations of the shapes, as shares of their rms.
     digest : str
         Part of the cache key.
     """
@@ -92,7 +92,7 @@ class Target:
 
     @classmethod
     def of(cls, system: AffineSystem, modes: ModeSet) -> Target:
-        """Bring modes to the DOFs of a compiled model.
+        """Return measured modes at the DOFs of a compiled model.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Target:
         )
 
     def select(self, which: Sequence[int]) -> Target:
-        """Return some of the modes, by their numbers."""
+        """Return the modes with the given numbers."""
         at = np.asarray(which, dtype=np.intp)
         return replace(
             self,
@@ -146,7 +146,7 @@ class Target:
         )
 
     def seen(self, shapes: _Real) -> _Real:
-        """Return shapes of the model as the sensors see them, shape (k, n)."""
+        """Return shapes of the model at the sensors, with their weights, shape (k, n)."""
         return np.asarray(shapes[self.rows] * self.weight[:, None])
 
     @property
@@ -156,7 +156,7 @@ class Target:
 
     @property
     def tells_apart(self) -> bool:
-        """Whether shapes differ: at one sensor, all are alike."""
+        """Whether shapes can be distinguished: a single sensor cannot."""
         return len(self.rows) > 1
 
     @property
@@ -166,9 +166,9 @@ class Target:
 
     @property
     def clusters(self) -> list[NDArray[np.intp]]:
-        """Measured modes of close frequencies, two or more each, ascending.
+        """Groups of two or more measured modes with close frequencies, ascending.
 
-        One mode that was identified twice is no cluster: its shapes have one direction.
+        A mode that was identified twice is not a cluster: its shapes have one direction.
         """
         if not self.tells_apart:
             return []
@@ -177,7 +177,7 @@ class Target:
 
 
 def informative(modes: ModeSet, noise: ModalNoise) -> ModeSet:
-    """Return modes without shapes that are stated to say nothing: these must not pair them."""
+    """Return the modes without their shapes if the noise excludes these, also from the pairing."""
     if not (noise.hides_shapes and modes.has_shapes):
         return modes
     return ModeSet(
@@ -191,7 +191,7 @@ def informative(modes: ModeSet, noise: ModalNoise) -> ModeSet:
 
 
 def _share_of_rms(modes: ModeSet, level: _Real, length: _Real) -> _Real:
-    """Return the standard deviations of weighted shapes as shares of their rms; 0: not known."""
+    """Return the standard deviations of weighted shapes as shares of their rms; 0 if unknown."""
     if modes.std_shapes is None:
         return np.zeros(modes.shapes.shape)
     std = np.nan_to_num(modes.std_shapes) / level[:, None]
@@ -205,15 +205,15 @@ class Pairs:
     Attributes
     ----------
     modes : RealModes
-        Of the model.
+        Modes of the model.
     which : ndarray of int, shape (m,)
-        Its modes.
+        Number of the paired mode of the model.
     mac : ndarray of float, shape (m,)
-        MAC of each pair; of close measured modes, MAC with the best combination of the shapes of
+        MAC of each pair; for close measured modes, MAC with the best combination of the shapes of
         `spans`.
     spans : tuple of ndarray of int
-        For each measured mode, the modes of the model with whose span its shape is compared: its
-        own, or those of all close measured modes.
+        For each measured mode, the modes of the model with whose span its shape is compared: the
+        paired mode, or those of the whole cluster.
     """
 
     modes: RealModes
@@ -231,21 +231,21 @@ class Pairs:
         target: Target,
         like: float = LIKE,
     ) -> Pairs:
-        """Compute the model's modes and pair them.
+        """Compute modes of the model and pair them with the measured ones.
 
-        One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
-        (Hungarian assignment; Kuhn 1955). Close measured modes are compared by the span of their
-        shapes, and paired in the order of their frequencies, if the span of as many modes of the
-        model holds all of their shapes (MAC of at least `like`); else one by one. Without shapes
-        that differ, with the least sum of the squares of these logarithms, which keeps the order of
-        the frequencies.
+        The pairs are one to one and maximise the sum of MAC less half the logarithm of the
+        frequency ratio (Hungarian assignment; Kuhn 1955). Close measured modes are compared by the
+        span of their shapes, and paired in ascending order, if the span of as many modes of the
+        model contains all of their shapes (MAC of at least `like`); else one by one. If shapes
+        cannot be distinguished, the pairs minimise the sum of squares of these logarithms, which
+        keeps the order of the frequencies.
 
         Raises
         ------
         SolverError
             If the modes cannot be computed.
         DataError
-            If the model has fewer.
+            If the model has fewer modes than were measured.
         """
         highest = _BEYOND * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
         modes = RealModes.lowest(system, state, len(target.value), highest)
@@ -279,16 +279,16 @@ class Pairs:
         Parameters
         ----------
         modes : RealModes
-            Of the model.
+            Modes of the model.
         move : ndarray of bool, shape (n,)
-            Which of them move at the sensors.
+            Modes that move at the sensors.
         target : Target
             The measured modes.
         clusters : sequence of ndarray of int
             Measured modes that are compared by their spans.
         """
-        # The MAC of rounding, as of a mode in another plane than the sensors, says nothing; where
-        # there is one sensor, it is 1.
+        # The MAC of a mode that does not move at the sensors is rounding error. With a single
+        # sensor all MACs are 1.
         macs = np.ones((len(modes.value), len(target.value)))
         if target.has_shapes:
             macs[~move] = 0.0
@@ -329,19 +329,19 @@ class ModalPart:
     system : AffineSystem
         The compiled model.
     unknowns : Unknowns
-        Where the unknowns act.
+        The terms of the model that the unknowns scale.
     coordinates : Coordinates
         The optimiser's coordinates.
     target : Target
         The measured modes.
     noise : ModalNoise
-        How exact they are, as far as it is known before a fit.
+        Their standard deviations, as far as known before a fit.
     session : Session
-        What is remembered of evaluations.
+        Cache of evaluations and stop request.
     name : str
-        Which test, where there are several.
+        Name of the test if there are several.
     like : float
-        MAC from which a measured mode resembles one of the model.
+        Smallest MAC at which a measured mode and a mode of the model count as similar.
     """
 
     system: AffineSystem
@@ -368,7 +368,7 @@ class ModalPart:
         session: Session | None = None,
         name: str = "",
     ) -> ModalPart:
-        """Bring model, modes and unknowns together.
+        """Return the part for a model, measured modes and unknowns.
 
         Raises
         ------
@@ -397,14 +397,14 @@ class ModalPart:
 
     @property
     def n_numbers(self) -> int:
-        """Number of measured numbers: frequencies, shapes except their lengths, damping."""
+        """Number of measured numbers: frequencies, normalised shapes, and loss factors if used."""
         k, m = self.target.shapes.shape
         damped = int(np.isfinite(self.target.loss_factor).sum()) if self.sees_damping else 0
         return int(m * max(k, 1) + damped)
 
     @property
     def sees_damping(self) -> bool:
-        """Whether an unknown changes the damping of a group alone."""
+        """Whether an unknown changes the damping of a group independently of its stiffness."""
         viscous = [self.system.terms[at].quantity == "viscous" for at in self.unknowns.at]
         return bool(any(viscous) or not self.unknowns.scales.all())
 
@@ -417,26 +417,26 @@ class ModalPart:
         return self.unknowns.state(self.system, self.values(x))
 
     def key(self, kind: str, x: _Real, *about: object) -> list[object]:
-        """Return what an evaluation at x follows from, within a run."""
+        """Return the cache key of an evaluation at x."""
         sought = "\n".join(self.coordinates.parameters.names)
         own = digest(("modes", self.name, self.target.digest, str(self.like), sought))
         return [kind, own, x, *about]
 
     def recall(self, kind: str, x: _Real, compute: Callable[[], Record]) -> Record:
-        """Return the result of an evaluation at x, from memory where it is known."""
+        """Return the cached result of an evaluation at x, or compute it."""
         if self.session.memory is None:
             return compute()
         return self.session.recall(self.key(kind, x), compute)
 
     def pairs(self, x: _Real) -> Pairs:
-        """Return the pairs at x.
+        """Return the pairs of modes at x.
 
         Raises
         ------
         SolverError
             If the modes of the model cannot be computed.
         DataError
-            If the model has fewer than were measured.
+            If the model has fewer modes than were measured.
         """
         about = self.system, self.state(x), self.unknowns, self.values(x)
         return Pairs.at(*about, self.target, self.like)
@@ -451,7 +451,7 @@ class ModalPart:
         shapes : bool
             Whether shapes are compared.
         derivatives : bool
-            Whether the derivatives are wanted, which take long; else they may be left at zero.
+            Whether derivatives are needed, which take long; if not, they may be zero.
 
         Raises
         ------
@@ -507,7 +507,7 @@ class ModalPart:
         shapes: bool,
         derivatives: bool,
     ) -> Iterator[_Moved]:
-        """Yield the derivatives by x of each mode that is paired; zeros where none are wanted."""
+        """Yield the derivatives of each paired mode by x; zeros without `derivatives`."""
         target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
         which, losses = pairs.which[paired], list[_Loss | None]()
         state = self.state(x) if self.sees_damping else None
@@ -548,7 +548,7 @@ class ModalPart:
             yield _Moved(value, span, loss, by_loss)
 
     def _of_mode(self, pairs: Pairs, k: int, moved: _Moved) -> Iterator[_Residual]:
-        """Yield the residuals of a measured mode that is paired, each kind by itself."""
+        """Yield the residuals of a paired measured mode, by kind."""
         target, own = self.target, float(pairs.modes.value[pairs.which[k]])
         off = 0.5 * np.log(own / target.value[k])
         yield _Residual.of("frequency", off, 0.5 * moved.value / own, target.std_frequency[k])
@@ -575,19 +575,19 @@ class ModalPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moved:
-    """The derivatives of one mode of the model by x.
+    """Derivatives of one mode of the model by x.
 
     Attributes
     ----------
     value : ndarray of float, shape (n,)
-        Of the eigenvalue.
+        Derivatives of the eigenvalue.
     span : ndarray of float, shape (s, k, n)
-        Of the shapes that its own is compared with, at the sensors' DOFs; of shape (s, 0, n) if
-        shapes are not compared.
+        Derivatives of the shapes of its span at the sensors' DOFs; of shape (s, 0, n) if shapes are
+        not compared.
     loss : _Loss or None
-        Its loss factor, if one was measured and unknowns change it.
+        Its loss factor, if measured and changed by unknowns.
     by_loss : ndarray of float, shape (n,)
-        Of the loss factor.
+        Derivatives of the loss factor.
     """
 
     value: _Real
@@ -603,13 +603,13 @@ class _Residual:
     Attributes
     ----------
     kind : str
-        Of `KINDS`.
+        One of `KINDS`.
     r : ndarray of float, shape (r,)
-        The residuals, as shares.
+        Residuals, as shares.
     J : ndarray of float, shape (r, n)
         Derivatives by x.
     std : ndarray of float, shape (r,)
-        Standard deviations that the data state; 0 where they state none.
+        Standard deviations of the data; 0 if unknown.
     """
 
     kind: str
@@ -619,18 +619,18 @@ class _Residual:
 
     @classmethod
     def of(cls, kind: str, r: Any, J: _Real, std: Any = 0.0) -> _Residual:
-        """Return residuals, or a single one."""
+        """Return residuals; `r` may be a single number."""
         rows = np.atleast_1d(r)
         return cls(kind, rows, np.atleast_2d(J), np.broadcast_to(std, rows.shape))
 
 
 def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True) -> None:
-    """Check that a measured mode resembles a mode of the model.
+    """Check that at least one measured mode resembles a mode of the model.
 
     Raises
     ------
     DataError
-        If none does; the most alike is named.
+        If there is no such mode; the message names the most similar.
     SolverError
         If modes of a model cannot be computed.
     """
@@ -646,28 +646,28 @@ def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True)
 
 
 def _kind(*, shapes: bool) -> str:
-    """Return what the residuals of modes are called in the memory of a session."""
+    """Return the kind of evaluation in the cache key."""
     return "modes and shapes" if shapes else "frequencies"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Loss:
-    """The loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
+    """Loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
 
-    The energy that is lost in the undamped shape (Ungar & Kerwin, J. Acoust. Soc. Am. 34 (1962)
-    954; Johnson & Kienholz, AIAA J. 20 (1982) 1284): exact to second order in the loss factors,
-    unless modes are closer to each other than they are wide.
+    The energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust. Soc. Am. 34 (1962) 954;
+    Johnson & Kienholz, AIAA J. 20 (1982) 1284) is exact to second order in the loss factors, unless
+    the frequencies of modes are closer than their half-power bandwidth.
 
     Attributes
     ----------
     factor : float
         The loss factor.
     force : ndarray of float, shape (N,)
-        D phi, with D all that is out of phase in the dynamic stiffness at omega.
+        D phi, with D the imaginary part of the dynamic stiffness at omega.
     own : ndarray of float, shape (n,)
-        Derivative of phi^T D phi by the values of the unknowns, shape and omega held.
+        Derivative of phi^T D phi by the values of the unknowns for constant shape and omega.
     steeper : float
-        Its derivative by omega^2.
+        Derivative of phi^T D phi by omega^2.
     value : float
         omega^2.
     """
@@ -709,7 +709,7 @@ class _Loss:
         value : ndarray of float, shape (n,)
             Derivatives of omega^2 by x.
         along : ndarray of float, shape (n,)
-            force^T d phi, by x.
+            force^T (d phi / dx).
         slope : ndarray of float, shape (n,)
             d values / d x.
         """
@@ -719,12 +719,12 @@ class _Loss:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalError:
-    """The residuals of modes, each over its standard deviation.
+    """Residuals of modes, each divided by its standard deviation.
 
     Parameters
     ----------
     noise : ModalNoise
-        How exact the modes are.
+        Standard deviations of the modes.
     shapes : bool
         Whether shapes are compared.
     """
@@ -736,15 +736,15 @@ class ModalError:
 
     @property
     def kind(self) -> str:
-        """What its evaluations are called in the memory of a session."""
+        """Kind of its evaluations in the cache key."""
         return _kind(shapes=self.shapes)
 
     def rows(self, part: ModalPart, x: _Real) -> ModalRows:
-        """Return the residuals at x, not weighted."""
+        """Return the unweighted residuals at x."""
         return part.rows(x, shapes=self.shapes)
 
     def solved(self, part: ModalPart, x: _Real) -> Local:
-        """Return the reduced problem at x.
+        """Return the reduced least-squares problem at x.
 
         Raises
         ------
@@ -761,13 +761,13 @@ class ModalError:
         return replace(local, cost=local.cost + lost)
 
     def power(self, part: ModalPart, x: _Real) -> tuple[float, int]:
-        """Return the weighted sum of squares of the modes that are paired, and their number."""
+        """Return the weighted sum of squares of the paired modes, and its number of residuals."""
         rows = self.rows(part, x)
         number = sum(rows.freedom(kind) for kind in self.noise.added)
         return float(np.sum((rows.r / self.noise.std(rows)) ** 2)), number
 
     def unlikelihood(self, part: ModalPart, x: _Real) -> float:
-        """Return minus the log-likelihood at x, but for a constant that is the same at all x.
+        """Return the negative log-likelihood at x, up to a constant.
 
         Raises
         ------
@@ -777,7 +777,7 @@ class ModalError:
         rows = part.rows(x, shapes=self.shapes, derivatives=False)
         std = self.noise.std(rows)
         used = np.isfinite(std)
-        # One number of each shape is its length, which is free.
+        # The length of a shape is free: one number less.
         k = max(len(part.target.rows), 1)
         share = np.where(rows.kind == KINDS.index("shape"), (k - 1.0) / k, 1.0)[used]
         paired = np.sum(0.5 * (rows.r[used] / std[used]) ** 2 + share * np.log(std[used]))
@@ -785,12 +785,12 @@ class ModalError:
         return float(paired) + len(rows.lost(part.like)) * size + 0.5 * self._lost(part, rows)
 
     def _lost(self, part: ModalPart, rows: ModalRows) -> float:
-        """Return the weighted sum of squares of the modes that resemble none of the model."""
+        """Return the weighted sum of squares of the measured modes without a counterpart."""
         one = sum(number * (_LOST / std) ** 2 for number, std in self._of_lost(part))
         return len(rows.lost(part.like)) * float(one)
 
     def _of_lost(self, part: ModalPart) -> list[tuple[int, float]]:
-        """Return number and standard deviation of the residuals that a mode would have."""
+        """Return number and standard deviation of the residuals of a mode, by kind."""
         counts = {"frequency": 1, "loss_factor": int(part.sees_damping)}
         if self.shapes and part.target.tells_apart:
             counts |= {"shape": len(part.target.rows) - 1, "mac": 1}

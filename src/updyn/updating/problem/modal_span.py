@@ -1,6 +1,6 @@
 """`Projection` of a measured shape onto the span of one or several modes of the model.
 
-Close modes of a test are an arbitrary basis of their span (see `updyn.correlation.clusters`), so
+Close measured modes are an arbitrary basis of their span (see `updyn.correlation.clusters`), so
 each of their shapes is compared with the nearest combination of the shapes of the model.
 """
 
@@ -15,27 +15,27 @@ __all__ = ["Projection"]
 
 _Real = NDArray[np.float64]
 
-#: Singular values below this share of the largest are rounding, as in `numpy.linalg.pinv`.
+#: Singular values below this share of the largest are rounding error, as in `numpy.linalg.pinv`.
 _ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
-    """The part of a measured shape of unit length within a span, with its derivatives by x.
+    """Projection of a measured shape of unit length onto a span, with its derivatives by x.
 
     Attributes
     ----------
     measured : ndarray of float, shape (k,)
         The measured shape psi, of unit length.
     within : ndarray of float, shape (k,)
-        P psi, with the orthogonal projection P. Of a single mode with the shape phi it is
-        phi (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982).
+        P psi, with the orthogonal projection P. For a single mode with the shape phi it is phi
+        (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982).
     within_by_x : ndarray of float, shape (k, n)
-        Its derivatives.
+        Derivatives of `within`.
     size : float
         phi^T psi of the nearest combination phi of unit modal mass.
     size_by_x : ndarray of float, shape (n,)
-        Its derivatives.
+        Derivatives of `size`.
     """
 
     measured: _Real
@@ -46,23 +46,23 @@ class Projection:
 
     @classmethod
     def of(cls, measured: _Real, seen: _Real, moved: _Real) -> Projection:
-        """Project a measured shape.
+        """Return the projection of a measured shape.
 
         Parameters
         ----------
         measured : ndarray of float, shape (k,)
             The measured shape, of unit length.
         seen : ndarray of float, shape (k, s)
-            Shapes of the model that span, as the sensors see them.
+            Shapes of the model that span, at the sensors.
         moved : ndarray of float, shape (s, k, n)
-            Their derivatives by x.
+            Derivatives of `seen` by x.
 
         Notes
         -----
         With the pseudo-inverse G of the shapes Phi, a = G psi and P = Phi G,
         P' psi = (1 - P) Phi' a + G^T Phi'^T (1 - P) psi (G. H. Golub & V. Pereyra, SIAM J. Numer.
         Anal. 10 (1973) 413-432, eq. 4.12). Derivatives of the shapes within their own span, which
-        are large where frequencies are close, have no effect.
+        are large for close frequencies, have no effect.
         """
         U, sizes, Vt = _decompose(seen)
         share = Vt.T @ (U.T @ measured / sizes)
@@ -91,7 +91,7 @@ class Projection:
 
 
 def _decompose(seen: _Real) -> tuple[_Real, _Real, _Real]:
-    """Return the singular value decomposition without the directions that are rounding."""
+    """Return the singular value decomposition without directions that are rounding error."""
     U, sizes, Vt = np.linalg.svd(seen, full_matrices=False)
     kept = sizes > _ROUNDING * sizes.max(initial=0.0)
     return U[:, kept], sizes[kept], Vt[kept]

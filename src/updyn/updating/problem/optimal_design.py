@@ -1,9 +1,9 @@
-"""Optimal design: items chosen out of many by the Fisher information that each adds.
+"""Optimal design: selection of items by the Fisher information that each adds.
 
-An item is a frequency line, a sensor or a force. Its information is a matrix (n, n) by the
+An item is a frequency line, a sensor or a force. Its information is a matrix (n, n) of the
 unknowns, scaled by that of all items (`scaled`); the information of a design is the sum over its
-items. A criterion gives each design a score; `greedy` and `exchanged` look for the largest
-(Fedorov, Theory of Optimal Experiments, 1972, chapter 3).
+items. A criterion gives each design a score; `greedy` and `exchanged` maximise it (Fedorov, Theory
+of Optimal Experiments, 1972, chapter 3).
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ __all__ = ["AOptimal", "DOptimal", "DesignScore", "exchanged", "greedy", "initia
 
 _Real = NDArray[np.float64]
 
-#: Information of each scaled unknown before the first item, so that it has a determinant.
+#: Information of each scaled unknown before the first item, for a determinant above 0.
 _INITIAL = 1e-9
 #: Largest number of exchanges.
 _EXCHANGES = 20
-#: Least increase of the score for an exchange.
+#: Smallest increase of the score by an exchange.
 _RISE = 1e-6
 
 
@@ -39,7 +39,7 @@ class DesignScore(ABC):
         Parameters
         ----------
         information : ndarray of float, shape (..., n, n)
-            Fisher information of each, the initial one included.
+            Fisher information of each design, including the initial information.
 
         Returns
         -------
@@ -54,15 +54,15 @@ class DOptimal(DesignScore):
     Parameters
     ----------
     others : tuple of int
-        Unknowns that do not count; they are fitted all the same. The determinant is then that of
-        the information of the others with these eliminated (D_s-optimality; Atkinson, Donev &
-        Tobias, Optimum Experimental Designs, 2007, section 10.3).
+        Unknowns that are fitted, but do not count. The score is then that of the information on the
+        remaining unknowns with these eliminated (D_s-optimality; Atkinson, Donev & Tobias, Optimum
+        Experimental Designs, 2007, section 10.3).
     """
 
     others: tuple[int, ...] = ()
 
     def score(self, information: _Real) -> _Real:
-        """Return log det, or its difference to that of the unknowns that do not count."""
+        """Return log det of the information, less that of `others` if there are any."""
         whole = np.linalg.slogdet(information)[1]
         if not self.others:
             return np.asarray(whole)
@@ -72,7 +72,7 @@ class DOptimal(DesignScore):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AOptimal(DesignScore):
-    """Minus the logarithm of the mean variance of some unknowns, each relative to its least.
+    """Negative logarithm of the mean variance of some unknowns, each relative to its minimum.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class AOptimal(DesignScore):
         Parameters
         ----------
         information : ndarray of float, shape (n, n)
-            Of that design.
+            Information of that design.
         wanted : sequence of int
             The unknowns that count.
         """
@@ -100,7 +100,7 @@ class AOptimal(DesignScore):
         return cls(at, _variances(information, at))
 
     def score(self, information: _Real) -> _Real:
-        """Return minus the logarithm of the mean relative variance."""
+        """Return the negative logarithm of the mean relative variance."""
         return np.asarray(
             -np.log((_variances(information, self.wanted) / self.least).mean(axis=-1))
         )
@@ -119,14 +119,14 @@ def scaled(information: _Real) -> tuple[_Real, _Real]:
     Parameters
     ----------
     information : ndarray of float, shape (n_items, n, n)
-        Of each item.
+        Information of each item.
 
     Returns
     -------
     information : ndarray of float, shape (n_items, n, n)
-        With a sum whose diagonal is 1.
+        Scaled items; the diagonal of their sum is 1.
     scale : ndarray of float, shape (n,)
-        What rows and columns were divided by.
+        Divisor of rows and columns.
     """
     scale = np.sqrt(np.maximum(np.einsum("fpp->p", information), np.finfo(float).tiny))
     return information / scale[:, None] / scale, scale
@@ -140,25 +140,25 @@ def initial(n: int) -> _Real:
 def greedy(
     information: _Real, total: _Real, count: int, criterion: DesignScore
 ) -> tuple[list[int], _Real]:
-    """Choose items one by one, each the one that raises the score most.
+    """Select items one by one, each with the largest increase of the score.
 
     Parameters
     ----------
     information : ndarray of float, shape (n_items, ..., n, n)
-        Of each item, scaled.
+        Scaled information of each item.
     total : ndarray of float, shape (..., n, n)
-        Of what is there before.
+        Information before the selection.
     count : int
-        How many to choose.
+        Number of items to select.
     criterion : DesignScore
         The score.
 
     Returns
     -------
     chosen : list of int
-        In the order of choice.
+        Items in the order of selection.
     total : ndarray of float, shape (..., n, n)
-        With them.
+        Information with these items.
     """
     chosen: list[int] = []
     left = np.ones(len(information), dtype=np.bool_)
@@ -175,23 +175,23 @@ def greedy(
 def exchanged(
     information: _Real, total: _Real, chosen: Sequence[int], criterion: DesignScore
 ) -> list[int]:
-    """Exchange chosen items for others, the best pair first, as long as the score rises.
+    """Exchange selected items for others, the best pair first, while the score increases.
 
     Parameters
     ----------
     information : ndarray of float, shape (n_items, ..., n, n)
-        Of each item, scaled.
+        Scaled information of each item.
     total : ndarray of float, shape (..., n, n)
-        Of the chosen ones and of what is there besides.
+        Information of the selected items and of all before.
     chosen : sequence of int
-        The chosen ones.
+        The selected items.
     criterion : DesignScore
         The score.
 
     Returns
     -------
     list of int
-        As many; what was exchanged stands in the place of what it replaces.
+        The same number of items; a new item has the position of the one that it replaces.
     """
     chosen = list(chosen)
     for _ in range(_EXCHANGES):

@@ -33,10 +33,10 @@ __all__ = [
     "parameters",
 ]
 
-#: Unknowns of the measurement, not of the model: the factor of a sensor, and which channels it is
-#: one of.
+#: Unknowns of the measurement, not of the model: the factor of a sensor, with the kind of its
+#: channels.
 CHANNELS = {"calibration": "response", "force_calibration": "reference"}
-#: Unknowns that the text of a set lists.
+#: Largest number of unknowns in the text of a set.
 _SHOWN = 40
 _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 
@@ -57,8 +57,8 @@ class Drive:
     Raises
     ------
     ParameterError
-        If the quantity is not known, or the power is not a finite number other than 0, or not 1 for
-        a value.
+        If the quantity is not known, the power is not a finite number other than 0, or the power of
+        a value is not 1.
     """
 
     group: str
@@ -90,18 +90,19 @@ class Parameter:
     Parameters
     ----------
     group, quantity : str
-        What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start;
-        ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. Of a
-        linked unknown: its name.
+        The changed quantity. ``stiffness``, ``mass`` and ``viscous`` are factors relative to the
+        initial group; ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are
+        values. For a linked unknown, the two parts of its name.
     start, lower, upper : float
         Start and bounds, in the unit of the unknown.
     prior_std : float, optional
-        Standard deviation of a Gaussian prior about `start`, in its unit; of the logarithm for a
-        factor, so that 0.3 means about 30 %.
+        Standard deviation of a Gaussian prior about `start`, in the unit of the unknown; for a
+        factor, that of its logarithm, so 0.3 means about 30 %.
     drives : tuple of Drive
-        What a linked unknown acts on (`updyn.link`); empty: on its own group and quantity.
+        Quantities on which a linked unknown acts (`updyn.link`); empty: its own group and quantity.
     nominal : float, optional
-        What a factor of 1 stands for, in `unit` (a modulus, a thickness); reports show the product.
+        Physical value of a factor of 1 (a modulus, a thickness), in `unit`; reports show the
+        product.
     unit : str
         Unit of `nominal`.
 
@@ -109,7 +110,7 @@ class Parameter:
     ------
     ParameterError
         If the quantity is not known, a number is not finite, bounds are out of order or do not fit
-        the quantity, the start lies outside, or the drives do not fit together.
+        the quantity, the start lies outside the bounds, or the drives do not fit together.
     """
 
     group: str
@@ -211,12 +212,12 @@ class Parameter:
 
     @property
     def acts_on(self) -> tuple[Drive, ...]:
-        """The drives of the unknown; its own group and quantity where it is not linked."""
+        """Drives of the unknown; its own group and quantity if it is not linked."""
         return self.drives or (Drive(self.group, self.quantity),)
 
     @property
     def law(self) -> str:
-        """What a linked unknown acts on: ``"skin.stiffness, bend.stiffness^3"``; else empty."""
+        """Drives of a linked unknown, as ``"skin.stiffness, bend.stiffness^3"``; else empty."""
         laws = []
         for drive in self.drives:
             law = drive.name
@@ -231,7 +232,8 @@ class Parameter:
         Parameters
         ----------
         value, std : float
-            In the unit of the unknown; the deviation may be nan or inf.
+            Value and standard deviation in the unit of the unknown; the deviation may be nan or
+            inf.
         """
         if self.nominal is None:
             return ""
@@ -247,7 +249,7 @@ class Parameter:
 
     @property
     def is_channel(self) -> bool:
-        """Whether the unknown is a calibration factor of sensors, which does not act on a model."""
+        """Whether the unknown is a calibration factor of sensors, not of the model."""
         return self.acts_on[0].quantity in CHANNELS
 
     @property
@@ -280,7 +282,7 @@ class ParameterSet(Sequence[Parameter]):
     Raises
     ------
     ParameterError
-        If there is none, or one stands twice.
+        If the set is empty, or an unknown occurs twice.
     """
 
     items: tuple[Parameter, ...]
@@ -338,7 +340,7 @@ class ParameterSet(Sequence[Parameter]):
 
     @property
     def names(self) -> list[str]:
-        """Names, in order."""
+        """Names in order."""
         return [p.name for p in self.items]
 
     @property
@@ -358,7 +360,7 @@ class ParameterSet(Sequence[Parameter]):
 
     @property
     def is_factor(self) -> NDArray[np.bool_]:
-        """Which unknowns are positive factors, not values of damping; shape (n,)."""
+        """Whether each unknown is a positive factor, not a damping value; shape (n,)."""
         return self._column("is_factor")
 
     def to_pandas(self) -> pd.DataFrame:
@@ -368,7 +370,7 @@ class ParameterSet(Sequence[Parameter]):
         -------
         pandas.DataFrame
             Index: ``unknown``. Columns: ``group``, ``quantity``, ``start``, ``lower``, ``upper``,
-            ``prior_std`` (nan where there is none) and ``unit``.
+            ``prior_std`` (nan without a prior) and ``unit``.
         """
         import pandas as pd
 
@@ -385,12 +387,12 @@ class ParameterSet(Sequence[Parameter]):
         return np.array([getattr(p, attribute) for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
-        """Return a copy that starts elsewhere.
+        """Return a copy with other start values.
 
         Parameters
         ----------
         values : array_like of float, shape (n,), or mapping of str to float
-            New starts; a mapping may name only some unknowns.
+            New start values; a mapping may name only some unknowns.
 
         Returns
         -------
@@ -416,14 +418,14 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(items))
 
     def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
-        """Return a copy in which some factors stand for quantities.
+        """Return a copy with physical values for some factors.
 
         Parameters
         ----------
         nominal : mapping of str to float
-            By unknown, what a factor of 1 stands for.
+            Physical value of a factor of 1, by unknown.
         unit : str
-            Their unit.
+            Unit of these values.
 
         Returns
         -------
@@ -444,12 +446,12 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(items))
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
-        """Return `model` with the unknowns at `values`; calibration factors do not act on it.
+        """Return `model` with the unknowns at `values`; calibration factors have no effect.
 
         Parameters
         ----------
         model : Model
-            The model at the start, to which factors are relative.
+            The initial model, to which factors are relative.
         values : array_like of float, shape (n,)
             The unknowns, in order. Their bounds are not checked.
 
@@ -468,7 +470,7 @@ class ParameterSet(Sequence[Parameter]):
         return model.scaled(self.changes(values))
 
     def at_start(self, model: Model) -> Model:
-        """Return `model` with the unknowns at their start, where a fit begins.
+        """Return `model` with the unknowns at their start values.
 
         Parameters
         ----------
@@ -478,7 +480,7 @@ class ParameterSet(Sequence[Parameter]):
         Returns
         -------
         Model
-            `model` itself where every unknown starts at its value.
+            `model` itself if every unknown starts at its value in the model.
         """
         own: dict[str, dict[str, float]] = {}
         for name, change in self.changes(self.start).items():
@@ -492,7 +494,7 @@ class ParameterSet(Sequence[Parameter]):
         return model.scaled(own) if own else model
 
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
-        """Return the changes of each group at `values`, as `Model.scaled` takes them.
+        """Return the changes of each group at `values`, as the argument of `Model.scaled`.
 
         Parameters
         ----------
@@ -539,9 +541,8 @@ def finite(given: Any, what: str) -> float:
     return float(given)
 
 
-#: Bounds where the user gives none. Factors may change a hundredfold; a loss factor of 10 is beyond
-#: any material, and so are Rayleigh coefficients that amount to it at 10 kHz (mass) or at 0.1 Hz
-#: (stiffness).
+#: Default bounds. Factors may change a hundredfold; a loss factor of 10 is beyond any material, and
+#: so are Rayleigh coefficients equivalent to it at 10 kHz (mass) or at 0.1 Hz (stiffness).
 DEFAULT_BOUNDS = {
     "stiffness": (0.01, 100.0),
     "mass": (0.01, 100.0),
@@ -550,7 +551,7 @@ DEFAULT_BOUNDS = {
     "mass_damping": (0.0, 6e5),
     "stiffness_damping": (0.0, 16.0),
 }
-#: Bounds of a factor that drives others by powers: ten times a thickness is a thousand times its
+#: Default bounds of a factor with powers: a factor of ten in thickness is one of a thousand in
 #: bending stiffness.
 _LINKED = (0.1, 10.0)
 
@@ -567,22 +568,22 @@ def parameters(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prior_std: Mapping[str, float] | None = None,
 ) -> ParameterSet:
-    """Choose the unknowns: one for each group and quantity.
+    """Choose the unknowns of a model by group and quantity.
 
     Parameters
     ----------
     model : Model
         The model to update.
     stiffness, mass, loss_factor, viscous, mass_damping, stiffness_damping : str or iterable of str
-        Group names or globs (``"gear*"``), or ``"all"``. A glob stands for those of its groups that
-        have the quantity, ``"all"`` for every group that has it. Stiffness, mass and viscous
-        unknowns are factors on the group's start (1 = unchanged). The others are values, and start
-        from the group's own: loss factors and stiffness damping (s) relative to the updated
+        Group names or globs (``"gear*"``), or ``"all"``. A glob selects the matching groups that
+        have the quantity, ``"all"`` every group that has it. Stiffness, mass and viscous unknowns
+        are factors relative to the initial group (1 = unchanged). The others are values and start
+        at those of the group: loss factors and stiffness damping (s) relative to the updated
         stiffness, mass damping (1/s) to the updated mass.
     bounds : mapping of str to (float, float), optional
-        By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns;
-        the most special wins (unknown, then the first glob that fits, then quantity). Damping whose
-        own value lies outside starts on the nearer bound.
+        By quantity (``"stiffness"``), by unknown (``"shaft.stiffness"``) or by glob over unknowns.
+        The most specific key has precedence: the unknown, then the first matching glob, then the
+        quantity. A damping value outside its bounds starts on the nearer bound.
     prior_std : mapping of str to float, optional
         Standard deviation of a prior about the start, by the same keys.
 
@@ -590,13 +591,13 @@ def parameters(
     -------
     ParameterSet
         Ordered by group, then mass, stiffness, loss factor, viscous, mass damping, stiffness
-        damping as far as chosen.
+        damping.
 
     Raises
     ------
     ParameterError
-        If a glob fits no group, a group lacks the quantity, a key of `bounds` or `prior_std` fits
-        no unknown, or nothing is chosen.
+        If a glob matches no group, a group lacks the quantity, a key of `bounds` or `prior_std`
+        matches no unknown, or nothing is selected.
 
     Examples
     --------
@@ -624,7 +625,7 @@ def parameters(
             low, high = bounds_pair(pair, f"bounds of {p.name!r}")
             start = p.start
             if p.quantity in VALUES and low < high:
-                # The bounds of the user take precedence over the value of the group.
+                # The user's bounds have precedence over the value of the group.
                 start = min(max(start, low), high)
             with _start_is_stated(False):
                 p = Parameter(p.group, p.quantity, start, low, high)
@@ -643,44 +644,45 @@ def link(
     nominal: float | None = None,
     unit: str = "",
 ) -> ParameterSet:
-    """Choose one unknown that acts on several groups by stated laws.
+    """Return one unknown that acts on several groups by given power laws.
 
-    A thickness drives membrane stiffness and mass in proportion, bending stiffness with its cube; a
-    modulus drives every property of its material; a symmetric pair shares one stiffness. As the
-    model stays affine in the coefficients of its groups, the derivatives stay exact.
+    A thickness scales membrane stiffness and mass in proportion, and bending stiffness with its
+    cube; a modulus scales all stiffnesses of its material; a symmetric pair shares one stiffness.
+    The model stays affine in the coefficients of its groups, so the derivatives stay exact.
 
     Parameters
     ----------
     model : Model
         The model to update.
     name : str
-        What the unknown is called, with one dot, such as ``"dish.thickness"``.
+        Name of the unknown with one dot, such as ``"dish.thickness"``.
     drives : mapping of str to float, or iterable of str
-        ``group.quantity``, or a glob over these, and the power with which the unknown enters:
-        ``{"skin.stiffness": 1, "bend.stiffness": 3, "skin.mass": 1}``. Without powers, 1 each. A
-        quantity that several unknowns drive is multiplied by all.
+        ``group.quantity``, or a glob over these, and the power of the unknown: ``{"skin.stiffness":
+        1, "bend.stiffness": 3, "skin.mass": 1}``. Without a mapping, all powers are 1. If several
+        unknowns drive a quantity, it is multiplied by all of them.
     start : float, optional
-        1 where nothing is said; for loss factors and Rayleigh coefficients, that of the groups,
-        which has to be the same.
+        Start value; by default 1, and for loss factors and Rayleigh coefficients the common value
+        of the groups.
     bounds : (float, float), optional
-        On the unknown itself; 0.1 to 10 for factors, 0 to 10 for loss factors, as in
-        `updyn.parameters` for others.
+        Bounds of the unknown; by default 0.1 to 10 for factors, 0 to 10 for loss factors, and for
+        others as in `updyn.parameters`.
     prior_std : float, optional
         Standard deviation of a prior about the start; of the logarithm for a factor.
     nominal : float, optional
-        What a factor of 1 stands for (2e-3 for a thickness of 2 mm in m); reports show the product.
+        Physical value of a factor of 1 (2e-3 for a thickness of 2 mm in m); reports show the
+        product.
     unit : str
         Unit of `nominal`.
 
     Returns
     -------
     ParameterSet
-        One unknown; sets are added with ``+``.
+        A set of one unknown; sets are joined with ``+``.
 
     Raises
     ------
     ParameterError
-        If a name fits nothing in the model, the drives do not fit together, or a number is not
+        If a name matches nothing in the model, the drives do not fit together, or a number is not
         usable.
 
     Examples
@@ -730,7 +732,7 @@ def link(
 
 @contextmanager
 def _start_is_stated(stated: bool) -> Iterator[None]:
-    """Place the error of a start that the user has not stated at the bounds, which are stated."""
+    """Attribute an error of a default start value to the bounds, which the user gave."""
     try:
         yield
     except ParameterError as error:
@@ -740,12 +742,12 @@ def _start_is_stated(stated: bool) -> Iterator[None]:
 
 
 def _fitting(names: Iterable[str], pattern: str) -> list[str]:
-    """Return the names that fit a glob, case-sensitive."""
+    """Return the names that match a glob, case-sensitive."""
     return [name for name in names if fnmatch.fnmatchcase(name, pattern)]
 
 
 def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
-    """Return the drives that a key of `link` stands for."""
+    """Return the drives for a key of `link`."""
     able = []
     for group_name, group in model.groups.items():
         able += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]
@@ -807,7 +809,7 @@ def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:
 def _table(
     what: str, given: Mapping[str, Any] | None, items: Sequence[Parameter]
 ) -> Mapping[str, Any]:
-    """Return `given` after checking that each of its keys fits an unknown."""
+    """Return `given` after checking that each key matches an unknown."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
@@ -827,7 +829,7 @@ def _table(
 
 
 def bounds_pair(given: Any, what: str) -> tuple[float, float]:
-    """Return bounds of user input as two numbers; raise for anything else, naming `what`."""
+    """Return user input as two bounds; raise for anything else, naming `what`."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
         raise ParameterError(f"{what}: expected (lower, upper), found {given!r}", key=("bounds",))
     return finite(given[0], what), finite(given[1], what)

@@ -1,4 +1,4 @@
-"""The problem of an update: models, data of the fit and unknowns, in one set of indices."""
+"""The problem of an update: models, data of the fit and unknowns with common indices."""
 
 from __future__ import annotations
 
@@ -38,11 +38,10 @@ _Complex = NDArray[np.complex128]
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")
 
-#: A block of lines stays in the processor's cache; it is also what the user may have to wait for
-#: after Ctrl-C.
+#: Size of a block of lines: it fits the processor's cache, and bounds the delay after Ctrl-C.
 _BLOCK_BYTES = 12 * 2**20
-#: Operations of one evaluation from which spreading its lines pays, and from which it is long to
-#: wait for; some tenth of a second and some ten seconds.
+#: Floating-point operations of one evaluation from which its lines are distributed over workers
+#: (some tenth of a second), and from which the evaluation counts as long (some ten seconds).
 SPREAD, _LONG = 5e8, 5e10
 
 
@@ -53,9 +52,9 @@ class Block:
     Attributes
     ----------
     lines : slice
-        Which lines.
+        The lines.
     H : ndarray of complex, shape (n_f, n_i, n_j)
-        The model's.
+        FRF of the model.
     dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
         Derivatives by the optimiser's coordinates.
     measured : ndarray of complex, shape (n_f, n_i, n_j)
@@ -75,9 +74,9 @@ class Part:
     Attributes
     ----------
     solver : FieldSolver
-        The compiled model and how it is solved.
+        The compiled model with its solver.
     unknowns : Unknowns
-        Where the unknowns act.
+        The terms of the model that the unknowns scale.
     coordinates : Coordinates
         The optimiser's coordinates.
     frf : FRF
@@ -85,17 +84,16 @@ class Part:
     rows, columns : ndarray of int
         Model DOFs of responses and references.
     sign : ndarray of float, shape (n_i, n_j)
-        Product of the signs of response and reference; 0: there is no response, by symmetry.
+        Product of the signs of response and reference; 0 if symmetry forbids the response.
     session : Session
-        Where the lines are solved, and what is remembered of them. A copy sent to another process
-        has a plain one.
+        Engine and cache of the run. A copy sent to another process has a default session.
     name : str
-        Which test, where there are several.
+        Name of the test if there are several.
     as_read : bool
-        Whether the model's FRFs are those that the sensors read, times their calibration factors;
-        else those of the structure.
+        Whether the FRFs of the model are multiplied by the calibration factors of the sensors; else
+        they are those of the structure.
     variants : tuple of Variant
-        What the model would be without a frequent mistake. A copy sent to another process has none.
+        The model without frequent mistakes. A copy sent to another process has none.
     """
 
     solver: FieldSolver
@@ -113,7 +111,7 @@ class Part:
     _gains: Gains | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # The model is compared with the data where they are H.
+        # The model is evaluated with the same decay as the data.
         object.__setattr__(self, "solver", self.solver.with_decay(self.frf.decay))
         gains = Gains.find(self.coordinates.parameters, self.frf) if self.as_read else None
         object.__setattr__(self, "_gains", gains)
@@ -134,7 +132,7 @@ class Part:
         session: Session | None = None,
         name: str = "",
     ) -> Part:
-        """Bring model, data and unknowns together.
+        """Return the part for a model, data and unknowns.
 
         Raises
         ------
@@ -167,35 +165,24 @@ class Part:
         return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
 
     def thinned(self, largest: int) -> Part:
-        """Return the part on every k-th line, with at most `largest` lines.
-
-        Parameters
-        ----------
-        largest : int
-            Number of lines.
-
-        Returns
-        -------
-        Part
-            Itself where it has no more lines than that.
-        """
+        """Return the part on every k-th line, with at most `largest` lines."""
         stride = -(-len(self.frf.freq) // largest)
         if stride <= 1:
             return self
         return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
     def without_rounding(self, x: _Vector, share: float) -> Part:
-        """Return the part with exact zeros in channels that are rounding, in model and data.
+        """Return the part with exact zeros in channels that are rounding error, in model and data.
 
-        Symmetry forbids these responses. What a model says of them is its error, whose derivatives
-        would count as knowledge of the unknowns.
+        Symmetry forbids these responses. The model's values there are numerical error, whose
+        derivatives would count as information on the unknowns.
 
         Parameters
         ----------
         x : ndarray of float, shape (n,)
-            Where the model is looked at.
+            Point at which the model is evaluated.
         share : float
-            Channels below this share of the loudest one are rounding (`shares_of`).
+            Channels below this share of the loudest one are rounding error (`shares_of`).
 
         Raises
         ------
@@ -239,16 +226,15 @@ class Part:
 
     @property
     def work(self) -> float:
-        """Rough number of floating-point operations of an evaluation with derivatives, by line.
+        """Rough number of floating-point operations of an evaluation with derivatives.
 
-        Without the eigendecomposition by which all lines are solved at once, if they are: every
-        process makes it anew.
+        If one eigendecomposition serves all lines, it is not included: every process repeats it.
         """
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
         solve = 8.0 * n**2 * columns
         if self.solver.tier == "sparse":
-            # As measured on three-dimensional solids of 10k to 300k DOFs.
+            # Measured on three-dimensional solids of 10k to 300k DOFs.
             solve = 50.0 * n**1.75
         elif not self._at_once:
             solve += 8.0 / 3.0 * n**3
@@ -263,16 +249,16 @@ class Part:
 
     @property
     def spreads(self) -> bool:
-        """Whether lines are distributed over workers; else whole descents are."""
+        """Whether lines are distributed over workers; if not, whole descents are."""
         return self.work > SPREAD
 
     @property
     def is_long(self) -> bool:
-        """Whether an evaluation is too long to be begun when the user wants to stop."""
+        """Whether an evaluation is too long to be started after a stop request."""
         return self.work > _LONG
 
     def partition(self, n_columns: int | None = None) -> list[slice]:
-        """Return the blocks of lines in which the part is evaluated; they depend on the part alone.
+        """Return the blocks of lines of an evaluation, which depend on the part alone.
 
         Parameters
         ----------
@@ -293,14 +279,14 @@ class Part:
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
 
     def each(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
-        """Yield ``function(part, item)`` in order, for tuples that end with their block of lines.
+        """Yield ``function(part, item)`` in order.
 
         Parameters
         ----------
         function : callable
-            Of a module: it may run in another process.
+            Function of a module, because it may run in another process.
         items : sequence of tuple
-            Small; the last part of each is the slice of lines that it is about.
+            Small; the last entry of each is its slice of lines.
 
         Raises
         ------
@@ -313,7 +299,7 @@ class Part:
             yield result
 
     def key(self, kind: str, x: _Vector, *about: object) -> list[object]:
-        """Return what an evaluation at x follows from, within a run."""
+        """Return the cache key of an evaluation at x."""
         if not self._digest:
             frf = self.frf
             parts = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
@@ -324,12 +310,12 @@ class Part:
     def recall(
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
     ) -> Record:
-        """Return the result of an evaluation at x, from memory where it is known.
+        """Return the cached result of an evaluation at x, or compute it.
 
         Parameters
         ----------
         kind : str
-            What is evaluated.
+            Kind of evaluation.
         x : ndarray of float, shape (n,)
             Point in the space of the unknowns.
         compute : callable
@@ -342,7 +328,7 @@ class Part:
         return self.session.recall(self.key(kind, x, *about), compute)
 
     def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
-        """Return model, times the calibration factors, and measurement at a block of lines.
+        """Return the model, times the calibration factors, and the measurement at a block of lines.
 
         Raises
         ------
@@ -369,7 +355,7 @@ class Part:
         return Block(lines, H, dH, self.frf.values[lines])
 
     def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[Block]:
-        """Yield model and measurement block by block of lines, in order; solved here.
+        """Yield model and measurement by block of lines, in order and in this process.
 
         Raises
         ------
@@ -380,7 +366,7 @@ class Part:
             yield self.block(x, lines, derivatives=derivatives)
 
     def responses(self, x: _Vector) -> _Complex:
-        """Return the FRF that the sensors read, shape (n_f, n_i, n_j), in the measured quantity.
+        """Return the model's FRF in the measured quantity, with calibration, shape (n_f, n_i, n_j).
 
         Raises
         ------
@@ -396,15 +382,15 @@ class Part:
 
 
 def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
-    """Return the rms of each channel over that of the loudest one, shape (n_i, n_j).
+    """Return the rms of each channel relative to the loudest one, shape (n_i, n_j).
 
-    The loudest is one of the measured channels, or of the model's where that is louder: its error
-    is a share of its own level.
+    The loudest channel is taken over the data and `H`, because numerical errors of a model are a
+    share of its own level.
 
     Parameters
     ----------
     H : ndarray of complex, shape (n_f, n_i, n_j)
-        The model's or the measured values, each counted in the rms of its unit.
+        Values of the model or the data; each is relative to the rms of its unit.
     frf : FRF
         The data.
     """
@@ -417,7 +403,7 @@ def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
 
 
 def _middle(freq: NDArray[np.float64]) -> float:
-    """Return the geometric middle of a band in rad/s."""
+    """Return the geometric mean of the limits of a band in rad/s."""
     moving = freq[freq > 0]
     if not moving.size:
         return 1.0
@@ -431,14 +417,14 @@ def _responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """What an update works on: a part for what each test measured, with the same unknowns.
+    """All parts of an update, with the same unknowns.
 
     Attributes
     ----------
     parts : tuple of Part
-        Of tests that measured FRFs; where there are several, their names differ.
+        Parts of tests that measured FRFs, with different names if there are several.
     modal : tuple of ModalPart
-        Of tests that measured modes. One test may have both.
+        Parts of tests that measured modes. One test may have both.
     """
 
     parts: tuple[Part, ...]
@@ -452,7 +438,7 @@ class Problem:
 
     @property
     def all(self) -> tuple[Part | ModalPart, ...]:
-        """The parts of FRFs, and after them those of modes."""
+        """The parts of FRFs, followed by those of modes."""
         return (*self.parts, *self.modal)
 
     @property
@@ -471,7 +457,7 @@ class Problem:
 
     @property
     def session(self) -> Session:
-        """Where the lines of all parts are solved."""
+        """Session of all parts."""
         return self._first.session
 
     @property
@@ -485,12 +471,12 @@ class Problem:
         return sum(part.n_values for part in self.parts)
 
     def share(self, part: Part) -> int:
-        """Return how many of the unknowns count against a part, by its share of the data."""
+        """Return the number of unknowns attributed to a part, by its share of the data."""
         return -(-self.n * part.n_values // self.n_values)
 
     @property
     def n_numbers(self) -> int:
-        """Number of measured real numbers: two a value of an FRF, and those of modes."""
+        """Number of measured real numbers: two for each value of an FRF, and those of modes."""
         return 2 * self.n_values + sum(part.n_numbers for part in self.modal)
 
     @property
@@ -500,31 +486,31 @@ class Problem:
 
     @property
     def spreads(self) -> bool:
-        """Whether lines are distributed over workers; else whole descents are."""
+        """Whether lines are distributed over workers; if not, whole descents are."""
         return any(part.spreads for part in self.parts)
 
     @property
     def of_frfs(self) -> Problem:
-        """The parts that measured FRFs alone."""
+        """The problem without modes."""
         return replace(self, modal=())
 
     def thinned(self, largest: int) -> Problem:
-        """Return the parts on at most `largest` lines each."""
+        """Return the problem with at most `largest` lines in each part."""
         return replace(self, parts=tuple(part.thinned(largest) for part in self.parts))
 
     def with_parts(self, parts: Sequence[Part]) -> Problem:
-        """Return the problem with other parts of FRFs, in their coordinates."""
+        """Return the problem with other parts of FRFs, in the coordinates of the first."""
         return Problem.of(parts, self.modal)
 
     def with_session(self, session: Session) -> Problem:
-        """Return the parts with another session."""
+        """Return the problem with another session."""
         return Problem(
             tuple(replace(part, session=session) for part in self.parts),
             tuple(replace(part, session=session) for part in self.modal),
         )
 
     def with_coordinates(self, coordinates: Coordinates) -> Problem:
-        """Return the parts in other coordinates."""
+        """Return the problem in other coordinates."""
         parts, modal = [], []
         for part in self.parts:
             own = part.coordinates is coordinates
@@ -535,13 +521,13 @@ class Problem:
         return Problem(tuple(parts), tuple(modal))
 
     def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
-        """Return the parts with narrower bounds in x."""
+        """Return the problem with narrower bounds in x."""
         return self.with_coordinates(replace(self.coordinates, box=box))
 
     def recall(
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
     ) -> Record:
-        """Return the result of an evaluation of all parts at x, from memory where it is known."""
+        """Return the cached result of an evaluation of all parts at x, or compute it."""
         if self.session.memory is None:
             return compute()
         keys = []

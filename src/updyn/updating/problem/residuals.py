@@ -1,8 +1,7 @@
-"""Residuals between model and measurement, each a small object, and their reduction block by block.
+"""Residuals between model and measurement, and their reduction by block of lines.
 
 A residual turns a block of lines into real residuals and their Jacobian. The blocks are stacked by
-QR factors, so that the Jacobian of all lines need never be held, and the normal equations are never
-formed.
+QR factors, so the Jacobian of all lines is never stored and the normal equations are never formed.
 """
 
 from __future__ import annotations
@@ -48,39 +47,41 @@ _Matrix = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
-#: Noise, as a share of the level, at which a value weighs 0.7 in the search, about.
+#: Noise, as a share of the level, at which the weight of a value in the search is about 0.7.
 _CLEAR = 0.1
-#: Times its variance, a square of a level that noise alone hardly has.
+#: Multiple of the noise variance that noise alone rarely exceeds (three standard deviations).
 _BIAS = 9.0
 
 
 class Residual(Protocol):
-    """What a residual offers: the local least-squares problem at x, and its name."""
+    """Interface of a residual: its local least-squares problem at x, and its name."""
 
     @property
     def name(self) -> str:
-        """How the report calls it."""
+        """Name in the report."""
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
+        """Return the reduced problem at x, or None if the model cannot be solved."""
 
 
 class LineResidual(ABC):
-    """Base of the residuals that are evaluated block by block of lines, in any process.
+    """Base class of the residuals that are evaluated by block of lines, in any process.
 
-    A subclass has `name` and `block`; the other methods are overridden where the residual holds
-    arrays over the lines, has weights of the data, or needs more memory than model and data.
+    A subclass defines `name` and `block`. Override `on` if the residual holds arrays over the
+    lines, `of_data` if its weights depend on the data, and `partition` if it needs more memory than
+    model and data.
 
     Attributes
     ----------
     name : str
-        How the report calls it.
+        Name in the report.
     reference : str
-        Where it was published.
+        Publication of the residual.
     needs_exact : str
-        Why it cannot be evaluated in a reduced model; empty: it can.
+        Reason why it cannot be evaluated with a reduced model; empty if it can.
     calibrates : bool
-        Whether it supports calibration factors: it compares with `Part.block`, which applies them.
+        Whether it supports calibration factors, that is, compares the data with `Part.block`, which
+        applies them.
     """
 
     __slots__ = ()
@@ -93,48 +94,119 @@ class LineResidual(ABC):
 
     @classmethod
     def of_data(cls, part: Part) -> Self:
-        """Return the residual for the data of a test, with equal weights."""
+        """Return the residual for the data of a test, with equal weights.
+
+        Parameters
+        ----------
+        part : Part
+            Model, data and unknowns of the test.
+
+        Returns
+        -------
+        LineResidual
+        """
         return cls()
 
     @property
     def cache_key(self) -> object:
-        """Bytes, text or array that differs between residuals of one class."""
+        """Bytes, text or array that distinguishes residuals of one class in a cache."""
         return ""
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
+        """Return the reduced problem at x, or None if the model cannot be solved.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        x : ndarray of float, shape (n,)
+            Point in the optimiser's coordinates.
+
+        Returns
+        -------
+        Local or None
+        """
         return _local(self, problem, x)
 
     def of(self, part: int) -> Self:
-        """Return the residual of one of several tests."""
+        """Return the residual of one of several tests.
+
+        Parameters
+        ----------
+        part : int
+            Number of the test.
+
+        Returns
+        -------
+        LineResidual
+        """
         return self
 
     def on(self, part: Part, lines: slice) -> Self:
-        """Return the residual with what a block of lines needs of it."""
+        """Return the residual restricted to a block of lines.
+
+        Parameters
+        ----------
+        part : Part
+            Model, data and unknowns of the test.
+        lines : slice
+            The block.
+
+        Returns
+        -------
+        LineResidual
+        """
         return self
 
     def partition(self, part: Part) -> list[slice]:
-        """Return the blocks of lines."""
+        """Return the blocks of lines.
+
+        Parameters
+        ----------
+        part : Part
+            Model, data and unknowns of the test.
+
+        Returns
+        -------
+        list of slice
+        """
         return part.partition()
 
     @abstractmethod
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...)."""
+        """Return the residual and its derivatives at a block of lines.
+
+        Parameters
+        ----------
+        part : Part
+            Model, data and unknowns of the test.
+        x : ndarray of float, shape (n,)
+            Point in the optimiser's coordinates.
+        lines : slice
+            The block.
+
+        Returns
+        -------
+        r : ndarray of complex, shape (n_f, ...)
+            The residual.
+        J : ndarray of complex, shape (n, n_f, ...)
+            Its derivatives by x.
+        """
 
 
 def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
-    """Return the share of measured values that is not noise, from 0 to 1, shape (n_f, n_i, n_j).
+    """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
 
-    It is sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no
-    phase, and the logarithm of its level is that of the noise. Noise alone exceeds three of its
-    standard deviations once in 8,000 values; where the model says that there is nothing, those that
-    do would have the largest logarithms of all. Far from the truth a noise below a tenth of the
-    level makes little difference. Of values that are rounding, nothing is left.
+    The weight is sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2. A value below the noise
+    has no phase, and the logarithm of its level is that of the noise. Noise alone exceeds three of
+    its standard deviations once in 8,000 values; if the model has a small response there, these
+    values would have the largest logarithms of all. Far from the solution, noise below a tenth of
+    the level makes little difference. Values that are rounding error have the weight 0.
 
     Parameters
     ----------
     values : ndarray of complex, shape (n_f, n_i, n_j)
-        Measured.
+        The measured values.
     variance : ndarray of float, shape (n_f, n_i, n_j)
         E|dH|^2, in squared units of the data.
     frf : FRF
@@ -149,17 +221,17 @@ def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogError(LineResidual):
-    """r = w ln(H_A / H_X): difference of log magnitude and of phase.
+    """r = w ln(H_A / H_X): difference of log magnitude and phase.
 
-    Constant relative noise makes it nearly the maximum-likelihood residual, and its basin is wide.
-    Values that are exactly zero on either side have no logarithm and are given weight zero.
+    It is nearly the maximum-likelihood residual for constant relative noise, and converges from far
+    away. Values that are exactly zero in model or data have no logarithm and have the weight 0.
 
     Parameters
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j), optional
-        Share of each value that is not noise (`clear_of_noise`); 1 where it is not given.
+        Weights from the noise (`clear_of_noise`); by default 1.
     name : str
-        How the report calls it.
+        Name in the report.
     """
 
     weight: NDArray[np.float64] | None = None
@@ -167,10 +239,7 @@ class LogError(LineResidual):
 
     @classmethod
     def clear_of_noise(cls, part: Part) -> LogError:
-        """Return the log error of data that carry their variance, each value as far as it is clear.
-
-        The weights are those of `clear_of_noise`.
-        """
+        """Return the log error of data with variance, weighted by `clear_of_noise`."""
         assert part.frf.variance is not None
         return cls(clear_of_noise(part.frf.values, part.frf.variance, part.frf))
 
@@ -184,7 +253,7 @@ class LogError(LineResidual):
         return self if self.weight is None else replace(self, weight=self.weight[lines])
 
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual and derivatives at a block of lines, whose weights these are."""
+        """Return the residual and its derivatives; `weight` is of the same block of lines."""
         block = part.block(x, lines)
         assert block.dH is not None
         usable = (block.measured != 0) & (block.H != 0)
@@ -192,7 +261,7 @@ class LogError(LineResidual):
         H = np.where(usable, block.H, 1.0)
         ratio = H / np.where(usable, block.measured, 1.0)
         r = np.empty(ratio.shape, dtype=np.complex128)
-        # The logarithm by parts: numpy's complex one takes four times as long.
+        # Real and imaginary part separately: a quarter of the time of numpy's complex logarithm.
         r.real, r.imag = np.log(np.abs(ratio)), np.angle(ratio)
         r *= weight
         J = block.dH
@@ -209,7 +278,7 @@ class OutputError(LineResidual):
     weight : ndarray of float, shape (n_f, n_i, n_j)
         1 / sigma of the real and of the imaginary part of each value, in the unit of the data.
     name : str
-        How the report calls it.
+        Name in the report.
     """
 
     weight: NDArray[np.float64]
@@ -230,7 +299,7 @@ class OutputError(LineResidual):
         return replace(self, weight=self.weight[lines])
 
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual and derivatives at a block of lines, whose weights these are."""
+        """Return the residual and its derivatives; `weight` is of the same block of lines."""
         block = part.block(x, lines)
         assert block.dH is not None
         return self.weight * (block.H - block.measured), block.dH * self.weight
@@ -241,14 +310,14 @@ E = TypeVar("E", bound=LineResidual)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EachOf(Generic[E]):
-    """Residuals of several tests, each with what is its own.
+    """Residuals of several tests.
 
     Parameters
     ----------
     errors : tuple
-        One for each test that measured FRFs, each of them evaluated block by block of lines.
+        Residual of each test that measured FRFs, evaluated by block of lines.
     modal : tuple of ModalError
-        One for each that measured modes.
+        Residual of each test that measured modes.
     """
 
     errors: tuple[E, ...]
@@ -256,11 +325,11 @@ class EachOf(Generic[E]):
 
     @property
     def name(self) -> str:
-        """How the report calls it."""
+        """Name in the report."""
         return self.errors[0].name if self.errors else ModalError.name
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
+        """Return the reduced problem at x, or None if the model cannot be solved."""
         return _local(self, problem, x)
 
     def of(self, part: int) -> E:
@@ -269,37 +338,37 @@ class EachOf(Generic[E]):
 
     @property
     def of_frfs(self) -> Self:
-        """The residuals of FRFs alone."""
+        """The residuals of FRFs only."""
         return replace(self, modal=())
 
 
 class Each(EachOf[OutputError]):
-    """The output errors of several tests, each with weights of its own."""
+    """Output errors of several tests, each with its weights."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class EquationError(LineResidual):
-    """r = Z_red h_X - e_j, the paper's condensed equation error (Bao, Wang & Cheng 2010, eq. 10).
+    """r = Z_red h_X - e_j, the condensed equation error of Bao, Wang & Cheng (2010, eq. 10).
 
-    Every reference has to be measured as a response too: its unit force stands on a retained DOF.
-    With measured noise the estimate is biased, as H_X stands on both sides. Where translations and
-    rotations were measured, forces and moments are brought to one scale by the levels of the data
-    (`_same_unit`); otherwise it is the paper's as it stands.
+    Every reference must also be measured as a response, so that its unit force acts on a retained
+    DOF. Measurement noise biases the estimate, because H_X enters both sides of the equation. If
+    translations and rotations were measured, forces and moments are scaled by the levels of the
+    data (`_same_unit`); otherwise the residual is that of the paper.
     """
 
     name: str = "equation-error"
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
-        """Return the reduced problem at x, or None where the model cannot be solved."""
+        """Return the reduced problem at x, or None if the model cannot be solved."""
         for part in problem.parts:
             self.check(part)
         return _local(self, problem, x)
 
     @staticmethod
     def check(part: Part) -> None:
-        """Check that the data have what the equation error needs.
+        """Check that the data are suitable for the equation error.
 
         Raises
         ------
@@ -325,7 +394,7 @@ class EquationError(LineResidual):
         Raises
         ------
         DataError
-            If the data lack what it needs.
+            If the data are not suitable.
         SolverError
             If the model cannot be condensed at a line.
         """
@@ -337,7 +406,7 @@ class EquationError(LineResidual):
         return part.partition(2 * len(part.rows))
 
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual and derivatives at a block of lines."""
+        """Return the residual and its derivatives at a block of lines."""
         freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
         unit = _drive_points(part)
         weight = _same_unit(part, unit)
@@ -360,27 +429,27 @@ def _drive_points(part: Part) -> _Matrix:
 
 
 def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
-    """Return the weights of the equation error, shape (n, m), all 1 for data of one unit.
+    """Return the weights of the equation error, shape (n, m); all 1 for data of one unit.
 
-    The residual at a rotation is a moment per force. Times the level of the motion there, over the
-    level of the motion at the force, it becomes a share of work, whatever the unit of length.
+    The residual at a rotation is a moment per force. Multiplied by the level of the motion there
+    and divided by that at the force, it is a ratio of work and independent of the unit of length.
     """
     level = level_by_unit(part.frf)[0]
     return np.asarray(level / (unit * level).sum(axis=0))
 
 
 def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of data with their variance, weighted by the share that is not noise.
+    """Return the log error of data with variance, weighted by `clear_of_noise`.
 
-    Errors of frequencies are logarithms as they are; of a shape, and of damping, so much less as
-    they are usually less exact.
+    Errors of frequencies are used as logarithms; errors of shapes and damping are weighted less in
+    the ratio of their assumed noise.
     """
     errors = tuple(map(LogError.clear_of_noise, problem.parts))
     return EachOf(errors, tuple(ModalError(part.noise.levelled()) for part in problem.modal))
 
 
 def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
-    """Return the local problem with the unknowns' priors added as residuals (x - x_0) / std."""
+    """Return the local problem with the priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
     if not weight.any():
         return local
@@ -391,7 +460,7 @@ def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
 
 
 def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
-    """Return the reduced problem at x.
+    """Return the reduced problem at x, from the cache if possible.
 
     Raises
     ------
@@ -408,7 +477,7 @@ def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
 
 
 def reduced(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
-    """Return the problem at x, evaluated and reduced, for a residual with n derivatives.
+    """Return the reduced problem at x for a residual with n derivatives.
 
     Raises
     ------
@@ -423,7 +492,7 @@ def reduced(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
 
 
 def is_cached(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> bool:
-    """Return whether the reduced problem at x is in the memory of the session."""
+    """Return whether the reduced problem at x is cached."""
     keys = []
     for i, part in enumerate(problem.parts):
         own = residual.of(i)
@@ -457,17 +526,17 @@ def _block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> tuple[_Comp
 @alone
 def _block_triangle(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
     r, J = _block(part, item)
-    # The order of the rows does not matter (eq. 12); this one is that of the memory.
+    # The order of the rows has no effect (eq. 12); this one is that of the memory.
     return qr_triangle(_as_real(J, len(J)), _as_real(r, 1)[0])
 
 
 def _as_real(values: _Complex, n: int) -> _Matrix:
-    """Return complex values as n rows, each value's imaginary part after its real one."""
+    """Return complex values as n real rows, with real and imaginary parts alternating."""
     flat = np.ascontiguousarray(values, dtype=np.complex128).reshape(n, values.size // n)
     return flat.view(np.float64)
 
 
-#: Residuals by name. One that is registered, and that no method is named after, is minimised by
+#: Residuals by name. A registered residual without a method of the same name is minimised by
 #: ``method="NAME"`` (`updyn.updating.fit.methods`).
 RESIDUALS: Registry[type[LineResidual]] = Registry(
     "residual",

@@ -1,4 +1,4 @@
-"""Selection of unknowns before a fit: which are fitted, linked or left out, and why."""
+"""Selection of unknowns before a fit: fitted, linked and left out, with reasons."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 __all__ = ["Selection"]
 
-#: So many names are written out in a sentence; the record has all.
+#: Largest number of names in a sentence; the record has all.
 _NAMED = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Unknowns chosen before a fit; `updyn.update` takes it in place of its `parameters`.
+    """Unknowns selected before a fit; an argument of `updyn.update` in place of `parameters`.
 
     Attributes
     ----------
     parameters : ParameterSet
-        The unknowns to fit, in the order in which they were given.
+        The unknowns to fit, in the original order.
     order : tuple of str
-        The same, the most telling first: each the one that the data see best beside those before
-        it.
+        Their names by identifiability: each is the one that the data determine best in addition to
+        those before it.
     left_out : dict of str to str
-        Why each of the others is left out.
+        Unknowns that are left out, with the reason.
     held : tuple of Parameter
-        These others. They stay at their start.
+        The left-out unknowns. They stay at their start values.
     merged : dict of str to tuple of str
-        Linked unknowns that were made here, and the unknowns that each stands for.
+        New linked unknowns, and the unknowns that each replaces.
     cosines : dict of str to float
-        For each of these the least cosine between the effects of two of its members.
+        For each linked unknown, the smallest cosine between the effects of two of its members.
     remarks : tuple of str
-        What was seen, but not acted upon.
+        Observations that had no consequence.
     singular_values : tuple of float
-        Of the Jacobian of the chosen unknowns with unit columns, falling.
+        Singular values of the Jacobian of the selected unknowns with unit columns, descending.
     collinearity : float
-        Collinearity index of the chosen unknowns (Brun, Reichert & Kuensch 2001): 1 / the last of
-        these.
+        Collinearity index of the selected unknowns (Brun, Reichert & Kuensch 2001): the inverse of
+        the last of these.
 
     Examples
     --------
@@ -63,12 +63,12 @@ class Selection:
 
     @classmethod
     def of(cls, parameters: ParameterSet | Selection) -> Selection:
-        """Return a selection as it is; of plain unknowns, one that fits them all.
+        """Return a selection unchanged, or a selection of all given unknowns.
 
         Parameters
         ----------
         parameters : ParameterSet or Selection
-            Either.
+            Unknowns or a selection.
 
         Returns
         -------
@@ -80,7 +80,7 @@ class Selection:
 
     @property
     def note(self) -> str:
-        """Sentences on the unknowns that were joined and left out; empty where none were."""
+        """Sentences on joined and left-out unknowns; empty if all are fitted."""
         parts = []
         for name, members in self.merged.items():
             parts.append(
@@ -98,7 +98,7 @@ class Selection:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The selection as plain data, for the record of a run."""
+        """The selection as plain data for the record of a run."""
         return {
             "fitted": list(self.parameters.names),
             "left out": dict(self.left_out),
@@ -110,13 +110,13 @@ class Selection:
 
     @property
     def option(self) -> dict[str, Any]:
-        """The record as an option of a run; empty where nothing was joined or left out."""
+        """The record as an option of a run; empty if no unknown was joined or left out."""
         if not self.merged and not self.left_out:
             return {}
         return {"selection": self.record}
 
     def summary(self) -> str:
-        """Return the selection as text: fitted, joined and left out unknowns, with reasons."""
+        """Return the selection as text: fitted, joined and left-out unknowns, with reasons."""
         fitted = ", ".join(self.order or self.parameters.names)
         index = f"collinearity index {self.collinearity:.3g}"
         lines = [f"{len(self.parameters)} unknowns are fitted ({index}): {fitted}"]
@@ -130,17 +130,17 @@ class Selection:
         return "\n".join(lines)
 
     def start_of(self, model: Model) -> Model:
-        """Return a model with the unknowns that were left out at their start.
+        """Return a model with the left-out unknowns at their start values.
 
         Parameters
         ----------
         model : Model
-            The model of a test. The unknowns that are fitted are set by the fit.
+            The model of a test. The fit sets the fitted unknowns.
 
         Returns
         -------
         Model
-            `model` itself where every unknown that was left out starts at its value.
+            `model` itself if every left-out unknown starts at its value in the model.
         """
         changes: dict[str, dict[str, float]] = {}
         for p in self.held:

@@ -1,4 +1,4 @@
-"""Masses of sensors as groups of the model, and as unknowns about their nominal values."""
+"""Masses of sensors as groups of the model and as unknowns with their nominal values as prior."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def sensor_masses(
     prior_std: float = 0.3,
     bounds: tuple[float, float] = (0.1, 10.0),
 ) -> tuple[Model, ParameterSet]:
-    """Put the mass of each sensor on the model and choose it as an unknown.
+    """Add the mass of each sensor to the model and return it as an unknown.
 
-    A sensor, with its cable, loads the structure by a mass that is known roughly. Its place has to
-    be the same in all columns of the FRF. If a sensor moves from column to column, no single model
-    has its mass: use dummy masses in the test, or one test for each place
+    A sensor, with its cable, loads the structure by a mass that is known only roughly. Its location
+    must be the same in all columns of the FRF. If a sensor moves from column to column, no single
+    model has its mass: use dummy masses in the test, or one test for each location
     (`updyn.update_jointly`).
 
     Parameters
@@ -36,21 +36,20 @@ def sensor_masses(
     prior_std : float
         Standard deviation of the logarithm of each mass before the measurement: 0.3 is about 30 %.
     bounds : (float, float)
-        Of each mass as a share of its nominal value.
+        Bounds of each mass as a share of its nominal value.
 
     Returns
     -------
     Model
-        With a group ``sensor NODE`` for each.
+        The model with a group ``sensor NODE`` for each sensor.
     ParameterSet
-        One unknown each, ``sensor NODE.mass``, a factor on the nominal mass; sets are added with
-        ``+``.
+        Unknowns ``sensor NODE.mass``, factors on the nominal masses; sets are joined with ``+``.
 
     Raises
     ------
     ModelError
-        If a mass is not a number above 0, two sensors stand on one node, the node has no
-        translation, or the model has a group of that name.
+        If a mass is not a number above 0, two sensors are at one node, the node has no translation,
+        or the model has a group of that name.
     DofError
         If a label cannot be read or a node is not in the model.
     ParameterError

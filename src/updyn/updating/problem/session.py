@@ -1,9 +1,9 @@
-"""Session of a run: its engine, its cache of evaluations, and the request to stop.
+"""Session of a run: its engine, its cache of evaluations, and the stop request.
 
 Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
-So a run is repeated exactly by answering its evaluations from memory: after an interruption
-(`updyn.updating.fit.checkpoint`), or with what other processes have evaluated ahead
-(`Session.remember`). No method needs to know.
+So a run can be repeated exactly with cached evaluations: after an interruption
+(`updyn.updating.fit.checkpoint`), or with results that other processes computed in advance
+(`Session.remember`). Methods need no code for this.
 """
 
 from __future__ import annotations
@@ -30,34 +30,34 @@ R = TypeVar("R")
 Record: TypeAlias = "tuple[NDArray[Any], ...]"
 
 _RECENT_BYTES = 64 * 2**20
-#: How long what is begun after the user has asked to stop may take in all, in s.
+#: Total time for evaluations that start after a stop request, in s.
 _STILL_S = 2.0
-#: The user is asked before an evaluation, too, if it was not for so long, in s.
+#: Interval after which `wants_stop` is also called before an evaluation, in s.
 _ASK_S = 1.0
 _SERIAL = Serial()
 
 
 class Stopped(Exception):  # noqa: N818
-    """The user wants to stop while an evaluation is under way. It never leaves `updyn.updating`."""
+    """Raised if the user stops an evaluation under way; never leaves `updyn.updating`."""
 
 
 class Memory(Protocol):
     """A cache of the results of evaluations."""
 
     def get(self, key: bytes) -> Record | None:
-        """Return what was kept under a key, or None."""
+        """Return the result for a key, or None."""
 
     def put(self, key: bytes, record: Record) -> None:
-        """Keep a result."""
+        """Store a result."""
 
 
 class Recent:
-    """Keeps the latest results.
+    """Cache of the most recent results.
 
     Parameters
     ----------
     limit : float
-        Bytes beyond which the oldest are forgotten; the latest is always kept.
+        Bytes beyond which the oldest are removed; the latest is always kept.
     """
 
     def __init__(self, limit: float = _RECENT_BYTES) -> None:
@@ -66,13 +66,13 @@ class Recent:
         self._kept: OrderedDict[bytes, Record] = OrderedDict()
 
     def get(self, key: bytes) -> Record | None:
-        """Return what was kept under a key, or None."""
+        """Return the result for a key, or None."""
         if key in self._kept:
             self._kept.move_to_end(key)
         return self._kept.get(key)
 
     def put(self, key: bytes, record: Record) -> None:
-        """Keep a result."""
+        """Store a result."""
         if key in self._kept:
             return
         self._kept[key] = record
@@ -82,7 +82,7 @@ class Recent:
 
     @property
     def items(self) -> list[tuple[bytes, Record]]:
-        """All that is kept, the oldest first."""
+        """All stored results, the oldest first."""
         return list(self._kept.items())
 
 
@@ -93,15 +93,15 @@ class Session:
     Attributes
     ----------
     engine : Engine
-        Where lines are solved.
+        Engine for the solution of lines.
     memory : Memory or None
-        What keeps the results of evaluations.
+        Cache of evaluations.
     wants_stop : callable or None
-        Asked between blocks of lines whether to stop.
+        Returns whether to stop; called between blocks of lines.
     stopped : bool
         Whether the user has asked to stop.
     lines_solved : int
-        So far.
+        Number of lines solved so far.
     """
 
     engine: Engine = _SERIAL
@@ -116,14 +116,14 @@ class Session:
         return Session, ()
 
     def recall(self, key: Iterable[object], compute: Callable[[], Record]) -> Record:
-        """Return a result from memory, or compute and keep it.
+        """Return a cached result, or compute and store it.
 
         Parameters
         ----------
         key : iterable of bytes, str or ndarray
-            All that the result follows from, apart from what is the same throughout a run.
+            All inputs of the result, except those that are constant during a run.
         compute : callable
-            Returns the result; what it raises is not remembered.
+            Returns the result; an exception is not cached.
         """
         if self.memory is None:
             return compute()
@@ -137,11 +137,11 @@ class Session:
         return found
 
     def knows(self, key: Iterable[object]) -> bool:
-        """Return whether a result is in memory."""
+        """Return whether a result is cached."""
         return self.memory is not None and self.memory.get(digest(key)) is not None
 
     def remember(self, found: Iterable[tuple[bytes, Record]]) -> None:
-        """Keep results that were computed elsewhere."""
+        """Store results that were computed elsewhere."""
         if self.memory is not None:
             for key, record in found:
                 self.memory.put(key, record)
@@ -155,18 +155,18 @@ class Session:
         spread: bool,
         long: bool = False,
     ) -> Generator[R, None, None]:
-        """Yield ``function(shared, item)`` in order, checking in between whether to stop.
+        """Yield ``function(shared, item)`` in order, with a check for a stop request after each.
 
         Parameters
         ----------
         function : callable
-            Of a module.
+            Function of a module.
         shared, items
             As for `Engine.map`.
         spread : bool
-            Whether the engine is to be used; else it is done here, with the same results.
+            Whether to use the engine; if not, this process computes the same results.
         long : bool
-            Whether this takes so long that it is not to be begun once the user wants to stop.
+            Whether this takes so long that it must not start after a stop request.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class Session:
         """
         if self.stopped and (long or self._is_late):
             raise Stopped
-        # What is short and begun after that is what the user still wants to see.
+        # Short evaluations that start after the request are still shown to the user.
         asked_before = self.stopped
         if not asked_before and self._is_time_to_ask and self._asked():
             raise Stopped
@@ -191,12 +191,12 @@ class Session:
                 close()
 
     def check(self, *, often: bool = False) -> None:
-        """Ask whether to stop, where no block of lines ends.
+        """Check for a stop request outside `map`.
 
         Parameters
         ----------
         often : bool
-            Whether this is called so often that it is enough to ask once a second.
+            Whether to check at most once a second, for frequent calls.
 
         Raises
         ------
@@ -210,12 +210,12 @@ class Session:
 
     @property
     def _is_time_to_ask(self) -> bool:
-        """Whether the user was not asked for a while."""
+        """Whether the last check for a stop request was more than `_ASK_S` ago."""
         return time.monotonic() - self._asked_at > _ASK_S
 
     @property
     def _is_late(self) -> bool:
-        """Whether the user has asked to stop so long ago that nothing more is computed."""
+        """Whether the stop request is so old that nothing more is computed."""
         if not self.stopped:
             return False
         now = time.monotonic()
@@ -231,12 +231,12 @@ class Session:
 
 
 def digest(parts: Iterable[object]) -> bytes:
-    """Return 16 bytes that stand for bytes, texts and arrays, in their order.
+    """Return a hash of 16 bytes of bytes, texts and arrays, in their order.
 
     Parameters
     ----------
     parts : iterable of bytes, str or ndarray
-        Arrays count with type and shape.
+        Arrays are hashed with their type and shape.
     """
     hashed = blake2b(digest_size=16)
     for part in parts:

@@ -1,4 +1,4 @@
-"""From tests to the problem that they make: model, data and unknowns of each, and its noise."""
+"""Construction of a problem and its noise models from tests."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["problem_of"]
 
 
 def problem_of(tests: Sequence[Test], parameters: ParameterSet) -> tuple[Problem, list[NoiseModel]]:
-    """Return the problem of all data of tests, and the noise of those that measured FRFs.
+    """Return the problem of tests, and the noise models of those with FRFs.
 
     Parameters
     ----------
     tests : sequence of Test
-        Checked; what they hold out counts as data.
+        Checked tests; validation data are included.
     parameters : ParameterSet
         The unknowns.
 

@@ -1,12 +1,12 @@
-"""Noise models: how uncertain each measured value is, known or estimated.
+"""Noise models: the variance of each measured value, known or estimated.
 
-Everywhere E|dH|^2 is the variance of the complex value: the real and the imaginary part have half
-of it each. Where the noise is proportional the model's |H| is used, not the measured one, as
-weights made from noisy data bias the estimate.
+E|dH|^2 is the variance of the complex value; the real and the imaginary part have half of it each.
+Proportional noise is computed from the model's |H|, not the measured one, because weights made from
+noisy data bias the estimate.
 
-A further model derives from `NoiseModel` and is registered under the name by which ``noise="NAME"``
-asks for it: ``NOISE_MODELS.register("my-noise", MyNoise)``, or an entry point of the group
-``updyn.noise``.
+To add a noise model, derive it from `NoiseModel` and register it under a name:
+``NOISE_MODELS.register("my-noise", MyNoise)``, or an entry point of the group ``updyn.noise``. The
+option ``noise="NAME"`` selects it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ __all__ = [
 
 NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
 
-#: Noise models that `choose_noise` finds by name.
+#: Noise models by name.
 NOISE_MODELS: Registry[type[NoiseModel]] = Registry(
     "noise",
     "updyn.noise",
@@ -69,23 +69,24 @@ _NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust
 
 
 def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
-    """Choose the noise model.
+    """Choose the noise model of FRFs.
 
     Parameters
     ----------
     noise : None, str or mapping
-        None: from the data's variance, unless it is zero everywhere, else their coherence (of two
+        None: the variance of the data unless it is zero everywhere, else their coherence (of two
         averages or more, and not 1 everywhere), else estimated. ``"variance"``, ``"coherence"``,
-        ``"estimated"``, ``"estimated-by-channel"`` force one. A mapping with ``relative`` and/or
-        ``floor`` states it; one with ``source`` forces one as the text does; in both
-        ``robust = "student-t"`` gives less weight to outliers, and alone keeps the default source.
+        ``"estimated"`` and ``"estimated-by-channel"`` select a model. A mapping with ``relative``
+        and/or ``floor`` states the noise; a mapping with ``source`` selects a model by name. In
+        both, ``robust = "student-t"`` gives less weight to outliers; alone, it keeps the default
+        source.
     frf : FRF
         The data of the fit.
 
     Raises
     ------
     OptionError
-        If a name or key is not known, a number is not usable, or the data lack what is asked for.
+        If a name or key is not known, a number is not usable, or the data lack the required field.
     """
     if not isinstance(noise, Mapping):
         return _sourced(noise, frf)
@@ -151,19 +152,19 @@ def _stated(noise: Mapping[str, Any]) -> Stated:
 
 
 def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
-    """Return the noise model of a result's record, its numbers held.
+    """Return the noise model of a result's record with fixed numbers.
 
     Parameters
     ----------
     record : mapping
         ``noise`` of a result.
     frf : FRF
-        The data that the fit could see, lines that it left out included.
+        The data, including the lines that the fit left out.
 
     Raises
     ------
     OptionError
-        If the data lack a response that the record names.
+        If a response of the data is not in the record.
     """
     base: NoiseModel
     if "relative_by_channel" in record:
@@ -176,7 +177,7 @@ def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
 
 
 def _by_channel_of(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
-    """Return the noise by channel that a record states."""
+    """Return the noise by channel of a record."""
     relative, floor = record["relative_by_channel"], record["floor_by_channel"]
     names = tuple(frf.responses.labels)
     lacking = [label for label in names if label not in relative]

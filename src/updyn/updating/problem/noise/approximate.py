@@ -1,4 +1,4 @@
-"""Noise of data that are compared with a model which holds only roughly."""
+"""Noise of data that are compared with an approximate model."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approximate(Wrapping):
-    """Noise to which the error of an approximate model is added, as far as it is known beforehand.
+    """Noise plus the known error of an approximate model.
 
-    What a search weighs by it counts as far as the model resolves it. The noise itself, which a fit
-    in a better model goes by, is left as it is.
+    The error is included in the variance before a fit (`beforehand`), which weights a search. The
+    noise itself, which a fit with a better model uses, is unchanged.
 
     Parameters
     ----------
     base : NoiseModel
         The noise.
     share : ndarray of float, shape (n_i, n_j)
-        Error of the model in each channel, over the largest |H| of the line.
+        Error of the model in each channel, relative to the largest |H| of the line.
     """
 
     base: NoiseModel
@@ -41,16 +41,16 @@ class Approximate(Wrapping):
         return self.base.scale_known
 
     def beforehand(self, frf: FRF) -> _Real:
-        """Return that of the noise and the squared error of the model, shape (n_f, n_i, n_j)."""
+        """Return E|dH|^2 of noise and model error before a fit, shape (n_f, n_i, n_j)."""
         level = np.abs(frf.values).max(axis=(1, 2), keepdims=True)
         return np.asarray(self.base.beforehand(frf) + (self.share * level) ** 2)
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
-        """Return that of the noise, shape (n_f, n_i, n_j)."""
+        """Return E|dH|^2 of the noise, shape (n_f, n_i, n_j)."""
         return self.base.variance(H, frf)
 
     def unlikelihood(self, H: _Complex, frf: FRF) -> float:
-        """Return that of the noise."""
+        """Return the negative log-likelihood under the noise, up to a constant."""
         return self.base.unlikelihood(H, frf)
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Approximate:
@@ -58,5 +58,5 @@ class Approximate(Wrapping):
         return replace(self, base=self.base.refit(H, frf, n_parameters))
 
     def figures(self) -> dict[str, Any]:
-        """Return those of the noise."""
+        """Return the numbers of the noise."""
         return self.base.figures()

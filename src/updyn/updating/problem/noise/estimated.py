@@ -1,4 +1,4 @@
-"""Noise models that are estimated from the residual, along with the unknowns."""
+"""Noise models that are estimated from the residual during a fit."""
 
 from __future__ import annotations
 
@@ -29,46 +29,45 @@ __all__ = [
 ]
 
 _Real = NDArray[np.float64]
-#: Responses, by their labels, with the noise floor of each.
+#: Pairs of response label and noise floor.
 Floors: TypeAlias = "tuple[tuple[str, float], ...]"
 
 _SAMPLES = 20_000
-#: From fewer spare numbers than this, one scale is estimated.
+#: If there are fewer degrees of freedom than this, only a common scale is estimated.
 FEW = 30
-#: Logarithms between which relative and floor are sought. Noise as large as the response leaves
-#: nothing measured.
+#: Bounds of the logarithms of relative noise and floor. Noise as large as the response carries no
+#: information.
 _RANGE = (np.log(SMALLEST), 0.0)
-#: Ratios of the two that are tried, and how far the last ones are from where the two are alike, in
-#: logarithm.
+#: Number of ratios (relative noise over floor) in the search, and margin of the search range in
+#: logarithm beyond the ratios at which both are equally large.
 _RATIOS, _FAR = 40, np.log(1e3)
 
 
 @dataclass(frozen=True, slots=True)
 class Estimated(NoiseModel):
-    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with both numbers estimated from the residual.
+    """Noise with E|dH|^2 = (relative |H|)^2 + (floor rms)^2, both estimated from the residual.
 
-    They maximise the likelihood of the residual under complex Gaussian noise; the residual is first
-    corrected for the unknowns that were fitted. Model error counts as noise here: nothing else is
-    known.
+    Relative noise and floor maximise the likelihood of the residual under complex Gaussian noise.
+    The residual is first corrected for the fitted unknowns. Model error counts as noise.
 
-    From fewer than 30 spare numbers (real and imaginary parts of the data, less the unknowns) two
-    cannot be estimated: the likelihood then takes a chance smallness of some residuals for a lack
-    of noise. One scale is, at the middle of the ratios of the two that can be told apart, and
-    intervals have to be Student's.
+    With fewer than 30 degrees of freedom (real and imaginary parts of the data, less the unknowns)
+    two numbers cannot be estimated: the likelihood would mistake residuals that are small by chance
+    for a lack of noise. Then one scale is estimated, at a ratio of relative noise to floor in the
+    middle of the identifiable range (`ratio_range`), and confidence intervals are those of
+    Student's distribution.
 
     Parameters
     ----------
     relative, floor : float
-        The two numbers, once they are known.
+        Relative noise and floor; nan before the first residual.
     tails : float
-        Degrees of freedom of Student's distribution, whose likelihood is used in place of the
-        Gaussian one; inf: that.
+        Degrees of freedom of Student's distribution for the likelihood; inf: Gaussian.
     lowest : float
-        The floor that neighbouring lines show, known before any residual.
+        Floor from the scatter of neighbouring lines, known before any residual.
     own : tuple of (str, float)
-        The same of the responses whose lines contradict it.
+        Such floors of the responses whose lines contradict `lowest`.
     spare : int, optional
-        Spare numbers, where they were few.
+        Degrees of freedom, if there were few.
     """
 
     relative: float = np.nan
@@ -82,12 +81,12 @@ class Estimated(NoiseModel):
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
-        """Return the model that has not seen a residual yet."""
+        """Return the model before the first residual."""
         lowest = floor_of_lines(frf)
         return cls(tails=tails, lowest=lowest, own=own_floors(frf, lowest))
 
     def beforehand(self, frf: FRF) -> _Real:
-        """Return the square of the floor that neighbouring lines showed, shape (n_f, n_i, n_j)."""
+        """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
         return _seen_beforehand(self.lowest, self.own, frf)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
@@ -107,22 +106,22 @@ class Estimated(NoiseModel):
         return replace(self, relative=relative, floor=floor, spare=None)
 
     def figures(self) -> dict[str, Any]:
-        """Return relative and floor, and the degrees of freedom where they are few."""
+        """Return relative noise and floor, and the degrees of freedom if there are few."""
         few = {} if self.spare is None else {"degrees_of_freedom": self.spare}
         return {"relative": self.relative, "floor": self.floor, **few}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Residual:
-    """A residual as noise is estimated from it, each of shape (n_f, n_i, n_j).
+    """A residual for the estimation of noise; all arrays have the shape (n_f, n_i, n_j).
 
     Parameters
     ----------
     size, level, squared : ndarray of float
         As for `two_numbers`.
     seen : ndarray of bool
-        Values that are not zero both in the model and in the data. A response that symmetry
-        forbids says nothing of the noise.
+        Values that are not zero in both the model and the data. A zero response, as of symmetry,
+        carries no information on the noise.
     """
 
     size: _Real
@@ -138,22 +137,22 @@ class _Residual:
 
     @property
     def n_values(self) -> int:
-        """Number of values that are seen."""
+        """Number of values that are used."""
         return int(np.count_nonzero(self.seen))
 
     def of_response(self, i: int) -> _Residual:
-        """Return the part of one response."""
+        """Return the residual of one response."""
         return _Residual(self.size[:, i], self.level[:, i], self.squared[:, i], self.seen[:, i])
 
     def two_numbers(self, freedom: float, tails: float) -> tuple[float, float]:
-        """Return relative and floor; what was fitted leaves `freedom` numbers of the values."""
+        """Return relative noise and floor for a residual with `freedom` degrees of freedom."""
         if self.n_values == 0:
             return SMALLEST, SMALLEST
         squared = self.squared[self.seen] * (2 * self.n_values / freedom)
         return two_numbers(self.size[self.seen], self.level[self.seen], squared, tails)
 
     def one_scale(self, freedom: float) -> tuple[float, float]:
-        """Return relative and floor at the middle of their ratios (`ratio_range`)."""
+        """Return relative noise and floor at the middle of their `ratio_range`."""
         if self.n_values == 0:
             return SMALLEST, SMALLEST
         size, level = self.size[self.seen], self.level[self.seen]
@@ -166,19 +165,7 @@ class _Residual:
 
 
 def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
-    """Return the logarithms of the ratios at which relative noise and floor are equally large.
-
-    Parameters
-    ----------
-    size, level : ndarray of float
-        As for `two_numbers`.
-
-    Returns
-    -------
-    low, high : float
-        Relative noise over floor, at the loudest and at the quietest value. Below all noise is a
-        floor, and above all is relative. Both 0 where no value has a size.
-    """
+    """Return the range of log(relative / floor) in which the two can be distinguished."""
     over = np.log(size[size > 0.0] / level[size > 0.0])
     if over.size == 0:
         return 0.0, 0.0
@@ -186,14 +173,14 @@ def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
 
 
 def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
-    """Return relative and floor that make a residual most likely; relative is at most 1.
+    """Return the relative noise and floor of maximum likelihood; relative noise is at most 1.
 
     Parameters
     ----------
     size : ndarray of float
         |H| of the model.
     level : ndarray of float, shape of `size`
-        What the floor is a share of.
+        Level to which the floor is relative.
     squared : ndarray of float, shape of `size`
         Squared magnitude of the residual.
     tails : float
@@ -201,9 +188,9 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
 
     Notes
     -----
-    At a given ratio of the two numbers the Gaussian likelihood is greatest where the reduced
-    chi-square is 1. What is left is a search over one ratio, from all floor to all relative, which
-    cannot end in a local minimum of the two.
+    At a given ratio of the two numbers, the Gaussian likelihood is largest if the reduced
+    chi-square is 1. So the search is over the ratio alone, from floor only to relative noise only,
+    and cannot end in a local minimum of two variables.
     """
     from scipy.optimize import minimize
 
@@ -217,8 +204,8 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
             v = _variance(logs, size, level)
             return float(np.mean(_surprise(squared, v, tails)))
 
-        # Outliers raise the Gaussian numbers; those of the smaller half of the residual they do
-        # not.
+        # Outliers bias the Gaussian estimate; start also from an estimate with the smaller half of
+        # the residuals.
         kept = squared <= np.median(squared / level**2) * level**2
         tries = [found, _gaussian(size[kept], level[kept], squared[kept])]
         options = {"xatol": 1e-3, "fatol": 1e-6}
@@ -232,34 +219,34 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
 
 
 def _variance(logs: NDArray[Any], size: _Real, level: _Real) -> _Real:
-    """Return the variance by the logarithms of relative and floor."""
+    """Return the variance for the logarithms of relative noise and floor."""
     a, b = np.exp(np.clip(logs, *_RANGE))
     return np.asarray((a * size) ** 2 + (b * level) ** 2)
 
 
 def _surprise(squared: _Real, variance: _Real, tails: float) -> _Real:
-    """Return minus the logarithm of Student's density of each value, but for a constant."""
+    """Return the negative logarithm of Student's density of each value, up to a constant."""
     far = np.log1p(2.0 / tails * squared / variance)
     return np.asarray(np.log(variance) + (0.5 * tails + 1.0) * far)
 
 
-#: Degrees of freedom of Student's distribution for the scatter between lines, a third of which may
-#: be the shape of the resonances.
+#: Degrees of freedom of Student's distribution for the scatter between lines: up to a third of the
+#: scatter may be the shape of the resonances.
 _WILD = 1.0
-#: What this likelihood makes of Gaussian noise of standard deviation 1: with p = |r|^2 / s^2, of 2
-#: complex degrees of freedom, it is greatest at the s where the mean of 3 p / (1 + 2 p) is 1.
+#: Estimate that this likelihood gives for Gaussian noise of standard deviation 1: with p = |r|^2 /
+#: s^2, of 2 complex degrees of freedom, it is largest at the s with a mean of 3 p / (1 + 2 p) of 1.
 _SHRUNK = 0.84129
-#: Fewest lines from which noise is told from the shape of resonances: four windows side by side.
+#: Fewest lines that distinguish noise from the shape of resonances: four adjacent windows.
 _FEWEST_LINES = 20
 
 
 def floor_of_lines(frf: FRF) -> float:
-    """Return the noise floor, as a share of the rms of its unit, that neighbouring lines show.
+    """Return the noise floor, as a share of the rms of its unit, from neighbouring lines.
 
-    The scatter about a local polynomial is noise where lines are dense, and besides the shape of
-    resonances where they are not. Both parts of the noise are fitted to it; the shape goes with the
-    level and counts as relative noise, which is left out. It is 0 for fewer than twenty lines, of
-    which resonances fill every window.
+    The scatter about a local polynomial is noise if lines are dense; otherwise it also contains the
+    shape of resonances. Relative noise and floor are both fitted to it. The shape is proportional
+    to the level and counts as relative noise, which is discarded. The result is 0 for fewer than
+    twenty lines, because resonances fill every window.
     """
     if len(frf.freq) < _FEWEST_LINES:
         return 0.0
@@ -270,16 +257,17 @@ def floor_of_lines(frf: FRF) -> float:
     return two_numbers(np.abs(frf.values), level, squared, _WILD)[1] / _SHRUNK
 
 
-#: Values of a response that are looked at; odds from which its lines contradict the common floor.
+#: Largest number of values of a response in the estimate of its floor; log of the odds against the
+#: common floor from which the response has its own.
 _SAMPLES_OF_ONE, _CONTRADICTS = 2_000, float(np.log(100.0))
 
 
 def own_floors(frf: FRF, common: float) -> Floors:
-    """Return the floors of the responses whose lines contradict the common one.
+    """Return the floors of the responses whose lines contradict the common floor.
 
-    A sensor of another kind, or in another range, has a floor of its own. It counts where the lines
-    of the sensor are more likely by it than by the common floor, at odds of 100 to 1, each with the
-    relative noise that suits it. Only one in five lines counts, as windows overlap.
+    Sensors of another type or range have another floor. A response has its own floor if its lines
+    are more likely with it than with the common floor at odds of 100 to 1, each with its best
+    relative noise. Only one in five lines counts, because windows overlap.
     """
     if len(frf.freq) < _FEWEST_LINES or len(frf.responses) < 2:
         return ()
@@ -301,7 +289,7 @@ def own_floors(frf: FRF, common: float) -> Floors:
 
 
 def _own_floor(size: _Real, level: _Real, squared: _Real, common: float) -> tuple[float, float]:
-    """Return the floor of one response, and the gain in log likelihood a value over the common."""
+    """Return the floor of a response and its mean gain in log-likelihood per value."""
     from scipy.optimize import minimize_scalar
 
     def unlikely(log_relative: float, floor: float) -> float:
@@ -314,14 +302,14 @@ def _own_floor(size: _Real, level: _Real, squared: _Real, common: float) -> tupl
 
 
 def _seen_beforehand(lowest: float, own: Floors, frf: FRF) -> _Real:
-    """Return the squares of the floors of the responses, shape (n_f, n_i, n_j)."""
+    """Return the squared floors of the responses, shape (n_f, n_i, n_j)."""
     known = dict(own)
     floors = np.array([known.get(label, lowest) for label in frf.responses.labels])
     return two_part(0.0, floors[:, None], frf.values, level_by_unit(frf))
 
 
 def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
-    """Return relative and floor of the greatest Gaussian likelihood, shape (2,)."""
+    """Return relative noise and floor of maximum Gaussian likelihood, shape (2,)."""
     from scipy.optimize import minimize_scalar
 
     def scale(log_ratio: float) -> tuple[_Real, float]:
@@ -334,8 +322,8 @@ def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
 
     if not size.any():
         return np.array([SMALLEST, np.sqrt(scale(-np.inf)[1])])
-    # From a relative part that is a thousandth of the floor at the largest value, to a floor that
-    # is a thousandth of the relative part at the smallest.
+    # The search covers ratios from a relative part of a thousandth of the floor at the largest
+    # value to a floor of a thousandth of the relative part at the smallest value.
     low, high = ratio_range(size, level)
     grid = np.linspace(low - _FAR, high + _FAR, _RATIOS)
     best = int(np.argmin([unlikely(ratio) for ratio in grid]))
@@ -346,29 +334,29 @@ def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
     return np.asarray(np.clip([np.exp(ratio) * floor, floor], *np.exp(_RANGE)))
 
 
-#: Fewest values of a sensor from which its noise is estimated; they give its variance to 20 %.
+#: Fewest values of a sensor for an estimate of its noise; they determine its variance to 20 %.
 _ENOUGH = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatedByChannel(NoiseModel):
-    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2 with two estimated numbers for each response.
+    """Noise with E|dH|^2 = (relative |H|)^2 + (floor rms)^2, estimated for each response.
 
     Parameters
     ----------
     tails : float
-        Degrees of freedom of Student's distribution in the likelihood; inf: Gaussian.
+        Degrees of freedom of Student's distribution for the likelihood; inf: Gaussian.
     relative, floor : ndarray of float, shape (n_i,), optional
-        The numbers, once a residual was seen; before, noise of ordinary size is taken. The floor is
-        a share of the rms of all data of the same unit.
+        Relative noise and floor of each response; None before the first residual, when noise of
+        typical size is assumed. The floor is a share of the rms of all data of the same unit.
     names : tuple of str
-        The responses, then.
+        Labels of these responses.
     held : bool
-        Whether the numbers stay as they are.
+        Whether the numbers are fixed.
     lowest : float
-        The floor of all that neighbouring lines show, known before any residual.
+        Common floor from the scatter of neighbouring lines, known before any residual.
     own : tuple of (str, float)
-        The same of the responses whose lines contradict it.
+        Such floors of the responses whose lines contradict `lowest`.
     """
 
     tails: float = np.inf
@@ -383,12 +371,12 @@ class EstimatedByChannel(NoiseModel):
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
-        """Return the model that has not seen a residual yet."""
+        """Return the model before the first residual."""
         lowest = floor_of_lines(frf)
         return cls(tails=tails, lowest=lowest, own=own_floors(frf, lowest))
 
     def beforehand(self, frf: FRF) -> _Real:
-        """Return the square of the floor that neighbouring lines showed, shape (n_f, n_i, n_j)."""
+        """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
         return _seen_beforehand(self.lowest, self.own, frf)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
@@ -400,7 +388,7 @@ class EstimatedByChannel(NoiseModel):
     def refit(
         self, H: NDArray[np.complex128], frf: FRF, n_parameters: int
     ) -> EstimatedByChannel | Estimated | Assumed:
-        """Return the model estimated by response, or as one where there are few values."""
+        """Return the model estimated by response, or with common numbers if values are few."""
         if self.held:
             return self
         residual = _Residual.of(H, frf)
@@ -415,7 +403,7 @@ class EstimatedByChannel(NoiseModel):
         )
 
     def figures(self) -> dict[str, Any]:
-        """Return relative and floor of each response."""
+        """Return relative noise and floor of each response."""
         if self.relative is None or self.floor is None:
             return {}
         return {

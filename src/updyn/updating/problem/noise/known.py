@@ -1,4 +1,4 @@
-"""Base class of the noise models, and those whose variance is stated or follows from the data."""
+"""Base classes of the noise models, and models whose variance is stated or in the data."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Relative noise below this is rounding; it keeps the weights of exact data finite.
+#: Relative noise below this value is rounding error; the limit keeps the weights of exact data
+#: finite.
 SMALLEST = 1e-12
 
-#: Noise that is assumed where neither the user nor the data say how large it is.
+#: Noise that is assumed if neither the user nor the data give its size.
 ASSUMED = {"relative": 0.05, "floor": 0.001}
 
 
 class NoiseModel(ABC):
-    """Base of the noise models: how uncertain each measured value is.
+    """Base class of the noise models: the variance of each measured value.
 
     Attributes
     ----------
     needs : str
-        Field of the FRF without which the model cannot be used, such as ``"coherence"``; may be
-        empty.
+        Field of the FRF that the model requires, such as ``"coherence"``; may be empty.
     """
 
     __slots__ = ()
@@ -56,66 +56,83 @@ class NoiseModel(ABC):
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> NoiseModel:
-        """Return the model for the data of a fit.
+        """Return the noise model for the data of a fit.
 
         Parameters
         ----------
         frf : FRF
             The data.
         tails : float
-            Degrees of freedom of Student's distribution, where it is estimated; inf: Gaussian.
+            Degrees of freedom of Student's distribution if the noise is estimated; inf: Gaussian.
+
+        Returns
+        -------
+        NoiseModel
+            The model before any residual is known.
         """
         return cls()
 
     @property
     @abstractmethod
     def kind(self) -> str:
-        """How the noise is known, for the record."""
+        """Description of the noise for the record of a run."""
 
     @property
     def source(self) -> str:
-        """Where it is known from: ``"data"``, ``"stated"``, ``"estimated"`` or ``"assumed"``."""
+        """Origin of the noise level: ``"data"``, ``"stated"``, ``"estimated"`` or ``"assumed"``."""
         return "data"
 
     @property
     def scale_known(self) -> bool:
-        """Whether the variance is known absolutely, or only up to one factor."""
+        """Whether the variance is known absolutely, not only up to a common factor."""
         return True
 
     @property
     def size_known(self) -> bool:
-        """Whether the variance is known absolutely, and not from a fit."""
+        """Whether the variance is known absolutely without a fit."""
         return self.scale_known and self.source in ("data", "stated")
 
     @property
     def bulk(self) -> NoiseModel:
-        """The noise without outliers: the same where there are none."""
+        """The noise model without its treatment of outliers; the model itself if it has none."""
         return self
 
     @property
     def heavy_tails(self) -> bool:
-        """Whether a few values that are far off hardly count."""
+        """Whether the model gives less weight to outliers."""
         return False
 
     @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
-        """Return E|dH|^2 for a model's H, shape (n_f, n_i, n_j), in squared units of the data."""
+        """Return E|dH|^2 in squared units of the data, shape (n_f, n_i, n_j).
+
+        Parameters
+        ----------
+        H : ndarray of complex, shape (n_f, n_i, n_j)
+            FRF of the model.
+        frf : FRF
+            The data.
+        """
 
     def beforehand(self, frf: FRF) -> _Real:
         """Return E|dH|^2 as far as it is known before a fit, shape (n_f, n_i, n_j)."""
         return self.variance(frf.values, frf)
 
     def unlikelihood(self, H: _Complex, frf: FRF) -> float:
-        """Return minus the logarithm of the likelihood of the data, but for a constant.
+        """Return the negative log-likelihood of the data, up to a constant.
 
-        Noise of known shape and unknown size counts with the size that the residual gives it.
+        If the variance is known only up to a factor, the factor is estimated from the residual.
 
         Parameters
         ----------
         H : ndarray of complex, shape (n_f, n_i, n_j)
-            The model's.
+            FRF of the model.
         frf : FRF
             The data.
+
+        Returns
+        -------
+        float
         """
         v = self.variance(H, frf)
         power = np.abs(frf.values - H) ** 2 / v
@@ -125,21 +142,35 @@ class NoiseModel(ABC):
         return float(np.sum(np.log(v)) + v.size * np.log(typical))
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
-        """Return the noise model refitted to the residual; itself where nothing is estimated."""
+        """Return the noise model refitted to the residual frf - H; itself if nothing is estimated.
+
+        Parameters
+        ----------
+        H : ndarray of complex, shape (n_f, n_i, n_j)
+            FRF of the model.
+        frf : FRF
+            The data.
+        n_parameters : int
+            Number of fitted unknowns.
+
+        Returns
+        -------
+        NoiseModel
+        """
         return self
 
     def figures(self) -> dict[str, Any]:
-        """Return the stated or estimated numbers for the record; empty where data hold them."""
+        """Return the stated or estimated numbers for the record; empty if the data hold them."""
         return {}
 
 
 class Wrapping(NoiseModel):
-    """Base of the noise models that are another one with something added.
+    """Base class of the noise models that modify another noise model.
 
     Attributes
     ----------
     base : NoiseModel
-        The other.
+        The modified noise model.
     """
 
     __slots__ = ()
@@ -148,51 +179,38 @@ class Wrapping(NoiseModel):
 
     @property
     def kind(self) -> str:
-        """How the noise is known."""
+        """Description of the base model's noise."""
         return self.base.kind
 
     @property
     def source(self) -> str:
-        """Where the other is known from."""
+        """Origin of the base model's noise level."""
         return self.base.source
 
     @property
     def heavy_tails(self) -> bool:
-        """Whether those of the other are."""
+        """Whether the base model gives less weight to outliers."""
         return self.base.heavy_tails
 
     def beforehand(self, frf: FRF) -> _Real:
-        """Return that of the other, shape (n_f, n_i, n_j)."""
+        """Return the base model's E|dH|^2 before a fit, shape (n_f, n_i, n_j)."""
         return self.base.beforehand(frf)
 
 
 def level_by_unit(frf: FRF) -> _Real:
-    """Return the rms of |H_X| over all data of one unit, shape (1, n_i, n_j)."""
+    """Return the rms of |H_X| over all data of the same unit, shape (1, n_i, n_j)."""
     squared = np.mean(np.abs(frf.values) ** 2, axis=0)
     return level_of_units(squared, frf.responses, frf.references)[None]
 
 
 def unit_kinds(responses: DofSet, references: DofSet) -> NDArray[np.intp]:
-    """Return a number that tells the units of channels apart, shape (n_i, n_j)."""
+    """Return a number for each channel, equal for channels of one unit, shape (n_i, n_j)."""
     rows, columns = responses.axes >= 3, references.axes >= 3
     return np.asarray(2 * rows[:, None] + columns[None, :], dtype=np.intp)
 
 
 def level_of_units(squared: _Real, responses: DofSet, references: DofSet) -> _Real:
-    """Return the rms over all channels of one unit from the mean square of each.
-
-    Parameters
-    ----------
-    squared : ndarray of float, shape (n_i, n_j)
-        Mean of |H|^2 over the lines.
-    responses, references : DofSet
-        The channels.
-
-    Returns
-    -------
-    ndarray of float, shape (n_i, n_j)
-        Above 0.
-    """
+    """Return the rms, above 0, over all channels of one unit for the mean squares, (n_i, n_j)."""
     kind = unit_kinds(responses, references)
     level = np.zeros(kind.shape)
     for k in np.unique(kind):
@@ -207,14 +225,14 @@ def two_part(relative: float | _Real, floor: float | _Real, H: _Complex, level: 
 
 @dataclass(frozen=True, slots=True)
 class Stated(NoiseModel):
-    """E|dH|^2 = (relative |H|)^2 + (floor rms)^2, as the user states it.
+    """Noise with the variance E|dH|^2 = (relative |H|)^2 + (floor rms)^2 that the user states.
 
     Parameters
     ----------
     relative : float
         Noise proportional to |H|.
     floor : float
-        Noise that does not depend on |H|, as a share of the rms of all data of the same unit.
+        Noise independent of |H|, as a share of the rms of all data of the same unit.
     """
 
     relative: float
@@ -227,15 +245,15 @@ class Stated(NoiseModel):
         return two_part(self.relative, self.floor, H, level_by_unit(frf))
 
     def figures(self) -> dict[str, Any]:
-        """Return relative and floor."""
+        """Return the relative noise and the floor."""
         return {"relative": self.relative, "floor": self.floor}
 
 
 @dataclass(frozen=True, slots=True)
 class Assumed(Stated):
-    """Noise of ordinary size, where its size is not known.
+    """Noise of typical size, for data that do not determine it.
 
-    As many unknowns as measured numbers fit any noise, and leave no residual to estimate it from.
+    If there are as many unknowns as measured numbers, the residual vanishes for any noise.
     """
 
     source: ClassVar[str] = "assumed"
@@ -244,19 +262,19 @@ class Assumed(Stated):
 
 @dataclass(frozen=True, slots=True)
 class Variance(NoiseModel):
-    """The variance that came with the data."""
+    """Noise with the variance that comes with the data."""
 
     kind: ClassVar[str] = "variance"
     needs: ClassVar[str] = "variance"
 
     @classmethod
     def tells(cls, frf: FRF) -> bool:
-        """Whether data have a variance, at one value at least."""
+        """Return whether the data have a variance other than zero."""
         return frf.variance is not None and bool(frf.variance.any())
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Variance:
-        """Return the model for the data of a fit.
+        """Return the noise model for the data of a fit.
 
         Raises
         ------
@@ -276,31 +294,31 @@ class Variance(NoiseModel):
         return np.maximum(frf.variance, (1e-9 * level_by_unit(frf)) ** 2)
 
 
-#: Averages that are taken for the smoothing, where their number is not known.
+#: Number of averages that the smoothing assumes if the data do not state it.
 _USUAL = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coherence(NoiseModel):
-    """E|dH|^2 = |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), smoothed along the lines (`steady`).
+    """Noise with the variance |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), smoothed along the lines.
 
-    H_X and gamma^2 belong together: they come from the same n spectra, and S_nn = (1 - gamma^2)
-    S_yy is the output that the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010,
-    sections 6.1.4 and 9.2.3, there with n for n - 1). Given the inputs, H1 is a regression with one
-    complex unknown: its variance S_nn / (n S_xx) is estimated by this without bias, whatever that
-    of gamma^2 itself (Carter, Knapp & Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337), and
-    independently of the error of H_X. The model's |H| in place of |H_X| would give nearly no
-    variance in an antiresonance, where gamma^2 was formed by |H_X|, mostly noise. It scatters with
-    n - 1 degrees of freedom, too few for a weight.
+    H_X and gamma^2 come from the same n spectra, and S_nn = (1 - gamma^2) S_yy is the part of the
+    output that the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010, sections
+    6.1.4 and 9.2.3, there with n for n - 1). For given inputs, H1 is a regression with one complex
+    unknown. The formula estimates its variance S_nn / (n S_xx) without bias, although gamma^2
+    itself is biased (Carter, Knapp & Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337), and
+    independently of the error of H_X. With the model's |H| instead of |H_X|, the variance would be
+    nearly zero at an antiresonance, where |H_X| and hence gamma^2 consist mostly of noise. The
+    estimate has n - 1 degrees of freedom, too few for a weight; `steady` smooths it.
 
     Parameters
     ----------
     scale_known : bool
         Whether the number of averages is known.
     freq : ndarray of float, shape (n_f,), optional
-        Lines of which it has learnt, in Hz.
+        Lines of `learnt` in Hz.
     learnt : Steady, optional
-        What these lines say. Else it learns from the data that it is asked about.
+        Smoothed variance at these lines. If None, it is computed from the data of each call.
     """
 
     scale_known: bool
@@ -311,9 +329,9 @@ class Coherence(NoiseModel):
 
     @classmethod
     def tells(cls, frf: FRF) -> bool:
-        """Whether data have a coherence that says something of their noise.
+        """Return whether the data have a coherence that carries information on the noise.
 
-        That of a single average is 1 whatever the noise, and so is one that was filled in.
+        The coherence of a single average is 1 for any noise; so is a constant that was filled in.
         """
         if frf.coherence is None or frf.averages == 1:
             return False
@@ -321,7 +339,7 @@ class Coherence(NoiseModel):
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Coherence:
-        """Return the model that has learnt from all lines of `frf`, for these or fewer of them.
+        """Return the model with the variance of all lines of `frf`, for these lines or a subset.
 
         Raises
         ------
@@ -358,62 +376,61 @@ def _learn(frf: FRF) -> Steady:
     return steady(size**2 * share + least, size, max((frf.averages or _USUAL) - 1, 1))
 
 
-#: Degrees of freedom that a smoothed variance should have.
+#: Degrees of freedom of a smoothed variance.
 _FREEDOM = 48
-#: A variance is an outlier above this multiple of the median of the lines around it.
+#: A variance is an outlier above this multiple of the median of the surrounding lines.
 _APART = 10.0
-#: Steps of the fit of floor and relative noise.
+#: Iterations of the fit of floor and relative noise.
 _STEPS = 100
-#: Lines of that fit.
+#: Largest number of lines in that fit.
 _SAMPLES = 400
-#: Knots along the lines.
+#: Largest number of knots along the lines.
 _KNOTS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steady:
-    """A variance floor + relative |H|^2, smooth where it was noisy.
+    """A smooth variance, floor + relative |H|^2.
 
     Attributes
     ----------
     floor : ndarray of float, shape (n_f, ...)
-        The part that does not depend on |H|, in the unit of the data squared.
+        Part independent of |H|, in squared units of the data.
     relative : ndarray of float, shape (n_f, ...)
-        The other, over |H|^2.
+        Part proportional to |H|^2, divided by |H|^2.
     """
 
     floor: _Real
     relative: _Real
 
     def at(self, size: _Real, lines: slice | NDArray[np.intp] = slice(None)) -> _Real:
-        """Return the variance for magnitudes `size`, shape (n_f, ...), at some of the lines."""
+        """Return the variance for magnitudes `size` at some of the lines, shape (n_f, ...)."""
         return np.asarray(self.floor[lines] + self.relative[lines] * size**2)
 
 
 def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
-    """Return a steady form of variances that scatter as chi-square.
+    """Smooth variance estimates with a chi-square distribution along the lines.
 
-    Two parts, one of them proportional to |H|^2, both piecewise linear along the lines, are fitted
-    to each channel by the likelihood of variances that scatter in proportion to themselves (the
-    Itakura-Saito divergence, by the multiplicative steps of Fevotte, Bertin & Durrieu, Neural
-    Computation 21 (2009) 793, with the exponent 1/2 with which they descend). What the lines hold
-    beyond them is a mean over neighbouring lines. A line that stands out by a factor of ten from
-    the median around it keeps its own: it is a hum or a glitch, not scatter.
+    Two parts, a floor and one proportional to |H|^2, both piecewise linear along the lines, are
+    fitted to each channel by maximum likelihood (the Itakura-Saito divergence, by the
+    multiplicative updates of Fevotte, Bertin & Durrieu, Neural Computation 21 (2009) 793, with the
+    exponent 1/2 that guarantees descent). The ratio of the estimates to this fit is averaged over
+    neighbouring lines. A line more than ten times above the median of its neighbours keeps its own
+    variance: it is a hum or a glitch, not scatter.
+
+    The result is scaled so that the mean of its inverse is the inverse of the variance, which makes
+    weights unbiased: the mean inverse of a mean of d variables with the distribution Gamma(1) is d
+    / (d - 1) too large.
 
     Parameters
     ----------
     variance : ndarray of float, shape (n_f, ...)
-        Estimates above 0, independent from line to line, in the unit of the data squared.
+        Estimates above 0, independent from line to line, in squared units of the data.
     size : ndarray of float, shape (n_f, ...)
         Magnitude |H_X| of the data.
     freedom : int
-        Complex degrees of freedom of each estimate: it scatters as Gamma(freedom) / freedom.
-
-    Returns
-    -------
-    Steady
-        Such that the mean of its inverse is the inverse of the variance, so that it makes unbiased
-        weights: for a mean of d Gamma(1) the mean of the inverse is d / (d - 1) too large.
+        Complex degrees of freedom of each estimate, which is distributed as Gamma(freedom) /
+        freedom.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -430,7 +447,7 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
 
 
 def _usual(ratio: _Real, width: int) -> NDArray[np.bool_]:
-    """Return where a ratio, shape (n_f, ...), is not far above its median over `width` lines."""
+    """Return which ratios, shape (n_f, ...), are not far above the median of nearby lines."""
     from scipy.ndimage import median_filter
 
     around = median_filter(ratio, size=(width, *(1,) * (ratio.ndim - 1)), mode="reflect")
@@ -438,7 +455,7 @@ def _usual(ratio: _Real, width: int) -> NDArray[np.bool_]:
 
 
 def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Real, _Real]:
-    """Return floor and relative of v = floor + relative |H|^2, each of shape (n_f, ...)."""
+    """Return the floor and the relative part of the variance, both of shape (n_f, ...)."""
     n_f, channels = len(variance), variance.shape[1:]
     knots = int(np.clip(n_f * freedom // _FREEDOM, 1, _KNOTS))
     hats = _hats(n_f, knots)
@@ -462,7 +479,7 @@ def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Rea
 
 
 def _hats(n_f: int, knots: int) -> _Real:
-    """Return piecewise linear functions over the lines, shape (n_f, knots), of sum 1."""
+    """Return piecewise linear functions of the lines with the sum 1, shape (n_f, knots)."""
     if knots == 1:
         return np.ones((n_f, 1))
     at = np.linspace(0.0, knots - 1.0, n_f)

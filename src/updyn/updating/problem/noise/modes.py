@@ -1,4 +1,4 @@
-"""`ModalNoise`: how exact measured frequencies, shapes, loss factors and scales of modes are."""
+"""`ModalNoise`: standard deviations of measured frequencies, shapes, damping and scales."""
 
 from __future__ import annotations
 
@@ -19,58 +19,58 @@ __all__ = ["ASSUMED_OF_MODES", "ModalNoise", "choose_modal_noise"]
 
 _Real = NDArray[np.float64]
 
-#: Standard deviations that are assumed where neither the user nor the data say them, as shares
+#: Standard deviations, as shares, that are assumed if neither the user nor the data give them
 #: (Friswell & Mottershead, Finite Element Model Updating in Structural Dynamics, 1995: frequencies
 #: to 1 %, shapes to 10 %).
 ASSUMED_OF_MODES: Mapping[str, float] = {"frequency": 0.01, "shape": 0.1, "loss_factor": 0.2}
-#: What the user can state.
+#: Kinds that the user can state.
 _STATED = (*ASSUMED_OF_MODES, "scale")
-#: Shares below this are rounding.
+#: Shares below this value are rounding error.
 _SMALLEST = 1e-8
-#: The usual size of a kind counts as so many residuals of that size. Where the unknowns leave fewer
-#: of a kind, its size is the usual one rather than an estimate.
+#: Weight of the typical size of a kind in the estimate, as a number of residuals. If the unknowns
+#: leave fewer degrees of freedom of a kind, its size is the typical one, not an estimate.
 _USUAL = 2.0
-#: Of fewer residuals intervals are those of Student's distribution.
+#: Degrees of freedom below which confidence intervals are those of Student's distribution.
 _MANY = 30
 _ROUNDS, _SETTLED = 100, 1e-4
-#: Probability of a residual that contradicts the standard deviations that the data state.
+#: Probability below which a residual contradicts the standard deviations of the data.
 _CONTRADICTED = 0.05
-#: Largest spread that a search for it looks at, times the residuals' rms.
+#: Upper limit of the search for the added deviation, relative to the largest residual.
 _WIDEST = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalNoise:
-    """Standard deviations of measured modes: those that the data state, and what is added to them.
+    """Standard deviations of measured modes: those of the data, and an added one for each kind.
 
-    What is added is one number for each kind of residual: stated by the user (then the data's own
-    do not count), or estimated from the residual: s^2 = (sum r^2 + n_0 s_0^2) / (n + n_0), with
-    s_0 the usual size of the kind and n_0 the number of residuals for which it counts (an inverse
-    gamma prior; Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 2.6). For weights, n
-    is the number of the residuals: sizes and unknowns then minimise one function together, and
-    frequencies that the unknowns can reproduce are reproduced, however much the shapes leave. For
-    standard deviations, n is less by what the unknowns took up of the residuals (K. R. Koch,
-    Parameter Estimation and Hypothesis Testing in Linear Models, 1999, section 3.6: variance
-    components by their redundancies).
+    The added number of a kind of residual is either stated by the user, and then replaces the
+    standard deviations of the data, or is estimated from the residual: s^2 = (sum r^2 + n_0 s_0^2)
+    / (n + n_0), with the typical size s_0 of the kind and its weight n_0 as a number of residuals
+    (an inverse gamma prior; Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 2.6). For
+    weights in a fit, n is the number of residuals: then sizes and unknowns minimise one common
+    function, and frequencies that the unknowns can reproduce are reproduced even if the residuals
+    of the shapes are large. For standard deviations, n is reduced by the leverage of the unknowns
+    (K. R. Koch, Parameter Estimation and Hypothesis Testing in Linear Models, 1999, section 3.6:
+    variance components by their redundancies).
 
-    The usual size is that assumed, or less where shapes are more exact than assumed, in the same
-    ratio. Shapes that leave more do not make frequencies less exact: the model cannot reproduce
-    them.
+    The typical size is the assumed one. If shapes are more exact than assumed, all typical sizes
+    are reduced in the same ratio. Larger residuals of shapes do not increase it: they are errors of
+    the model, not of the frequencies.
 
     Attributes
     ----------
     added : mapping of str to float
-        By kind of residual, as a share.
+        Standard deviation by kind of residual, as a share.
     stated : frozenset of str
         Kinds whose number the user states.
     size_known : bool
         Whether no number is estimated or assumed.
     kind : str
-        How it is known, for the record.
+        Description of the noise for the record.
     by_ratio : tuple of str
-        Kinds that have the usual size: the unknowns leave too few residuals to estimate it.
+        Kinds with the typical size, because the unknowns leave too few degrees of freedom.
     degrees_of_freedom : int or None
-        Of the number that was estimated from the fewest residuals, where they are few.
+        Fewest degrees of freedom of an estimated number, if they are few.
     """
 
     added: Mapping[str, float] = field(default_factory=lambda: dict(ASSUMED_OF_MODES))
@@ -81,28 +81,22 @@ class ModalNoise:
 
     @property
     def size_known(self) -> bool:
-        """Whether the user states all of it."""
+        """Whether the user states all numbers."""
         return self.stated >= ASSUMED_OF_MODES.keys()
 
     @property
     def hides_shapes(self) -> bool:
-        """Whether shapes are stated to be uncertain by as much as they are: they say nothing."""
+        """Whether shapes have a stated standard deviation of 1 or more and are not used."""
         return "shape" in self.stated and self.added["shape"] >= 1.0
 
     def levelled(self) -> ModalNoise:
-        """Return it in units of a frequency's, as assumed; what is stated does not count."""
+        """Return the assumed noise in units of that of a frequency; ignores stated numbers."""
         unit = ASSUMED_OF_MODES["frequency"]
         added = {kind: share / unit for kind, share in ASSUMED_OF_MODES.items()}
         return ModalNoise(added, frozenset(added))
 
     def std(self, rows: ModalRows) -> _Real:
-        """Return the standard deviation of each residual, shape (r,); inf of a kind not used.
-
-        Parameters
-        ----------
-        rows : ModalRows
-            The residuals.
-        """
+        """Return the standard deviation of each residual, shape (r,); inf for unused kinds."""
         variance = np.full(len(rows.r), np.inf)
         for number, kind in enumerate(KINDS):
             mine = rows.kind == number
@@ -112,18 +106,7 @@ class ModalNoise:
         return np.asarray(np.sqrt(variance))
 
     def weighing(self, rows: ModalRows) -> ModalNoise:
-        """Return it with the sizes that weigh residuals in a fit.
-
-        Parameters
-        ----------
-        rows : ModalRows
-            The residuals.
-
-        Returns
-        -------
-        ModalNoise
-            Itself where all numbers are stated.
-        """
+        """Return the noise with sizes that weight residuals in a fit; itself if all are stated."""
         number = {kind: float(rows.freedom(kind)) for kind in self._sought(rows)}
         if not number:
             return self
@@ -136,19 +119,19 @@ class ModalNoise:
         return found
 
     def refit(self, rows: ModalRows, rest: _Real) -> ModalNoise:
-        """Return it with its numbers estimated from residuals, for standard deviations.
+        """Return the noise estimated from residuals, for standard deviations.
 
         Parameters
         ----------
         rows : ModalRows
-            The residuals where a fit ended.
+            The residuals at the end of a fit.
         rest : ndarray of float, shape (k, n)
-            Reduced Jacobian of all else that is known of the unknowns, whitened.
+            Reduced, whitened Jacobian of all other data and priors.
 
         Returns
         -------
         ModalNoise
-            Itself where all numbers are stated.
+            Itself if all numbers are stated.
         """
         sought = self._sought(rows)
         if not sought:
@@ -178,13 +161,7 @@ class ModalNoise:
         return [k for k in self.added if k not in self.stated and rows.of(k).any()]
 
     def figures(self, rows: ModalRows) -> dict[str, Any]:
-        """Return the typical standard deviation of each kind of residual, for the record.
-
-        Parameters
-        ----------
-        rows : ModalRows
-            The residuals.
-        """
+        """Return the rms standard deviation of each kind of residual, for the record."""
         std, out = self.std(rows), {}
         for kind in self.added:
             mine = rows.of(kind)
@@ -194,7 +171,7 @@ class ModalNoise:
 
 
 def _leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
-    """Return what the unknowns take up of each residual, shape (r,), 0 to 1."""
+    """Return the leverage of the unknowns on each residual, 0 to 1, shape (r,)."""
     J = rows.J / std[:, None]
     whole = np.vstack([J, rest])
     norms = np.linalg.norm(whole, axis=0)
@@ -208,7 +185,7 @@ def _leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
 def _sizes(
     rows: ModalRows, number: Mapping[str, float], before: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the size of each kind of which a number of residuals counts."""
+    """Return the size of each kind for its effective number of residuals."""
     exact = min(1.0, before.get("shape", np.inf) / ASSUMED_OF_MODES["shape"])
     found = {}
     for kind, n in number.items():
@@ -219,9 +196,9 @@ def _sizes(
 
 
 def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
-    """Return s for which the sum of r^2 / (std^2 + s^2) is its number; `_SMALLEST` is rounding.
+    """Return s with sum r^2 / (std^2 + s^2) = number, at least `_SMALLEST`.
 
-    Without standard deviations in the data, the usual size counts, too.
+    If the data have no standard deviations, the typical size enters with its weight.
     """
     if not std.any():
         squares = float(r @ r) + _USUAL * usual**2
@@ -230,7 +207,8 @@ def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
     def excess(size: float) -> float:
         return float(np.sum(r**2 / (std**2 + size**2))) - number
 
-    # What the data state holds unless the residual contradicts it; less than one number does not.
+    # The standard deviations of the data hold unless the residual contradicts them; less than one
+    # degree of freedom cannot.
     if number < 1.0 or excess(_SMALLEST) <= float(chdtri(number, _CONTRADICTED)) - number:
         return _SMALLEST
     high = max(_WIDEST * float(np.max(np.abs(r))), 10.0 * _SMALLEST)
@@ -238,20 +216,20 @@ def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
 
 
 def choose_modal_noise(noise: Any) -> ModalNoise:
-    """Choose how exact modes are.
+    """Choose the noise model of modes.
 
     Parameters
     ----------
     noise : None or mapping
-        None: standard deviations that come with the modes, and beyond them one number for each kind
-        of residual, estimated. A mapping with ``frequency``, ``shape``, ``loss_factor`` and
-        ``scale`` states them, as shares: a frequency to 0.1 % is 0.001. The scale of shapes of unit
-        modal mass counts only where it is stated.
+        None: the standard deviations of the modes, plus an estimated number for each kind of
+        residual. A mapping with ``frequency``, ``shape``, ``loss_factor`` and ``scale`` states
+        these numbers as shares: 0.001 for a frequency known to 0.1 %. The scale of shapes of unit
+        modal mass is used only if it is stated.
 
     Raises
     ------
     OptionError
-        If it is of another kind, a key is not known, or a number is not above 0.
+        If `noise` is of another type, a key is not known, or a number is not above 0.
     """
     if noise is None:
         return ModalNoise()

@@ -1,4 +1,4 @@
-"""Scatter of measured values about a smooth curve through the neighbouring lines."""
+"""Scatter of measured values about a smooth curve through neighbouring lines."""
 
 from __future__ import annotations
 
@@ -10,27 +10,22 @@ from updyn.frf import FRF
 
 __all__ = ["WINDOW", "scatter"]
 
-#: Lines of a window, and degree of the polynomial through them.
+#: Lines of a window, and degree of the fitted polynomial.
 WINDOW = 5
 _DEGREE = 2
 
 
 def scatter(frf: FRF) -> NDArray[np.float64]:
-    """Return what data scatter about a parabola through five neighbouring lines.
+    """Return the scatter of data about a parabola through five neighbouring lines.
 
     No model is needed (a local polynomial without the transient; Pintelon & Schoukens, System
     Identification, 2nd ed. 2012, chapter 7).
 
-    Parameters
-    ----------
-    frf : FRF
-        The data.
-
     Returns
     -------
     ndarray of float, shape (n_f, n_i, n_j)
-        Estimate of E|dH|^2 with 2 complex degrees of freedom, in squared units of the data; 0 where
-        there are fewer than five lines. The shape of the FRF between the lines is in it, too.
+        Estimate of E|dH|^2 with 2 complex degrees of freedom, in squared units of the data; 0 for
+        fewer than five lines. It includes the curvature of the FRF between the lines.
     """
     values = frf.values.reshape(len(frf.freq), -1)
     if len(values) < WINDOW:

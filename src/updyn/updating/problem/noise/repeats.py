@@ -1,4 +1,4 @@
-"""Repeated measurements: their mean, and how far apart they are."""
+"""Mean and variance of repeated measurements."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def average(repeats: Iterable[FRF]) -> FRF:
     Parameters
     ----------
     repeats : iterable of FRF
-        At least two, of the same lines, responses, references, quantity and decay, in the same
-        order: nothing is reordered, converted or interpolated (`FRF.select` and `FRF.converted`
-        do). Each counts the same.
+        At least two, with equal lines, responses, references, quantity and decay, in the same
+        order: nothing is reordered, converted or interpolated (use `FRF.select` and
+        `FRF.converted`). All have the same weight.
 
     Returns
     -------
     FRF
         The mean of the values. Its variance E|dH|^2 is sum |H - mean|^2 / (m (m - 1)) over m
-        repeats, which with few of them scatters by 1 / sqrt(m - 1); it is made steady along the
-        lines of each channel, as weights have to be. Geometry is that of the first that has one.
-        Coherence and averages of the single repeats are left out: the variance holds what they say,
-        and what differs from repeat to repeat besides.
+        repeats. With few repeats this estimate has a relative error of 1 / sqrt(m - 1), so it is
+        smoothed along the lines of each channel to be usable as a weight. The geometry is that of
+        the first repeat that has one. The coherence and averages of the repeats are dropped: the
+        variance contains their information, and the differences between repeats.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def average(repeats: Iterable[FRF]) -> FRF:
     -----
     The variance of n complex values about their mean has n - 1 complex degrees of freedom (Bendat &
     Piersol, Random Data, 4th ed. 2010, section 4.2, for one real variable). An error that all
-    repeats share (calibration, the mass of a sensor) does not show.
+    repeats share (calibration, the mass of a sensor) is not included.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Noise with outliers: iteratively reweighted Student's t distribution."""
+"""Noise with outliers: Student's t distribution by iterative reweighting."""
 
 from __future__ import annotations
 
@@ -16,36 +16,35 @@ __all__ = ["FREEDOM", "Robust"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Degrees of freedom of Student's distribution: it costs 7 % of efficiency where the noise is
-#: Gaussian.
+#: Degrees of freedom of Student's distribution: costs 7 % of efficiency for Gaussian noise.
 FREEDOM = 5.0
-#: Weights below this share of the largest are reported: values beyond 4.7 standard deviations; and
-#: where half are so, lines and channels.
+#: Weights below this share of the largest are reported (values beyond 4.7 standard deviations), and
+#: so are lines and channels in which half of the weights are.
 _SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Robust(Wrapping):
-    """Another noise model, with the tails of Student's distribution instead of the Gaussian ones.
+    """Noise model with Student's t distribution instead of the Gaussian one.
 
-    A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v,
-    and the weight (nu + 2) / (nu + 2 |r|^2 / v), renewed with those of the noise (iteratively
-    reweighted least squares; Lange, Little & Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 3).
-    The bulk sets the level: where it is estimated, it is taken such that the median of |r|^2 is
-    that of Gaussian noise. The weights are divided by one number, so that the Jacobian weighted by
-    them gives the covariance of an M-estimate, E psi^2 / (E psi')^2 (Huber, Robust Statistics,
-    1981, eq. 6.4 of chapter 7), with both means taken from the residual.
+    A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v
+    and the weight (nu + 2) / (nu + 2 |r|^2 / v), which is updated together with the noise
+    (iteratively reweighted least squares; Lange, Little & Taylor, J. Am. Stat. Assoc. 84 (1989)
+    881, section 3). If the level of the noise is estimated, it is scaled so that the median of
+    |r|^2 is that of Gaussian noise. The weights are divided by a common number, so that the
+    weighted Jacobian gives the covariance of an M-estimate, E psi^2 / (E psi')^2 (Huber, Robust
+    Statistics, 1981, eq. 6.4 of chapter 7), with both means taken from the residual.
 
     Parameters
     ----------
     base : NoiseModel
-        The noise without its outliers.
+        The noise without outliers.
     factor : float
-        On its variance, where its level is not known.
+        Factor on the variance of `base` if its level is not known.
     weight : ndarray of float, shape (n_f, n_i, n_j), optional
-        What the variance is divided by, once a residual was seen.
+        Divisor of the variance; None before the first residual.
     seen : dict
-        For the record: what was down-weighted.
+        Down-weighted values, for the record.
     """
 
     base: NoiseModel
@@ -56,7 +55,7 @@ class Robust(Wrapping):
 
     @property
     def scale_known(self) -> bool:
-        """Whether the variance is known absolutely: it is, once it has been refitted."""
+        """True: the level is known after the first refit."""
         return True
 
     @property
@@ -66,18 +65,18 @@ class Robust(Wrapping):
 
     @property
     def heavy_tails(self) -> bool:
-        """Whether a few values that are far off hardly count: so it is."""
+        """True: outliers have less weight."""
         return True
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
-        """Return E|dH|^2 over the weights, shape (n_f, n_i, n_j)."""
+        """Return E|dH|^2 divided by the weights, shape (n_f, n_i, n_j)."""
         plain = self.factor * self.base.variance(H, frf)
         if self.weight is None or self.weight.shape != plain.shape:
             return plain
         return plain / self.weight
 
     def unlikelihood(self, H: _Complex, frf: FRF) -> float:
-        """Return minus the logarithm of the likelihood of Student's distribution."""
+        """Return the negative log-likelihood of Student's distribution, up to a constant."""
         v = self.factor * self.base.variance(H, frf)
         power = np.abs(frf.values - H) ** 2 / v
         tails = (0.5 * FREEDOM + 1.0) * np.log1p(2.0 / FREEDOM * power)
@@ -86,7 +85,7 @@ class Robust(Wrapping):
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Robust:
         """Return the model with weights from the residual frf - H."""
         base = self.base.refit(H, frf, n_parameters)
-        if 2 * H.size <= n_parameters:  # no residual is left to estimate from
+        if 2 * H.size <= n_parameters:  # no degrees of freedom
             return Robust(base)
         squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
         power = squared / base.variance(H, frf)  # |r|^2 / v
@@ -95,7 +94,7 @@ class Robust(Wrapping):
         factor = bulk if follows and bulk > 0.0 else 1.0
         power = power / factor
         weight = (FREEDOM + 2.0) / (FREEDOM + 2.0 * power)
-        # Slope of psi, the mean over real and imaginary part.
+        # Slope of psi: the mean over the real and the imaginary part.
         slope = FREEDOM / (FREEDOM + 2.0) * float(np.mean(weight**2))
         spread = float(np.mean(weight**2 * power)) / slope**2
         level = max(float(np.mean(weight)) * spread, 1e-12)
@@ -113,7 +112,7 @@ class Robust(Wrapping):
         return replace(self, base=base, factor=factor, weight=weight / level, seen=seen)
 
     def figures(self) -> dict[str, Any]:
-        """Return those of the noise in the bulk, and what was down-weighted."""
+        """Return the numbers of the noise without outliers, and the down-weighted values."""
         plain = self.base.figures()
         scale = float(np.sqrt(self.factor))
         level: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""How likely noise of known size is to leave a misfit as large."""
+"""Probability of a misfit under noise of known size."""
 
 from __future__ import annotations
 
@@ -7,40 +7,39 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["size_p"]
 
-#: Real numbers over which the errors of a noise level that was estimated from averages extend.
+#: Number of real values over which the errors of a noise level estimated from averages are
+#: correlated.
 _SHARED = 32.0
 
 
 def size_p(
     square: ArrayLike, count: ArrayLike, freedom: ArrayLike, averages: int | None
 ) -> NDArray[np.float64]:
-    """Return how likely noise makes sums of squares as large.
+    """Return the probability that noise causes sums of squares at least as large.
+
+    All arrays have the same shape.
 
     Parameters
     ----------
     square : ndarray of float, any shape
-        Sums of squares of residuals over the standard deviation of their real and of their
-        imaginary part.
+        Sums of squares of real and imaginary parts of residuals, each divided by its standard
+        deviation.
     count : ndarray of float, same shape
-        Number of real values in each.
+        Number of real values in each sum.
     freedom : ndarray of float, same shape
-        The same less the unknowns that were fitted to them, at least 1.
+        `count` less the number of unknowns fitted to these values, at least 1.
     averages : int or None
-        Number of averages from which the size of the noise was estimated by line; None: it is known
+        Number of averages from which the noise level of each line was estimated; None: it is known
         exactly.
-
-    Returns
-    -------
-    ndarray of float, same shape
 
     Notes
     -----
-    Of noise that is known exactly the sum has the chi-square distribution with `freedom` degrees of
-    freedom. From n averages its mean has the F distribution, with n - 1 times as many degrees of
-    freedom as values, but no more than sixteen lines have: smoothing correlates the errors of the
-    size over more.
+    If the noise is known exactly, the sum has the chi-square distribution with `freedom` degrees of
+    freedom. If it is estimated from n averages, the mean has the F distribution with n - 1 times
+    `count` as second degrees of freedom, but with `count` at most that of sixteen lines: smoothing
+    correlates the errors of the noise level over more lines.
     """
-    from scipy.special import chdtrc, fdtrc  # slow to load, and seldom needed
+    from scipy.special import chdtrc, fdtrc  # slow to import and rarely needed
 
     if averages is None:
         return np.asarray(chdtrc(freedom, square))
