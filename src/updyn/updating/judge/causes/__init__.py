@@ -1,1 +1,1 @@
-"""Causes of a misfit: faults of the data that explain it better than the unknowns can."""
+"""Probable causes of a misfit: faults of the data or of the model that explain it."""

@@ -1,4 +1,4 @@
-"""A test whose model has something more: an element between DOFs, or damping of groups."""
+"""A part whose model is altered: an added element between DOFs, or added damping of groups."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _Real = NDArray[np.float64]
 
 
 class Alteration(ABC):
-    """Something that a model has more, of a given size."""
+    """A change of a model of a given size, such as an added element."""
 
     __slots__ = ()
 
     @property
     @abstractmethod
     def cache_key(self) -> str:
-        """Text that distinguishes it from every other one."""
+        """Key that distinguishes it from all others."""
 
     @abstractmethod
     def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
@@ -35,12 +35,12 @@ class Alteration(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlteredPart(Part):
-    """A part whose model is altered; everything else follows from its blocks of lines.
+    """A part with an altered model; all other results follow from its blocks of lines.
 
     Attributes
     ----------
     alteration : Alteration
-        What the model has more.
+        Change of the model.
     """
 
     alteration: Alteration | None = None
@@ -56,7 +56,7 @@ class AlteredPart(Part):
 
     @property
     def plain(self) -> Part:
-        """The part with the model as it is."""
+        """The part with the unaltered model."""
         return Part(*_fields(self))
 
     def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> Block:
@@ -65,14 +65,15 @@ class AlteredPart(Part):
         return self.alteration.block(self.plain, x, lines, derivatives=derivatives)
 
     def key(self, kind: str, x: _Real, *about: object) -> list[object]:
-        """Return what an evaluation at x follows from: the alteration, too."""
+        """Return the cache key of an evaluation at x, including the alteration."""
         assert self.alteration is not None
-        # Not by super(): the class with slots is another one than that of the statement.
+        # Not super(): with slots, the dataclass decorator creates a new class that super() does not
+        # know.
         return [*Part.key(self, kind, x, *about), self.alteration.cache_key]
 
 
 def log_ratio(part: Part, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
-    """Return ln H of the altered model over its own, shape (n_f, n_i, n_j); 0 where one is 0."""
+    """Return ln H of the altered model over H, shape (n_f, n_i, n_j); 0 where either is 0."""
     H, own = AlteredPart.of(part, alteration).responses(x), part.responses(x)
     usable = (H != 0.0) & (own != 0.0)
     return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, own, 1.0)))

@@ -1,4 +1,4 @@
-"""A sensor, or all of them, whose sensitivity is not what was entered."""
+"""A wrong sensitivity of a sensor, or of all sensors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Calibration"]
 
 
 class Calibration(Fault):
-    """A channel reads exp(value) times what is there."""
+    """The values of a channel are exp(value) times too large."""
 
     __slots__ = ()
 
@@ -28,7 +28,7 @@ class Calibration(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each sensor, and all at once."""
+        """Yield each sensor, and all together."""
         yield from map(cls, [(), *each_sensor(evidence.frf)])
 
     def repair(self, frf: FRF) -> FRF:
@@ -41,14 +41,14 @@ class Calibration(Fault):
         return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape)
 
     def relatives(self, part: Part) -> Iterable[Fault]:
-        """Return the nearest factor between units."""
+        """Return the nearest factors between units."""
         return Scale.near(self.channels, float(np.exp(self.value)))
 
     def plausible(self) -> bool:
-        """Return whether it is at least 1.5 %, and less than a factor of 30."""
+        """Return whether the calibration is off by more than 1.5 % and less than a factor of 30."""
         return 0.015 < abs(self.value) < 3.4
 
     def statement(self) -> str:
-        """Return by how much it reads too much or too little."""
+        """Return a sentence with the factor."""
         factor = float(np.exp(self.value))
         return f"{self.does('reads', 'read')} {factor:.4g} times what is there."

@@ -1,4 +1,4 @@
-"""Which faults are worth a whole fit."""
+"""Selection of the faults that are fitted with all unknowns."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from updyn.updating.problem.problem import Part
 __all__ = ["KEPT", "SMALL", "Begun", "candidates", "is_small"]
 
 _Real = NDArray[np.float64]
-#: A fault, and the point to begin from.
+#: A fault and the starting point of its fit.
 Begun: TypeAlias = "tuple[Fault, _Real]"
 
-#: Faults that are fitted to the end.
+#: Largest number of faults that are fitted until convergence.
 KEPT = 4
-#: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
+#: Log misfit (rms) and correlation of neighbouring lines below which there is no gross fault.
 SMALL, _ALIKE = 0.1, 0.3
-#: Largest share of the misfit that is left by a fault of all data that explains all.
+#: Largest remaining share of the misfit with which a fault of all data explains everything.
 _LEAST = 0.01
-#: Logarithm of the odds, to first order, from which a fault is tried where little is left without
-#: one: what the unknowns do on the way to its end is of higher order.
+#: Logarithm of the odds, to first order, from which a fault is tried if the residual is small;
+#: changes of the unknowns during its fit have effects of higher order.
 _PROMISED = -5.0
 
 
@@ -45,25 +45,25 @@ def candidates(
     stated: Sequence[Finding],
     others: Sequence[OtherModel] = (),
 ) -> list[Begun]:
-    """Return the faults that are worth a whole fit, the likeliest first.
+    """Return the faults worth a whole fit, the likeliest first.
 
     Parameters
     ----------
     part : Part
         Model and data of one test, on few lines.
     without : Trial
-        The end of a fit without a fault.
+        End of a fit without a fault.
     start : ndarray of float, shape (n,)
-        A point that is not led by the data.
+        A point that does not depend on the data.
     stated : sequence of Finding
-        What has been found.
+        Faults already found.
     others : sequence of OtherModel
         Variants of the model.
 
     Returns
     -------
     list of tuple of Fault and ndarray of float, shape (n,)
-        Each with the point from which its fit begins.
+        Each fault with the starting point of its fit.
     """
     variants: list[Begun] = []
     for end in _variants_tried(part, others, without, start):
@@ -77,7 +77,7 @@ def candidates(
 def _variants_tried(
     part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
 ) -> Iterator[Trial]:
-    """Yield the ends of fits of the most promising variants of the model."""
+    """Yield the trials of the most promising variants of the model."""
     for fault in promising_variants(part, others, without, start):
         end = tried(part, fault, [start])
         if end is not None:
@@ -85,7 +85,7 @@ def _variants_tried(
 
 
 def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[Begun]:
-    """Return the faults that explain the data as well as a variant where its trial ended."""
+    """Return the faults that explain the data as well as a variant, at the end of its trial."""
     assert isinstance(end.fault, WrongAxes)
     try:
         least = gain_of(part, end.fault, end.x) - IN_REACH
@@ -96,7 +96,7 @@ def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[B
 
 
 def _of_data(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]) -> list[Begun]:
-    """Return the faults that are worth a whole fit with the model as it is, the likeliest first."""
+    """Return the faults worth a whole fit with the given model, the likeliest first."""
     if is_small(without):
         return _promising(part, without, stated)
     points = [start, without.x]
@@ -106,12 +106,12 @@ def _of_data(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]
 
 
 def is_small(trial: Trial) -> bool:
-    """Return whether the residual of a trial is nearly noise: nothing gross is wrong."""
+    """Return whether the residual of a trial is nearly noise, without a gross fault."""
     return trial.power < SMALL**2 and trial.alike < _ALIKE
 
 
 def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Begun]:
-    """Return the faults that promise a better fit at the end of one that leaves little."""
+    """Return the faults that promise a better fit than a trial with a small residual."""
     found = [one for one in suspects(part, without.x, promising=True) if one.gain >= _PROMISED]
     found = _fresh(likeliest(found), stated)
     if len(found) <= KEPT:
@@ -120,7 +120,7 @@ def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Be
 
 
 def _seen_from(part: Part, points: Sequence[_Real]) -> list[Suspect]:
-    """Return the suspects of several points, in the order in which they are followed up."""
+    """Return the suspects of several points, in the order in which they are tried."""
     by_point = [suspects(part, x) for x in points]
     found = [one for one in by_point[0] if one.fault.changes_all]
     for there in by_point:
@@ -131,12 +131,12 @@ def _seen_from(part: Part, points: Sequence[_Real]) -> list[Suspect]:
 def _followed(
     part: Part, without: Trial, found: Sequence[Suspect], stated: Sequence[Finding]
 ) -> list[Begun]:
-    """Return the faults that are ahead after a few steps of each, the most promising first.
+    """Return the best faults after a few steps of each, the likeliest first.
 
-    Once one explains all data, only those are looked at that explain as much where it ended.
+    If one explains all data, only faults that explain as much at the end of its trial are kept.
     """
     tries = sorted(found, key=lambda one: -one.log_evidence)
-    # What changes all data promises little to first order, and much where its fit ends.
+    # A fault of all data promises little to first order, but its fit may explain much.
     tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.changes_all)
     ends: list[Trial] = []
     for suspect in tries:
@@ -151,12 +151,12 @@ def _followed(
 
 
 def _fresh(found: Iterable[Suspect], stated: Sequence[Finding]) -> list[Suspect]:
-    """Return the suspects of which nothing has been said."""
+    """Return the suspects that no finding covers."""
     return [one for one in found if not any(_covers(known, one.fault) for known in stated)]
 
 
 def _covers(finding: Finding, fault: Fault) -> bool:
-    """Return whether a fault needs no further word beside a finding."""
+    """Return whether a finding makes a fault superfluous."""
     kind = CAUSES[finding.kind]
     same = finding.kind == fault.kind and finding.channels == fault.channels
     gone = kind.leaves_out and not set(finding.channels).isdisjoint(fault.channels)
@@ -164,12 +164,12 @@ def _covers(finding: Finding, fault: Fault) -> bool:
 
 
 def _glanced(part: Part, suspect: Suspect) -> Trial | None:
-    """Return where a trial has come after a few steps."""
+    """Return the trial of a suspect after a few steps."""
     return tried(part, suspect.fault, [suspect.x], glance=True)
 
 
 def _explains_all(end: Trial, without: Trial) -> bool:
-    """Return whether a fault explains all but noise, so that only others like it may compete."""
+    """Return whether a fault explains all but noise; then only similar faults compete with it."""
     assert end.fault is not None
     if end.fault.changes_all:
         return end.power < _LEAST * without.power
@@ -177,9 +177,9 @@ def _explains_all(end: Trial, without: Trial) -> bool:
 
 
 def _ahead(ends: Sequence[Trial], without: Trial) -> list[Begun]:
-    """Return the likeliest of some trials, the best first, with the points to go on from.
+    """Return the likeliest faults of some trials, the best first, with starting points for fits.
 
-    Of the trials of one fault that began at several points the likeliest is kept.
+    Of several trials of one fault the likeliest is used.
     """
     best: dict[tuple[str, tuple[str, ...]], Begun] = {}
     for one in compared(ends, without):
@@ -188,7 +188,7 @@ def _ahead(ends: Sequence[Trial], without: Trial) -> list[Begun]:
 
 
 def _as_good(part: Part, end: Trial) -> list[Suspect]:
-    """Return other faults that explain the data as well where a trial ended, to first order."""
+    """Return other faults that explain the data as well at the end of a trial, to first order."""
     assert end.fault is not None
     key = (end.fault.kind, end.fault.channels)
     found = likeliest(suspects(part, end.x))

@@ -1,4 +1,4 @@
-"""The kinds of faults by name, and how a fault is read from a job."""
+"""Registry of the kinds of faults, and the reader of faults in a job."""
 
 from __future__ import annotations
 
@@ -67,19 +67,19 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     Reciprocity,
 )
 
-#: Kinds of faults by name. A further one derives from `Fault` and is registered here.
+#: Kinds of faults by name. A further kind derives from `Fault` and is registered here.
 CAUSES: Registry[type[Fault]] = Registry(
     "cause", "updyn.causes", {cause.kind: cause for cause in _BUILT_IN}
 )
 
 
 def read_fault(written: str) -> Fault:
-    """Return the fault that a text names: ``"sign:2:Z"``, ``"calibration:5:Z=0.095"``.
+    """Return the fault of a text such as ``"sign:2:Z"`` or ``"calibration:5:Z=0.095"``.
 
     Raises
     ------
     OptionError
-        If the kind is not known, a label cannot be read, or a number is none.
+        If the kind is unknown, a label cannot be read, or a value is not a number.
     """
     head, _, value = written.partition("=")
     kind, _, channels = head.partition(":")

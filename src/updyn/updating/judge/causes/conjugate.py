@@ -1,4 +1,4 @@
-"""Data with the sign of the phase turned: another convention of time, e^(-i omega t)."""
+"""Data with the opposite sign of the phase, by the time convention e^(-i omega t)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["NonCausal"]
 
 
 class NonCausal(Fault):
-    """All data are the conjugates of what is there: they answer before they are struck."""
+    """All data are conjugated, and therefore not causal."""
 
     __slots__ = ()
 
@@ -22,20 +22,20 @@ class NonCausal(Fault):
 
     @property
     def changes_all(self) -> bool:
-        """It does."""
+        """True."""
         return True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the one that there is."""
+        """Yield the only fault of this kind."""
         yield cls()
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the conjugates."""
+        """Return the conjugated data."""
         return replace(frf, values=frf.values.conj())
 
     def statement(self) -> str:
-        """Return what is wrong."""
+        """Return a sentence that describes the fault."""
         return (
             "The phase of all channels has the wrong sign: the data are conjugated"
             " (e^(-i omega t)), and answer before the force acts."

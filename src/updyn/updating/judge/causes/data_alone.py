@@ -1,4 +1,4 @@
-"""What the data of a test show to be wrong with them, whatever the model."""
+"""Faults of a test that the data show without a model."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ __all__ = [
 
 
 def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
-    """Return data that carry their variance, as far as it is known before a fit."""
+    """Return the data with their variance, as far as it is known before a fit."""
     return replace(frf, variance=noise.beforehand(frf))
 
 
 def findings_in(part: Part, noise: NoiseModel) -> list[Finding]:
-    """Return the faults that the data of a test show by themselves, the likeliest first."""
+    """Return the faults that the data of a test show without a model, the likeliest first."""
     seen = unexpected(shown_by(with_variance(part.frf, noise)), part)
     return [finding_of(one, part.name) for one in seen]
 
 
 def unexpected(seen: Sequence[Shown], part: Part) -> list[Shown]:
-    """Return what sound data would not show as well, by the model of a part, if it can be asked."""
+    """Return the faults that correct data would not show, according to the model of a part."""
     found = []
     for one in seen:
         with suppress(SolverError):
@@ -49,10 +49,9 @@ def unexpected(seen: Sequence[Shown], part: Part) -> list[Shown]:
 
 
 def shown_by(frf: FRF) -> list[Shown]:
-    """Return the faults that data with their variance show by themselves, the likeliest first.
+    """Return the faults that data with variance show without a model, the likeliest first.
 
-    Those that another one of them is known to look like are left out. Data that are zero throughout
-    show nothing.
+    Faults that another one of them can imitate are omitted. Zero data show no fault.
     """
     if not frf.values.any():
         return []
@@ -69,19 +68,19 @@ def shown_by(frf: FRF) -> list[Shown]:
 def still_shown(
     seen: Sequence[Shown], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
 ) -> list[Shown]:
-    """Return what is still to be stated beside other findings: a symptom of these is not.
+    """Return the faults shown by the data, except symptoms that other findings explain.
 
     Parameters
     ----------
     seen : sequence of Shown
-        What the data showed.
+        Faults that the data show.
     frf : FRF
         These data.
     findings : sequence of Finding
-        What model and data showed together.
+        Faults found from model and data together.
     thinned : (FRF, FRF)
-        Some lines of the data, as they are and freed of the findings by the model: of those that no
-        change of the data undoes.
+        Some lines of the data, before and after the model-based correction of the findings that no
+        change of the data alone corrects.
     """
     repaired = frf
     for finding in findings:
@@ -97,14 +96,14 @@ def still_shown(
 
 
 def set_aside(seen: Sequence[Shown], frf: FRF) -> FRF:
-    """Return the data in which the values of symptoms do not count; themselves where all do."""
+    """Return the data with no weight on values with symptoms; itself if there are no symptoms."""
     for one in seen:
         frf = one.fault.set_aside(frf)
     return frf
 
 
 def finding_of(one: Shown, test: str) -> Finding:
-    """Return the finding that tells of a fault."""
+    """Return the finding of a fault that the data show."""
     fault = one.fault
     return Finding(
         fault.kind,

@@ -1,4 +1,4 @@
-"""A sensor or a force whose data are zeros throughout."""
+"""A sensor or a force whose data are all zero."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["DeadChannel"]
 
-#: Level of the model, as a share of its loudest channel, from which it has a response.
+#: Level of the model, relative to its largest channel, above which a channel has a response.
 _HEARD = 1e-8
-#: Lines at which the model is asked.
+#: Number of lines at which the model is evaluated.
 _LINES = 8
 
 
 class DeadChannel(ShownFault):
-    """All values of a sensor, or of a force, are exactly zero, which no measurement is."""
+    """All values of a sensor or a force are exactly zero, which no measurement produces."""
 
     __slots__ = ()
 
@@ -31,16 +31,16 @@ class DeadChannel(ShownFault):
 
     @classmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:
-        """Yield each sensor without a value, where others have some."""
+        """Yield each sensor without values if others have some."""
         for channels in each_sensor(frf):
             there = place_of(channels, frf).within(frf)
-            # A value that is not zero is certain where a channel works.
+            # Each line of a working channel has a nonzero value with certainty.
             log_odds = len(frf.freq) * np.count_nonzero(there) + float(np.log(cls.odds))
             if log_odds > LIKELY and not frf.values[:, there].any():
                 yield Shown(cls(channels), log_odds, float(there.mean()))
 
     def is_expected(self, part: Part) -> bool:
-        """Return whether the model has no response there, as by symmetry or without a connection.
+        """Return whether the model has no response there, e.g. by symmetry or without a connection.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class DeadChannel(ShownFault):
 
     @property
     def written(self) -> str:
-        """``dead-channel:7:X``."""
+        """Text of the fault: ``dead-channel:7:X``."""
         return self.named
 
     def repair(self, frf: FRF) -> FRF:
@@ -63,18 +63,18 @@ class DeadChannel(ShownFault):
         Raises
         ------
         DataError
-            If nothing else is left.
+            If no other data remain.
         """
         return without(self, frf)
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             f'Leave it out: repair = ["{self.written}"] under [test]; look at the cable and at how'
             " the file was written."
         )
 
     def statement(self) -> str:
-        """Return which channels hold zeros."""
+        """Return a sentence with the channels."""
         return f"{self.does('holds', 'hold')} nothing but zeros: a dead channel, or lost data."

@@ -14,14 +14,15 @@ from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, pl
 
 __all__ = ["Delay"]
 
-#: First values, in periods of the highest line: the phase is known up to whole turns only.
+#: First values, in periods of the highest line; several, because a phase is known up to whole turns
+#: only.
 _PERIODS = np.array([-2.0, -1.5, -1.0, -0.7, -0.4, 0.0, 0.4, 0.7, 1.0, 1.5, 2.0])
-#: A turn at the highest line that is worth a word, in radians.
+#: Smallest phase at the highest line that is reported, in radians.
 _LEAST = 0.05
 
 
 class Delay(Fault):
-    """A channel comes `value` seconds late; negative: early."""
+    """A channel is late by `value` seconds; a negative value means early."""
 
     __slots__ = ()
 
@@ -32,13 +33,13 @@ class Delay(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each sensor, and all at once, by various delays."""
+        """Yield each sensor, and all together, with several delays."""
         for channels in [(), *each_sensor(evidence.frf)]:
             for periods in _PERIODS:
                 yield cls(channels, float(periods / evidence.frf.freq[-1]))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the phase turned back."""
+        """Return the data with the phase corrected."""
         return multiplied(frf, self.channels, frf.s * self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
@@ -47,6 +48,6 @@ class Delay(Fault):
         return place_of(self.channels, frf).spread(-frf.s, frf.values.shape)
 
     def statement(self) -> str:
-        """Return how late it is."""
+        """Return a sentence with the delay."""
         late = "late" if self.value > 0 else "early"
         return f"{self.does('comes', 'come')} {abs(self.value):.4g} s {late}."

@@ -1,4 +1,4 @@
-"""From model, data and unknowns to the faults that explain a misfit."""
+"""Search for the faults that explain a misfit, from model, data and unknowns."""
 
 from __future__ import annotations
 
@@ -48,41 +48,41 @@ __all__ = ["diagnosed", "strained", "unseen", "weighed"]
 
 _Real = NDArray[np.float64]
 
-#: Lines that are looked at.
+#: Number of lines in the search.
 _LINES = 60
-#: Other causes that are named.
+#: Number of other causes that a statement names.
 _NAMED = 2
-#: How often a model is made better where a decision is taken.
+#: Largest number of refinements of the model for one decision.
 _SETTLED = 3
-#: Share of the misfit before it from which a fit has arrived.
+#: Share of the previous misfit above which a further fit has converged.
 _ARRIVED = 0.9
-#: How often further places of a fault are tried, and how many from each point.
+#: Rounds in which a fault is tried at further places, and the number of places at each point.
 _ROUNDS, _NEXT = 3, 3
-#: Difference between the sizes of a fault in both halves of the band, in standard deviations, from
-#: which they contradict each other: of normal errors 0.3 % are larger.
+#: Difference between the sizes of a fault in the two halves of the band, in standard deviations,
+#: above which they contradict each other: 0.3 % of normal errors are larger.
 _CONTRADICT = 3.0
-#: Most faults of one test.
+#: Largest number of faults of one test.
 _MOST = 3
-#: Mean squares of the misfit that differ by less explain the data alike.
+#: Ratio of two mean square errors up to which both sizes fit equally well.
 _AS_WELL = 1.2
-#: Fewer lines say nothing.
+#: Smallest number of lines in which causes are searched.
 _FEWEST = 8
-#: A log misfit (rms) from which the end of a fit need not be found exactly, and says nothing of the
-#: data.
+#: Log misfit (rms) above which fits are cut short and findings are not reported.
 _GROSS = 0.5
-#: Units of a model that are tried to the end, and the DOFs up to which they are.
+#: Number of units of a model that are fitted, and the largest number of DOFs for which they are
+#: tried.
 _FOLLOWED, _MOST_DOFS = 2, 20_000
-#: Mean square of the misfit below which the faults that were found explain all data.
+#: Mean square of the misfit below which the faults found explain all data.
 _EXPLAINED = 1e-3
-#: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
-#: faults that were found do not explain the symptom.
+#: Ratio of the mean square of the misfit to that without the values of a symptom, above which the
+#: faults found do not explain the symptom.
 _WORSE = 1.5
 
 
 def strained(part: Part, x: _Real) -> bool:
-    """Return whether the unknowns had to go farther from their start than models are usually off.
+    """Return whether the unknowns moved farther from their start than models are usually off.
 
-    Then the data may be explained, and be wrong by one factor all the same.
+    The data may then be explained and still be wrong by a common factor.
     """
     own = part.coordinates
     off = ((x - own.home) / spread_of(part))[own.parameters.is_factor]
@@ -90,10 +90,10 @@ def strained(part: Part, x: _Real) -> bool:
 
 
 def unseen(part: Part, noise: NoiseModel) -> str:
-    """Return why causes are not looked for in the data of a test; empty where they can be.
+    """Return why causes are not searched in the data of a test; empty if they can be.
 
-    They are seen in lines of which some value stands clear of the noise. Where none does, any
-    factor that drowns the data would leave nothing to explain.
+    The search needs lines with a value above the noise. Without such lines, any factor that moves
+    the data below the noise would explain everything.
     """
     if part.n_lines < _FEWEST:
         return f"causes are not looked for in {part.n_lines} lines"
@@ -106,22 +106,22 @@ def unseen(part: Part, noise: NoiseModel) -> str:
 
 
 def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
-    """Return the faults of one test's data.
+    """Return the faults of the data of one test.
 
     Parameters
     ----------
     part : Part
         Model, data and unknowns.
     noise : NoiseModel
-        How uncertain the data are.
+        Noise of the data.
     points : sequence of ndarray of float, shape (n,)
-        Where fits ended; the start of the unknowns is looked at in any case.
+        Ends of fits; the start of the unknowns is always used as well.
 
     Returns
     -------
     list of Finding
-        Those that the data show by themselves, then the others, the likeliest first. Of the others
-        none where there is too little to see (`unseen`).
+        Faults that the data show without the model, then the others, the likeliest first. If the
+        data are not sufficient (`unseen`), only the former.
 
     Raises
     ------
@@ -145,13 +145,13 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     symptoms = explained.findings and aside is not part.frf
     remaining = explained.remaining(part.frf)
     if symptoms and (remaining is None or remaining.power > _EXPLAINED):
-        # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
+        # The values of a symptom may be wrong on their own, and other faults may imitate them.
         by_itself = _explained(part.with_data(aside), whole, stage, known, stated, noise)
         apart = by_itself.remaining(aside)
         if apart is not None and explained.left_of(aside) > _WORSE * apart.power:
             explained, remaining = by_itself, apart
     if remaining is not None and explained.power_of_seen(part.frf, remaining) > _GROSS**2:
-        # What is least unlike such data says nothing of them.
+        # Model and data differ too much for the likeliest fault to be meaningful.
         return stated + _in_other_units(part, remaining)
     freed = _counted(explained.part.frf, part.frf)
     left = still_shown(seen, frf, explained.findings, (part.frf, freed))
@@ -160,9 +160,9 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Explained:
-    """What model and data show together: findings, the part without them, and where its fit ended.
+    """Findings from model and data, the corrected part, its reduced model and the end of the fit.
 
-    The end is None where nothing was found.
+    The end is None if nothing was found.
     """
 
     findings: tuple[Finding, ...]
@@ -171,13 +171,13 @@ class _Explained:
     end: _Real | None
 
     def remaining(self, frf: FRF) -> Trial | None:
-        """Return what a fit leaves of the data that count in others; None without a solution."""
+        """Return a fit to the corrected data with the weights of `frf`; None without a solution."""
         part = self.part.with_data(_counted(self.part.frf, frf))
         begin = damped(part, part.coordinates.home) if self.end is None else self.end
         return tried(self.stage.near(part, [begin]), None, [begin])
 
     def power_of_seen(self, frf: FRF, trial: Trial) -> float:
-        """Return the mean square of what remains of the values that stand clear of the noise.
+        """Return the mean square residual of the values above the noise.
 
         A fault that raises the noise of one sensor, or the level of all data, hides the others.
         """
@@ -188,26 +188,26 @@ class _Explained:
         return float(np.sum(np.abs(misfit) ** 2)) / seen
 
     def left_of(self, frf: FRF) -> float:
-        """Return the mean square of what remains."""
+        """Return the mean square residual of the fit with the weights of `frf`."""
         trial = self.remaining(frf)
         return np.inf if trial is None else trial.power
 
 
 def _counted(freed: FRF, frf: FRF) -> FRF:
-    """Return data that are freed of faults, of which those values count that count in others.
+    """Return corrected data in which only the values with weight in `frf` have weight.
 
-    Their variance is that of the repaired values: a sensor of another quantity is scaled with its
-    noise.
+    Their variance is that of the corrected values: the noise of a sensor of another quantity is
+    scaled with its values.
     """
     assert freed.variance is not None
     assert frf.variance is not None
-    # No noise is larger than all data: such a value was left out.
+    # A variance above the square of the largest value marks a value without weight.
     without, left_out = (v.variance > np.abs(v.values).max() ** 2 for v in (frf, freed))
     return replace(freed, variance=np.where(without | left_out, frf.variance, freed.variance))
 
 
 def _in_other_units(part: Part, without: Trial) -> list[Finding]:
-    """Return the unit in which a model would explain data with which it has nothing in common."""
+    """Return the unit in which the model explains data with which it has nothing in common."""
     if part.solver.system.n > _MOST_DOFS:
         return []
     begin = damped(part, part.coordinates.home)
@@ -241,7 +241,7 @@ def _explained(
     stated: Sequence[Finding],
     noise: NoiseModel,
 ) -> _Explained:
-    """Return the faults that model and data show together; sizes are of the whole of the data."""
+    """Return the faults that model and data show together; their sizes are fitted to all lines."""
     findings: list[Finding] = []
     end: _Real | None = None
     others = other_models(part)
@@ -261,14 +261,15 @@ def _explained(
             continue
         whole = _freed_whole(whole, stage, sized.fault, end)
         there = replace(stage.near(part, [end]), frf=part.frf)
-        # What adapts is taken away as all lines show it: others would imitate the error of a few.
+        # A fault that adapts is subtracted as fitted to all lines; its error on a few lines would
+        # look like other faults.
         fault = sized.fault if best.fault.adapts else best.fault
         part = replace(fault.remaining(there, end), solver=part.solver)
     return _Explained(tuple(findings), part, stage, end)
 
 
 def _freed_whole(whole: Part, stage: Stage, fault: Fault, x: _Real) -> Part:
-    """Return the part with all lines freed of a fault, as far as that can be done."""
+    """Return the part with all lines, corrected for a fault if possible."""
     if fault.written:
         return whole.with_data(fault.repair(whole.frf))
     if fault.is_of_model:
@@ -280,9 +281,9 @@ def _freed_whole(whole: Part, stage: Stage, fault: Fault, x: _Real) -> Part:
 
 
 def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseModel) -> Ranked:
-    """Return the fault by its size on all lines, what nobody seeks being held as by an update.
+    """Return the fault with its size fitted to all lines, with held quantities at their values.
 
-    It stays as it was found where the data contradict what is held.
+    The fault is unchanged if the data contradict the held values.
     """
     fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
     if fault.adapts and fault.written:
@@ -307,20 +308,20 @@ def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseMod
 
 
 def _error(part: Part, trial: Trial, noise: NoiseModel) -> float:
-    """Return the mean square of the error where a trial ended, in units of some noise."""
+    """Return the mean square error at the end of a trial, in units of the given noise."""
     H, frf = _freed(part, trial)
     variance = np.maximum(noise.variance(H, frf), np.finfo(float).tiny)
     return float(np.mean(np.abs(frf.values - H) ** 2 / variance))
 
 
 def _freed(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
-    """Return model and data where a trial ended, without its fault."""
+    """Return model and data at the end of a trial, corrected for its fault."""
     freed = part if trial.fault is None else trial.fault.accounted(part, trial.x)
     return freed.responses(trial.x), freed.frf
 
 
 def weighed(part: Part, trial: Trial, noise: NoiseModel) -> Part:
-    """Return the part whose data count by the noise that a trial leaves of them."""
+    """Return the part with data weighted by the noise estimated from the residual of a trial."""
     H, frf = _freed(part, trial)
     variance = noise.refit(H, frf, part.n).variance(H, frf)
     size = np.abs(part.frf.values) / np.maximum(np.abs(frf.values), np.finfo(float).tiny)
@@ -336,7 +337,7 @@ def _likeliest(
     stated: Sequence[Finding],
     noise: NoiseModel,
 ) -> list[Ranked]:
-    """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
+    """Return the likeliest fault and those that cannot be distinguished from it; may be empty."""
     home = part.coordinates.home
     here = stage.near(part, [home, *points])
     for _ in range(_SETTLED):
@@ -361,11 +362,11 @@ def _likeliest(
         ranked = _ranked(here, [(one.fault, one.trial.x) for one in alike[:KEPT]], without)
         if _stands(ranked):
             break
-        # It was an error of the model, which is now smaller.
+        # The apparent fault was an error of the reduced model, which is now smaller.
     if not _stands(ranked):
         return []
     assert without is not None
-    # What freed the unknowns from a poor minimum may not have been the fault.
+    # The fit with the fault may only have helped the unknowns out of a poor minimum.
     better = tried(here, None, [ranked[0].trial.x, *_imitating(here, ranked[0])])
     if better is not None and better.gain(without) > 0.0:
         against = compared([one.trial for one in ranked], better)
@@ -376,7 +377,7 @@ def _likeliest(
 
 
 def _imitating(part: Part, found: Ranked) -> list[_Real]:
-    """Return the point at which the unknowns would do what a fault does, where it has a size."""
+    """Return the point at which the unknowns imitate a fault; empty if the fault has no size."""
     if not found.fault.tunes:
         return []
     evidence = Evidence(part, found.trial.x)
@@ -392,9 +393,9 @@ def _stands(ranked: Sequence[Ranked]) -> bool:
 
 
 def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:
-    """Return the part with a model that holds where a trial without a fault ends, and that end.
+    """Return the part with a model valid at the end of a fit without a fault, and this fit.
 
-    Far from the data, any model around the start will do, and any end.
+    Far from the data, a model valid around the start and a short fit are sufficient.
     """
     for _ in range(_SETTLED):
         if trial.power > SMALL**2:
@@ -410,7 +411,7 @@ def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, 
 
 
 def _ranked(part: Part, fresh: Sequence[Begun], without: Trial) -> list[Ranked]:
-    """Return the faults that are worth a word after a fit of each, the likeliest first."""
+    """Return the faults worth reporting after a fit of each, the likeliest first."""
     ends = _Ends(part)
     ends.try_all(fresh)
     best: Trial | None = None
@@ -423,7 +424,7 @@ def _ranked(part: Part, fresh: Sequence[Begun], without: Trial) -> list[Ranked]:
 
 
 def _consistent(part: Part, found: Sequence[Ranked]) -> list[Ranked]:
-    """Return the faults worth a word without likely ones whose size depends on the band."""
+    """Return the faults worth reporting, except likely ones whose size depends on the band."""
     left = list(filter(is_worth_a_word, found))
     while _stands(left):
         likely = [one for one in left if is_as_likely(one, left[0])]
@@ -435,7 +436,7 @@ def _consistent(part: Part, found: Sequence[Ranked]) -> list[Ranked]:
 
 
 def _depends_on_band(part: Part, found: Ranked) -> bool:
-    """Return whether the halves of the band contradict each other on the size of a fault."""
+    """Return whether the two halves of the band contradict each other about the size of a fault."""
     fault, trial = found.fault, found.trial
     if not fault.constant:
         return False
@@ -448,14 +449,14 @@ def _depends_on_band(part: Part, found: Ranked) -> bool:
 
 @dataclass(slots=True, eq=False)
 class _Ends:
-    """The best end of a trial of each fault, and the last one that leaves only noise."""
+    """The best trial of each fault, and the last trial that leaves only noise."""
 
     part: Part
     found: dict[tuple[str, tuple[str, ...]], Trial] = field(default_factory=dict)
     noise: Trial | None = None
 
     def try_all(self, begun: Sequence[Begun]) -> None:
-        """Try faults, and those that do nearly the same."""
+        """Try faults, and those with nearly the same effect."""
         waiting = deque(begun)
         while waiting:
             fault, x = waiting.popleft()
@@ -471,14 +472,14 @@ class _Ends:
 
     @property
     def best(self) -> Trial | None:
-        """The one that leaves least."""
+        """The trial with the smallest residual."""
         return min(self.found.values(), key=lambda one: one.power, default=None)
 
     def elsewhere(self, begun: Sequence[Begun]) -> list[Begun]:
-        """Return the best fault at other places, the likeliest at some points.
+        """Return the best fault at other places, the likeliest at several points.
 
-        The points are its end and, if that does not leave only noise, the ends of the next best of
-        its kind and the points where the trials of its kind began.
+        The points are the end of its trial and, if that does not leave only noise, the ends of the
+        next best trials of its kind and the starting points of the trials of its kind.
         """
         best = self.best
         if best is None or best.fault is None:

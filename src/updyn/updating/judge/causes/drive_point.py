@@ -1,4 +1,4 @@
-"""A drive point that gives out energy."""
+"""A drive point at which the force takes energy out of the structure."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from updyn.updating.judge.causes.square import Square
 __all__ = ["DrivePoint"]
 
 #: Standard deviations of the noise, and share of the mobility (3 degrees), by which its real part
-#: is negative beyond doubt.
+#: is significantly negative.
 _BEYOND, _PHASE = 4.0, 0.05
-#: Standard deviations from which a value has a phase.
+#: Standard deviations above which a value has a phase.
 _CLEAR = 5.0
-#: Share of the lines of correct data, of those at which the real part has a sign beyond doubt, at
-#: which it is negative; and share of all that is worth a word.
+#: Share of the lines with a significant sign at which the real part of correct data is negative;
+#: and smallest share of all lines that is reported.
 _BY_CHANCE, _LEAST = 0.02, 0.1
-#: Lines that count as so many, however narrow they are spaced.
+#: Largest number of lines that count as independent, however small their spacing.
 _MOST = 60
-#: Delays that are tried, in periods of the highest line.
+#: Trial delays, in periods of the highest line.
 _PERIODS = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
 class DrivePoint(ShownFault):
-    """At `value` of the lines the force takes energy out of the structure at these DOFs.
+    """At a share `value` of the lines the force takes energy out of the structure at these DOFs.
 
     The mean power of a force is |F|^2 Re(Y) / 2, with Y the mobility of its drive point: Re(Y) >= 0
-    where the structure is passive (Ewins, Modal Testing, 2nd ed. 2000, section 2.3). As e^(i omega
+    if the structure is passive (Ewins, Modal Testing, 2nd ed. 2000, section 2.3). With e^(i omega
     t), the receptance has a negative imaginary part, the accelerance a positive one.
 
     Attributes
@@ -55,7 +55,7 @@ class DrivePoint(ShownFault):
 
     @classmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:
-        """Yield the drive points at which it is so, as one."""
+        """Yield the affected drive points as one fault."""
         square = Square.of(frf)
         shares, log_odds = {}, 0.0
         for i, label in enumerate(square.labels):
@@ -72,20 +72,20 @@ class DrivePoint(ShownFault):
 
     @property
     def remedy(self) -> str:
-        """What to look at."""
+        """Advice to the user."""
         return (
             "Look at the direction of sensor and force, at the quantity that the file states, and"
             " at time delays between the channels."
         )
 
     def set_aside(self, frf: FRF) -> FRF:
-        """Return the data in which these values do not count."""
+        """Return the data in which these values have no weight."""
         square = Square.of(frf)
         at = [square.labels.index(label) for label in self.channels]
         return square.without(frf, zip(at, at, strict=True))
 
     def statement(self) -> str:
-        """Return where, at how many lines, and what would explain it."""
+        """Return a sentence with the drive points, the share of lines and possible causes."""
         behind = ""
         if self.behind:
             behind = f" What would explain it: {', or '.join(self.behind)}."
@@ -115,7 +115,7 @@ def _explained_by(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
 
 
 def _passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
-    """Return whether drive points are passive without a fault."""
+    """Return whether drive points are passive after the repair of a fault."""
     square = Square.of(fault.repair(frf))
     for label in channels:
         clear, _, active = _counted(square, square.labels.index(label))
@@ -127,9 +127,9 @@ def _passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
 def _acting_elsewhere(frf: FRF, here: str) -> Iterator[str]:
     """Yield the only other sensor at which a force would put energy into the structure.
 
-    A response that only follows the drive point for a few lines does not show it: at so many lines
-    the sign has to be beyond doubt that with the share of the stated place it would not be right at
-    all of them by chance, whichever sensor is looked at.
+    A response that follows the drive point at a few lines is not sufficient: the number of lines
+    with a significant sign has to be so large that, with the share of negative signs of the stated
+    place, all would be positive only by a small chance at any of the sensors.
     """
     square = Square.of(frf)
     _, sure, active = _counted(square, square.labels.index(here))
@@ -150,7 +150,7 @@ def _acting_elsewhere(frf: FRF, here: str) -> Iterator[str]:
 
 
 def _gained(share: float) -> float:
-    """Return the logarithm of the likelihood ratio of a line with a sign, at a share of minus."""
+    """Return the log likelihood ratio of a line with a sign, for a share of negative signs."""
     if share <= _BY_CHANCE:
         return 0.0
     quiet = 0.0
@@ -160,7 +160,7 @@ def _gained(share: float) -> float:
 
 
 def _counted(square: Square, i: int) -> tuple[int, int, int]:
-    """Return how many lines stand clear of the noise, of these have a sign of Re(Y), and minus."""
+    """Return the numbers of lines above the noise, with a certain sign of Re(Y), and negative."""
     H, noise = square.values[:, i, i], square.noise[:, i, i]
     clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)
     to_mobility = square.s[clear] ** (1 - QUANTITIES[square.quantity])

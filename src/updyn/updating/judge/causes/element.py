@@ -1,11 +1,11 @@
-"""An element between measured DOFs, or on them, and the FRFs of a model that has it as well.
+"""An element between or on measured DOFs, and the FRFs of a model with this element.
 
 With D(s) the dynamic stiffness of the element (k, s c or s^2 m) and U its incidence vectors, the
 receptance H of the model becomes (Sherman & Morrison, Ann. Math. Stat. 21 (1950) 124; Woodbury)
 
     H' = H - H U (1 / D + U^T H U)^-1 U^T H,
 
-exact for any model and any size of the element, from FRFs between the measured DOFs alone.
+exactly, for any model and any size of the element, from FRFs between the measured DOFs alone.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Element(Alteration):
     between : bool
         Whether it acts between two DOFs; else between each DOF and the ground.
     value : float
-        In N/m, N s/m or kg; for rotations in N m/rad, N m s/rad or kg m^2.
+        Size in N/m, N s/m or kg; for rotations in N m/rad, N m s/rad or kg m^2.
     loss : float
         Loss factor of a spring.
     """
@@ -59,7 +59,7 @@ class Element(Alteration):
 
     @property
     def cache_key(self) -> str:
-        """Text that distinguishes it from every other one."""
+        """Key that distinguishes it from all others."""
         return repr(self)
 
     @property
@@ -110,12 +110,12 @@ class Element(Alteration):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredDofs:
-    """The DOFs of responses and references, each once.
+    """DOFs of responses and references without duplicates.
 
     Attributes
     ----------
     labels : list of str
-        Without signs.
+        Labels without signs.
     rows, columns : ndarray of int
         Positions of the responses and of the references.
     """
@@ -126,7 +126,7 @@ class MeasuredDofs:
 
     @classmethod
     def of(cls, frf: FRF) -> Self:
-        """Return those of some data."""
+        """Return the DOFs of data."""
         rows, columns = _plain(frf.responses), _plain(frf.references)
         labels = list(dict.fromkeys(rows + columns))
         at = {label: i for i, label in enumerate(labels)}
@@ -148,11 +148,11 @@ class Receptances:
     Attributes
     ----------
     dofs : MeasuredDofs
-        Which.
+        Measured DOFs.
     H : ndarray of complex, shape (n_f, m, m)
-        In m/N.
+        Receptances in m/N.
     s : ndarray of complex, shape (n_f,)
-        Where.
+        Laplace variable of the lines, in 1/s.
     """
 
     dofs: MeasuredDofs
@@ -161,7 +161,7 @@ class Receptances:
 
     @classmethod
     def of(cls, part: Part, x: _Real) -> Self:
-        """Return those of the model of a part at x.
+        """Return the receptances of the model of a part at x.
 
         Raises
         ------
@@ -216,7 +216,7 @@ class Receptances:
         return H, left @ G @ right
 
     def flexibility(self, element: Element) -> float:
-        """Return the median over the lines of the size of D(s) u^T H u for an element of size 1."""
+        """Return the median over the lines of |D(s) u^T H u| for an element of size 1."""
         U, at = element.incidence, self.dofs.positions(element.labels)
         within = U.T @ self.H[:, at][:, :, at] @ U
         own = np.abs(np.einsum("fkk->fk", within)).max(axis=1) * np.abs(element.by_size(self.s))

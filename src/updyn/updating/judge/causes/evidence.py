@@ -1,4 +1,4 @@
-"""What model and data say at one point of the unknowns."""
+"""Model and data at one point of the unknowns, with derivatives of the model."""
 
 from __future__ import annotations
 
@@ -36,38 +36,39 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: A log misfit (rms) below this is that of a perfect fit, with or without a fault.
+#: Log misfit (rms) below which a fit is perfect, with or without a fault.
 SMALLEST = 1e-3
-#: Fewer lines say nothing.
+#: Smallest number of lines with a usable value.
 FEWEST = 8
-#: Standard deviation of the unknowns about their start: a factor of 1.5; a loss factor.
+#: Standard deviation of the unknowns about their start: of ln(factor), equal to a factor of 1.5,
+#: and of a loss factor.
 _FACTOR, _LOSS = 0.4, 0.2
-#: Share of the frequency by which its derivative is taken.
+#: Relative step in frequency for finite differences.
 _STEP = 1e-5
-#: What stands for 0 Hz, as a share of the lowest other line.
+#: Frequency that replaces 0 Hz, as a share of the lowest other line.
 _BESIDE_REST = 1e-3
-#: Share of the largest change, by unknowns in units of their spread, that is none.
+#: Relative cutoff of the singular values of the changes by the unknowns, in units of their spread.
 _ALIKE = 1e-6
-#: Entry of the normal equations, in which the prior is 1, from which rounding hides the prior: an
-#: undamped resonance on a line, as of a part that nothing holds.
+#: Largest entry of the normal equations, in which the prior is 1; above it, rounding hides the
+#: prior, as for an undamped resonance on a line, e.g. of an unsupported part.
 _STEEP = 1e12
-#: Loss factor of soft supports: foam, rubber cords.
+#: Loss factor of soft supports, such as foam and rubber cords.
 _SOFT_LOSS = 0.05
 
 
 def plain_labels(dofs: DofSet) -> list[str]:
-    """Return the labels of some DOFs, without signs."""
+    """Return the labels of DOFs without signs."""
     pairs = zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)
     return [f"{node}:{DIRECTIONS[axis]}" for node, axis in pairs]
 
 
 def labels_of(frf: FRF) -> list[str]:
-    """Return the labels of the responses, without signs."""
+    """Return the labels of the responses without signs."""
     return plain_labels(frf.responses)
 
 
 def spread_of(part: Part) -> _Real:
-    """Return how far the unknowns are expected from their start, as x, shape (n,)."""
+    """Return the standard deviations of the unknowns about their start, as x, shape (n,)."""
     usual = np.where(part.coordinates.parameters.is_factor, _FACTOR, _LOSS)
     given = [p.prior_std for p in part.coordinates.parameters]
     return np.array([u if g is None else g for u, g in zip(usual, given, strict=True)])
@@ -75,11 +76,11 @@ def spread_of(part: Part) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class Held(Parameter):
-    """What nobody seeks, and may be a little wrong all the same."""
+    """A quantity of the model that is not an unknown of the update but may be slightly wrong."""
 
 
 def held_of(part: Part) -> NDArray[np.bool_]:
-    """Return which of the unknowns are stiffnesses and masses that nobody seeks, shape (n,)."""
+    """Return which of the unknowns are held stiffnesses and masses, shape (n,)."""
     own = part.coordinates.parameters
     return np.array([isinstance(p, Held) and p.quantity in ("stiffness", "mass") for p in own])
 
@@ -93,7 +94,7 @@ def loosened(part: Part, x: _Real, group: str, log_factor: float) -> State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answers:
-    """Labels of channels; H there, (n_f, n_i, n_j); d ln H by x, (n, n_f, n_i, n_j)."""
+    """Responses of the model: channels; H, (n_f, n_i, n_j); d ln H / d x, (n, n_f, n_i, n_j)."""
 
     labels: list[str]
     references: list[str]
@@ -101,7 +102,7 @@ class _Answers:
     slopes: _Complex
 
     def places(self, frf: FRF) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return where the responses and the references of some data are in the answers."""
+        """Return the indices of the responses and the references of data."""
         rows = [self.labels.index(label) for label in labels_of(frf)]
         columns = [self.references.index(label) for label in plain_labels(frf.references)]
         return np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
@@ -114,7 +115,8 @@ class Evidence:
     Parameters
     ----------
     part : Part
-        Model and data of one test, on few lines; the data carry what is known of their noise.
+        Model and data of one test, on few lines; the data contain the known variance of their
+        noise.
     x : ndarray of float, shape (n,)
         The point.
     """
@@ -129,7 +131,7 @@ class Evidence:
         return self.part.frf
 
     def _answers(self, labels: list[str], references: list[str]) -> _Answers:
-        """Return the model's answer at responses to references."""
+        """Return the model's H and its slopes at responses and references."""
         part = self.part
         shape = (part.n_lines, len(labels), len(references))
         blank = FRF(
@@ -157,7 +159,7 @@ class Evidence:
 
     @cached_property
     def _elsewhere(self) -> _Answers:
-        """The model's answer at the measured responses, and where they may stand instead."""
+        """The model's H at the measured responses and at places where these may be instead."""
         further = list(dict.fromkeys(str(place) for _, place in mistaken(self.part)))
         own = self._measured
         more = self._answers(further, own.references)
@@ -170,7 +172,7 @@ class Evidence:
 
     @cached_property
     def _forced_elsewhere(self) -> _Answers:
-        """The model's answer to the references, and where these may act instead."""
+        """The model's H for the references and for places at which these may act instead."""
         further = list(dict.fromkeys(str(place) for _, place in mistaken_forces(self.part)))
         own = self._measured
         more = self._answers(own.labels, further)
@@ -182,12 +184,12 @@ class Evidence:
         )
 
     def answer(self, frf: FRF) -> _Complex:
-        """Return the model's answer at the channels of some data, shape (n_f, n_i, n_j)."""
+        """Return the model's H at the channels of data, shape (n_f, n_i, n_j)."""
         return self._own if self._has_channels_of(frf) else self._answer(frf)
 
     @cached_property
     def _own(self) -> _Complex:
-        """The model's answer at the channels of the data."""
+        """The model's H at the channels of its data."""
         return self._answer(self.frf)
 
     def _answer(self, frf: FRF) -> _Complex:
@@ -197,7 +199,7 @@ class Evidence:
         return np.asarray(known.H[:, rows][:, :, columns] * sign)
 
     def slopes(self, frf: FRF) -> _Complex:
-        """Return d H by x at the channels of some data, shape (n, n_f, n_i, n_j)."""
+        """Return d H / d x at the channels of data, shape (n, n_f, n_i, n_j)."""
         known = self._answers_for(frf)
         rows, columns = known.places(frf)
         return np.asarray(known.slopes[:, :, rows][:, :, :, columns] * self.answer(frf))
@@ -206,7 +208,7 @@ class Evidence:
         return frf.responses == self.frf.responses and frf.references == self.frf.references
 
     def _answers_for(self, frf: FRF) -> _Answers:
-        """Return the answers that hold those to some data, which may be measured elsewhere."""
+        """Return the responses of the model that contain the channels of data."""
         known = self._measured
         if not set(labels_of(frf)) <= set(known.labels):
             known = self._elsewhere
@@ -218,7 +220,7 @@ class Evidence:
     def by_frequency(self) -> _Complex:
         """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
         moving = self.frf.freq[self.frf.freq > 0.0]
-        # For a line of 0 Hz just beside it, where mobilities have a logarithm, too.
+        # A line of 0 Hz is moved slightly, because a mobility is zero there and has no logarithm.
         freq = np.maximum(self.frf.freq, _BESIDE_REST * moving.min(initial=1.0))
         low, high = (
             self.part.with_data(replace(self.frf, freq=freq * factor)).responses(self.x)
@@ -234,14 +236,15 @@ class Evidence:
     def stretched(self, log_factor: float) -> _Complex:
         """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j).
 
-        A is its accelerance: that of exp(-2 log_factor) times all stiffnesses over its own.
+        A is the accelerance. The ratio is also that of a model with exp(-2 log_factor) times all
+        stiffnesses to the model itself.
         """
         elsewhere = replace(self.frf, freq=self.frf.freq * np.exp(log_factor))
         power = QUANTITIES["accelerance"] - QUANTITIES[self.frf.quantity]
         return self._compared("stretched", log_factor, elsewhere) + power * log_factor
 
     def _compared(self, kind: str, value: float, there: FRF) -> _Complex:
-        """Return the model's ln H on other lines over H; many faults ask for the same ones."""
+        """Return the model's ln H on other lines over H, from the cache if known."""
         known = self._kept.get((kind, value))
         if known is None:
             H = self.part.with_data(there).responses(self.x)
@@ -254,8 +257,8 @@ class Evidence:
         Parameters
         ----------
         frequency : float
-            Of the suspension in Hz: K + (2 pi frequency)^2 (1 + i eta) M stands for K, eta is the
-            loss factor of soft supports.
+            Frequency of the suspension in Hz: K + (2 pi frequency)^2 (1 + i eta) M replaces K, with
+            eta the loss factor of soft supports.
         """
         part, state = self.part, self.part.state(self.x)
         mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
@@ -281,7 +284,7 @@ class Evidence:
 
     @cached_property
     def apparent(self) -> _Complex:
-        """omega^2 times the model's drive-point receptance of each response, shape (n_f, n_i)."""
+        """Drive-point receptance of the model at each response times omega^2, shape (n_f, n_i)."""
         part, n = self.part, len(self.frf.responses)
         shape = (part.n_lines, n, n)
         own = labels_of(self.frf)
@@ -292,7 +295,7 @@ class Evidence:
 
     @cached_property
     def receptances(self) -> Receptances:
-        """The model's receptances between all measured DOFs."""
+        """Receptances of the model between all measured DOFs."""
         return Receptances.of(self.part, self.x)
 
     @property
@@ -302,58 +305,59 @@ class Evidence:
 
     @cached_property
     def by_rate(self) -> dict[str, _Complex]:
-        """Slopes d ln H / d c by the Rayleigh coefficients that nobody seeks, by their names."""
+        """Slopes d ln H / d c for the Rayleigh coefficients c that are not unknowns, by name."""
         return rate_slopes(self.part, self.x, rates_not_sought(self.part))
 
     @cached_property
     def spread(self) -> _Real:
-        """How far the unknowns are expected from their start, as x, shape (n,)."""
+        """Standard deviations of the unknowns about their start, as x, shape (n,)."""
         return spread_of(self.part)
 
     @cached_property
     def home(self) -> _Real:
-        """The way to the start of the unknowns, in their spread, shape (n,)."""
+        """Difference of the start of the unknowns from x, in units of their spread, shape (n,)."""
         return np.asarray((self.part.coordinates.home - self.x) / self.spread)
 
     @cached_property
     def weight(self) -> _Real:
-        """What counts of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
+        """Weight of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
         return log_misfit(self.answer(self.frf), self.frf)[1]
 
     @cached_property
     def silent(self) -> frozenset[str]:
-        """Labels of the responses that are noise, in the data as in the model, at nearly all lines.
+        """Labels of the responses that are noise, in data and model, at nearly all lines.
 
-        What is done to them changes nothing but the level to which other channels are compared.
+        A fault of these changes only the level to which other channels are compared.
         """
         clear = (self.weight > 0.0).any(axis=2).sum(axis=0)
         labels = labels_of(self.frf)
         return frozenset(one for one, n in zip(labels, clear, strict=True) if n < FEWEST)
 
     def misfit(self, frf: FRF) -> _Real:
-        """Return the misfit of data on the same lines, real over imaginary parts."""
+        """Return the misfit of data on the same lines, real parts above imaginary parts."""
         return stacked(log_misfit(self.answer(frf), frf)[0])
 
     @cached_property
     def unit(self) -> float:
-        """Root mean square of the misfit as it stands."""
+        """Root mean square of the misfit of the data."""
         e = self.misfit(self.frf)
         return float(np.sqrt(2.0 * e @ e / e.size)) + SMALLEST
 
     def left(self, frf: FRF, b: _Real) -> _Real:
-        """Return the residual once all unknowns have adapted, to first order.
+        """Return the residual after all unknowns have adapted, to first order.
 
         Parameters
         ----------
         frf : FRF
-            Data on the same lines; sensors, or forces, may be elsewhere.
+            Data on the same lines; sensors or forces may be at other places.
         b : ndarray of float, shape (2 m + n,)
-            A change of the misfit in `unit`, above one of the unknowns in their spread.
+            Change of the misfit in units of `unit`, above one of the unknowns in units of their
+            spread.
         """
         if self._has_channels_of(frf):
             Q = self._span
             return np.asarray(b - Q @ (Q.T @ b))
-        # Few of the rows differ: their part of the normal equations is exchanged.
+        # Few rows differ: exchange their part of the normal equations.
         moved = _differ(self.frf.responses, frf.responses)[:, None]
         moved = moved | _differ(self.frf.references, frf.references)
         there = np.broadcast_to(moved, self.frf.values.shape)
@@ -366,7 +370,7 @@ class Evidence:
         new = np.stack([stacked(weight * one) for one in slopes], axis=1) / self.unit
         old = A[rows]
         curved = self._normal - old.T @ old + new.T @ new
-        spread = self.spread  # in which the matrix is 1 and what the data add
+        spread = self.spread  # in these units the matrix is 1 plus the part of the data
         scaled = spread[:, None] * curved * spread
         if scaled.max() > _STEEP:
             exchanged = A.copy()
@@ -380,22 +384,22 @@ class Evidence:
 
     @cached_property
     def changes(self) -> _Real:
-        """What the unknowns change in the misfit, to first order, shape (2 m, n)."""
+        """Changes of the misfit by the unknowns, to first order, shape (2 m, n)."""
         slopes = self._measured.slopes
         return np.stack([stacked(self.weight * one) for one in slopes], axis=1)
 
     def imitating(self, change: _Complex) -> _Real:
-        """Return the point at which the unknowns do most nearly the same to the model.
+        """Return the point at which the unknowns change the model most nearly in the same way.
 
         Parameters
         ----------
         change : ndarray of complex, shape (n_f, n_i, n_j)
-            Of ln H.
+            Change of ln H.
 
         Returns
         -------
         ndarray of float, shape (n,)
-            To first order, within the bounds.
+            The point, to first order and within the bounds.
         """
         wanted = stacked(self.weight * change)
         step = np.linalg.lstsq(self.changes * self.spread, wanted, rcond=_ALIKE)[0]
@@ -408,7 +412,7 @@ class Evidence:
 
     @cached_property
     def _columns(self) -> _Real:
-        """What the unknowns change, above their spread, shape (2 m + n, n)."""
+        """Changes of the misfit by the unknowns, above their prior, shape (2 m + n, n)."""
         return np.vstack([self.changes / self.unit, np.diag(1.0 / self.spread)])
 
     @cached_property
@@ -429,7 +433,7 @@ def _differ(own: DofSet, other: DofSet) -> NDArray[np.bool_]:
 
 
 def _outside(A: _Real, b: _Real) -> _Real:
-    """Return the part of b that is no combination of the columns of A, which are independent."""
+    """Return the component of b orthogonal to the columns of A, which are independent."""
     Q = np.linalg.qr(A)[0]
     return np.asarray(b - Q @ (Q.T @ b))
 
@@ -444,7 +448,7 @@ def _block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
 def _receptance(part: Part, state: State, lift: _Complex | None = None) -> _Complex:
     """Return the receptance of the channels in a state of the model, shape (n_f, n_i, n_j).
 
-    With a lift, shape (n_terms,), it is added to the coefficients of the terms.
+    `lift`, shape (n_terms,), is added to the coefficients of the terms.
     """
     freq = part.frf.freq
     columns, place = np.unique(part.columns, return_inverse=True)
@@ -462,5 +466,5 @@ def _log_ratio(a: _Complex, b: _Complex) -> _Complex:
 
 
 def stacked(values: _Complex) -> _Real:
-    """Return real over imaginary parts, shape (2 m,)."""
+    """Return real parts above imaginary parts, shape (2 m,)."""
     return np.concatenate([values.real.ravel(), values.imag.ravel()])

@@ -1,4 +1,4 @@
-"""`Fault`: something that is wrong with measured data, by how much, and how it is undone."""
+"""Base class `Fault` of the faults of measured data, and helpers for their channels."""
 
 from __future__ import annotations
 
@@ -32,28 +32,29 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
 
-#: Number of places that share the odds of a kind at least: with few sensors one place is no
-#: likelier than a fault of one sensor.
+#: Smallest number of places among which the odds of a kind are divided: with few sensors, one place
+#: is no more likely than a fault of one sensor.
 _FEWEST = 10
-#: What stands before the label of a reference, where a fault is written down.
+#: Prefix of the label of a reference in the text of a fault.
 FORCE = "force "
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The channels of some sensors in an array over lines, responses and references.
+    """Channels of some sensors and forces in an array over lines, responses and references.
 
     Attributes
     ----------
     rows, columns : ndarray of int
-        Responses and references; a channel is meant if either is among them.
+        Indices of responses and of references; a channel belongs to the place if its row or its
+        column does.
     """
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
     def within(self, frf: FRF) -> NDArray[np.bool_]:
-        """Return which channels of data are meant, shape (n_i, n_j)."""
+        """Return which channels of the data belong to the place, shape (n_i, n_j)."""
         found = np.zeros(frf.values.shape[1:], dtype=np.bool_)
         found[self.rows] = True
         found[:, self.columns] = True
@@ -62,7 +63,7 @@ class Place:
     def spread(
         self, over_lines: _Complex | _Real, shape: tuple[int, ...]
     ) -> NDArray[np.complex128]:
-        """Return values over the lines at the channels, 0 elsewhere, shape (n_f, n_i, n_j)."""
+        """Return values over the lines at the channels, else 0, shape (n_f, n_i, n_j)."""
         out = np.zeros(shape, dtype=np.complex128)
         out[:, self.rows] += over_lines[:, None, None]
         out[:, :, self.columns] += over_lines[:, None, None]
@@ -70,12 +71,12 @@ class Place:
 
 
 def place_of(channels: Sequence[str], frf: FRF) -> Place:
-    """Return where sensors stand in the data; without any, all responses.
+    """Return the place of sensors and forces in the data; all responses if `channels` is empty.
 
     Raises
     ------
     OptionError
-        If one is not in the data; the nearest is named.
+        If a channel is not in the data; the message names the nearest one.
     """
     rows: list[int] = []
     columns: list[int] = []
@@ -96,7 +97,7 @@ def place_of(channels: Sequence[str], frf: FRF) -> Place:
 
 
 def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
-    """Return every response and every reference by itself; a single reference is all channels."""
+    """Return each response and, if there are several, each reference as a tuple of one channel."""
     found: list[tuple[str, ...]] = [(label,) for label in labels_of(frf)]
     if len(frf.references) > 1:
         found += [(f"{FORCE}{abs(dof)}",) for dof in frf.references]
@@ -104,7 +105,7 @@ def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
 
 
 def multiplied(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) -> FRF:
-    """Return data whose channels are multiplied by exp(log_factor), given over the lines."""
+    """Return the data with channels multiplied by exp(log_factor), given over the lines."""
     factor = np.exp(place_of(channels, frf).spread(log_factor, frf.values.shape))
     variance = frf.variance
     if variance is not None:
@@ -113,7 +114,7 @@ def multiplied(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) 
 
 
 def divided(frf: FRF, log_factor: _Complex) -> FRF:
-    """Return data divided by exp(log_factor), shape (n_f, n_i, n_j)."""
+    """Return the data divided by exp(log_factor), shape (n_f, n_i, n_j)."""
     variance = frf.variance
     if variance is not None:
         variance = variance * np.exp(-2.0 * log_factor.real)
@@ -122,46 +123,46 @@ def divided(frf: FRF, log_factor: _Complex) -> FRF:
 
 @dataclass(frozen=True, slots=True)
 class Fault(ABC):
-    """A fault of measured data: which channels have it, and by how much.
+    """A fault of measured data: the affected channels and its size.
 
-    A kind of fault is a subclass in a module of its own, registered in `CAUSES`. It is written down
-    as ``kind:channels=value``; that text in the job undoes it.
+    A kind of fault is a subclass in a separate module, registered in `CAUSES`. The text of a fault
+    is ``kind:channels=value``; a job with this text under ``repair`` corrects it.
 
     Parameters
     ----------
     channels : tuple of str
-        Labels of the sensors that have it; ``"force 2:Z"`` for a reference. Empty: all data.
+        Labels of the affected sensors; ``"force 2:Z"`` for a reference. Empty: all data.
     value : float
-        By how much; 0 where the kind says it all.
+        Size of the fault; 0 for kinds without a size.
 
     Attributes
     ----------
     kind : str
-        What is wrong.
+        Name of the kind.
     odds : float
-        How often a test has it, a fault of this kind on one place, before anything is looked at.
+        Prior odds that a test has a fault of this kind at one place.
     unit : str
-        Of `value`; empty where it has none.
+        Unit of `value`; empty if it has no unit.
     two : str
-        Which two things its channels have to name; empty where any number will do.
+        Noun for the two items that its channels have to name; empty if any number is valid.
     tunes : bool
-        Whether the data say by how much: `slope` is defined.
+        Whether the data determine the size: `slope` is defined.
     adds : bool
-        Whether two such faults are one with the sum of their values.
+        Whether two such faults equal one with the sum of their values.
     blurs : tuple of str
-        Kinds that the residual may imitate when this one is accounted for, as only its first
-        approximation is.
+        Kinds that the residual may imitate after the correction, because the correction is of first
+        order only.
     leaves_out : bool
-        Whether the repair leaves its channels out, so that nothing else is to be told of them.
+        Whether the repair omits its channels, so that no further faults of these are reported.
     adapts : bool
-        Whether what it takes away is found anew from model and data as the fit goes on: `refined`.
+        Whether the correction is computed anew from model and data during the fit, by `refined`.
     constant : bool
-        Whether its value has to be the same in both halves of the band: one that is not describes
-        something else.
+        Whether its value has to be the same in both halves of the band; otherwise it is not
+        reported.
     is_of_model : bool
-        Whether the model lacks it, and the data are right.
+        Whether it is an error of the model, with correct data.
     told_by : str
-        What distinguishes it from others that these data do not tell from it: a sentence, or empty.
+        How to distinguish it from other faults that explain the same data: a sentence, or empty.
     """
 
     channels: tuple[str, ...] = ()
@@ -182,18 +183,18 @@ class Fault(ABC):
 
     @property
     def prior(self) -> float:
-        """How often a test has it on its place, before anything is looked at."""
+        """Prior odds of the fault at its place."""
         return self.odds
 
     @property
     def changes_all(self) -> bool:
-        """Whether it changes all data so much that a fit is needed to see it."""
+        """Whether it changes all data so much that it is visible only after a fit."""
         return False
 
     @classmethod
     @abstractmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return the faults of this kind that are worth a look, given model and data."""
+        """Return the faults of this kind that are worth testing, given model and data."""
 
     @abstractmethod
     def repair(self, frf: FRF) -> FRF:
@@ -202,105 +203,105 @@ class Fault(ABC):
     def undo(self, evidence: Evidence) -> FRF:
         """Return the data of the evidence without the fault.
 
-        Where the data alone do not tell what they would be, the model there does.
+        If the correction cannot be computed from the data alone, it uses the model at this point.
         """
         return self.repair(evidence.frf)
 
     def slope(self, evidence: Evidence) -> _Complex:
-        """Return d ln(measured) / d value, shape (n_f, n_i, n_j); 0 where it does not tune."""
+        """Return d ln(measured) / d value, shape (n_f, n_i, n_j); 0 if the fault does not tune."""
         return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
 
     def numbers(self, frf: FRF) -> int:
-        """Return how many numbers of it the data determine."""
+        """Return how many numbers of the fault the data determine."""
         return int(self.tunes)
 
     def refined(self, evidence: Evidence) -> Self:
-        """Return the fault as model and data show it at a point; itself where it does not adapt."""
+        """Return the fault estimated at a point; itself if it does not adapt."""
         return self
 
     def others(self, frf: FRF) -> FRF:
-        """Return the data in which its channels do not count, where it leaves them out."""
+        """Return the data in which its channels have no weight, if its repair omits them."""
         return frf
 
     def searched(self, evidence: Evidence) -> Self:
-        """Return the fault by its best size at a point that the other channels told."""
+        """Return the fault with its best size at a point that was fitted to the other channels."""
         return self
 
     def settled(self, part: Part, x: _Real) -> Self:
-        """Return the fault as all data of a part tell it, where it adapts; by default itself."""
+        """Return the fault estimated from all data of a part, if it adapts; by default itself."""
         return self
 
     def described(self, part: Part, x: _Real) -> Self:
-        """Return the fault with what its statement says of the model where a trial ended."""
+        """Return the fault with figures of the model at x for its statement; x ends a trial."""
         return self
 
     def accounted(self, part: Part, x: _Real) -> Part:
-        """Return the part that takes account of the fault: on data that are freed of it at x."""
+        """Return the part corrected for the fault; by default with the data corrected at x."""
         return part.with_data(self.undo(Evidence(part, x)))
 
     def remaining(self, part: Part, x: _Real) -> Part:
-        """Return the part in which further faults are searched, with the model of the given one."""
+        """Return the part for the search of further faults, with the model of the given part."""
         if self.is_of_model:
             return part.with_data(self.undo(Evidence(part, x)))
         return self.accounted(part, x)
 
     def begun(self, part: Part, x: _Real) -> _Real:
-        """Return the point from which a fit that takes account of the fault begins."""
+        """Return the starting point of a fit that takes account of the fault."""
         return x
 
     def relatives(self, part: Part) -> Iterable[Fault]:
-        """Return other faults that would do nearly the same to the data, to be tried as well."""
+        """Return other faults with nearly the same effect on the data; they are tried as well."""
         return ()
 
     def elsewhere(self, evidence: Evidence) -> Iterable[Fault]:
-        """Return the same fault at other places, the likeliest at a point first."""
+        """Return the same fault at other places, the most likely at a point first."""
         return ()
 
     def plausible(self) -> bool:
-        """Return whether a fault of this size is possible and worth a word."""
+        """Return whether a fault of this size is possible and large enough to report."""
         return True
 
     @abstractmethod
     def statement(self) -> str:
-        """Return what is wrong, in a sentence."""
+        """Return a sentence that describes the fault."""
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return f'Look at it; if it is so, write repair = ["{self.written}"] under [test].'
 
     @property
     def where(self) -> str:
-        """The channels in words."""
+        """The channels as text."""
         if not self.channels:
             return "all channels"
         shown = ", ".join(self.channels[:4])
         return shown + in_all(len(self.channels)) if len(self.channels) > 4 else shown
 
     def does(self, one: str, several: str) -> str:
-        """Return the channels with the verb that goes with one, or with several."""
+        """Return the channels as the subject of a sentence, with a verb for one or for several."""
         text = f"{self.where} {one if len(self.channels) == 1 else several}"
         return text[0].upper() + text[1:]
 
     @property
     def named(self) -> str:
-        """What is wrong where, whatever its size: ``kind:channels``."""
+        """Kind and channels without the size: ``kind:channels``."""
         return f"{self.kind}:{','.join(self.channels)}" if self.channels else self.kind
 
     @property
     def written(self) -> str:
-        """How the fault is written down: ``kind:channels=value``."""
+        """Text of the fault: ``kind:channels=value``."""
         return f"{self.named}={self.value:.9g}" if self.value else self.named
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault that is written down, from its channels and its value.
+        """Return the fault from the channels and the value of its text.
 
         Raises
         ------
         OptionError
-            If the value is no number, a label cannot be read, or it does not name two of what it
-            needs.
+            If the value is not a number, a label cannot be read, or the kind needs two channels and
+            the text does not name two.
         """
         names = tuple(name.strip() for name in channels.split(",") if name.strip())
         for name in names:
@@ -315,38 +316,38 @@ class Fault(ABC):
 
 
 class Irreparable(Fault):
-    """A fault that no change of the data undoes."""
+    """A fault that no change of the data corrects."""
 
     __slots__ = ()
 
     @property
     def written(self) -> str:
-        """Nothing, unless the kind says otherwise."""
+        """Empty by default: a job cannot correct the fault."""
         return ""
 
     def repair(self, frf: FRF) -> FRF:
-        """Refuse, unless the kind can.
+        """Raise an error; kinds that can correct data override this.
 
         Raises
         ------
         DataError
-            Always; the message says what to do.
+            Always; the message contains the remedy.
         """
         raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
 
 
 def shared_odds(odds: float, places: int) -> float:
-    """Return the odds of one of some places, which share those of the kind."""
+    """Return the prior odds of one place: those of the kind divided by the number of places."""
     return odds / max(places, _FEWEST)
 
 
 def without(fault: Fault, frf: FRF) -> FRF:
-    """Return data without the sensors and forces that have a fault.
+    """Return the data without the channels of a fault.
 
     Raises
     ------
     DataError
-        If nothing else is left.
+        If no other data remain.
     """
     place = place_of(fault.channels, frf)
     rows = np.setdiff1d(np.arange(len(frf.responses)), place.rows)

@@ -1,4 +1,4 @@
-"""`Finding`: a cause that was found for a misfit, in words, with what repairs it."""
+"""`Finding`: a probable cause of a misfit, with its statement, remedy and repair."""
 
 from __future__ import annotations
 
@@ -10,52 +10,53 @@ from updyn.updating.judge.causes.catalogue import read_fault
 
 __all__ = ["Finding"]
 
-#: Share of the misfit that a cause has to explain to speak against an answer.
+#: Share of the misfit above which a cause makes an answer implausible.
 _MOST_OF_IT = 0.5
-#: Share of it from which nothing is left to explain.
+#: Share of the misfit above which a cause explains all of it.
 _ALL_OF_IT = 0.95
-#: Kinds that spoil some lines and leave the others as they are.
+#: Kinds that affect some lines only.
 _LOCAL = ("mains", "missing-mode")
-#: Kinds that spoil an answer however few the channels: a fit takes their values for responses.
+#: Kinds that make an answer implausible even with few channels, because a fit takes their values
+#: for responses.
 _SPOILING = ("dead-channel",)
-#: A calibration, as a logarithm, that leaves an answer that may be used.
+#: Logarithm of the calibration factor up to which an answer may be used with care.
 _MILD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that is wrong with the data or the model, found from both.
+    """A probable cause of a misfit: a fault of the data or of the model.
 
     Attributes
     ----------
     kind : str
         ``"sign"``, ``"swapped"``, ``"quantity"``, ...
     channels : tuple of str
-        Labels of the sensors that it is about, ``"force 2:Z"`` for a reference; of ``"no-support"``
-        the group; of what the model lacks the DOFs, or the unknown: ``"floors.mass_damping"``.
-        Empty: all.
+        Labels of the affected sensors, ``"force 2:Z"`` for a reference. For ``"no-support"`` the
+        group; for something that the model lacks its DOFs, or the unknown:
+        ``"floors.mass_damping"``. Empty: all.
     value : float
-        By how much, in the unit that the statement names; 0 where the kind says it all.
+        Size, in the unit that the statement names; 0 for kinds without a size.
     odds : float
-        How much likelier the data are with it than without it, times how often it happens.
+        Posterior odds of the cause: likelihood ratio of the data with and without it, times its
+        prior odds.
     explains : float
-        Share of the misfit that is left without it and not with it; or, where the unknowns can
-        imitate it, of how far they have to go from their start to do so. Of what the data show by
-        themselves: share of the data that it concerns.
+        Share of the misfit that it explains; or, if the unknowns can imitate it, share of their
+        distance from the start that it makes unnecessary. For a fault found in the data alone:
+        share of the affected data.
     statement : str
-        What is wrong, in a sentence.
+        A sentence that describes it.
     remedy : str
-        What to do: the line of the job that undoes it, or what to look at.
+        Advice: the line of the job that corrects it, or what to check.
     written : str
-        The fault as the job writes it; empty where no change of the data undoes it.
+        Text of the fault for the job; empty if no change of the data corrects it.
     also : tuple of str
-        Other faults that these data do not tell from it, as the job writes them; ``kind:channels``
-        where no change of the data undoes one.
+        Other faults that these data do not distinguish from it, as texts for the job;
+        ``kind:channels`` for one that no change of the data corrects.
     test : str
-        Which test, where there are several.
+        Name of the test, if there are several.
     of_misfit : float
-        Share of the misfit alone that is left without it and not with it; 0 where it was not
-        compared with a model.
+        Share of the misfit alone that it explains; 0 if it was not compared with a model.
 
     Examples
     --------
@@ -84,10 +85,10 @@ class Finding:
 
     @property
     def grave(self) -> bool:
-        """Whether the answer cannot be believed while it is so.
+        """Whether an answer with this cause is not plausible.
 
-        A calibration of some tens of per cent, or a mode that the model lacks, leaves an answer
-        that may be used with care.
+        With a calibration off by some tens of per cent, or a mode that the model lacks, an answer
+        may be used with care.
         """
         if self.kind in _SPOILING:
             return True
@@ -97,29 +98,30 @@ class Finding:
 
     @property
     def overruling(self) -> bool:
-        """Whether it leaves nothing of the misfit to explain, so that no other answer is wanted.
+        """Whether it is grave and explains all of the misfit, so that no other answer is searched.
 
-        One that only brings unknowns back to their start leaves what another answer may explain.
+        A cause that only brings unknowns back to their start does not explain the misfit; another
+        answer may.
         """
         return self.grave and self.of_misfit > _ALL_OF_IT
 
     def repair(self, frf: FRF) -> FRF:
-        """Return data without the fault.
+        """Return the data without the fault.
 
         Parameters
         ----------
         frf : FRF
-            The data, as measured.
+            Measured data.
 
         Returns
         -------
         FRF
-            The same, but for what was wrong.
+            The data with the fault corrected.
 
         Raises
         ------
         DataError
-            If no change of the data undoes it.
+            If no change of the data corrects it.
         """
         if not self.written:
             raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")

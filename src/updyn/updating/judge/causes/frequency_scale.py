@@ -1,4 +1,4 @@
-"""A frequency axis that is stretched: a wrong sample rate."""
+"""A scaled frequency axis, due to a wrong sample rate."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FrequencyScale(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the one that there is."""
+        """Yield the only fault of this kind."""
         yield cls()
 
     def repair(self, frf: FRF) -> FRF:
@@ -40,11 +40,11 @@ class FrequencyScale(Fault):
         return evidence.frf.freq[:, None, None] * evidence.by_frequency
 
     def plausible(self) -> bool:
-        """Return whether it is at least 0.1 %."""
+        """Return whether the axis is off by more than 0.1 %."""
         return 1e-3 < abs(self.value) < 1.0
 
     def statement(self) -> str:
-        """Return by how much."""
+        """Return a sentence with the factor."""
         return (
             f"The frequency axis is scaled: the true frequencies are {np.exp(self.value):.5g} times"
             " those of the data. One factor on all stiffnesses would do nearly the same where no"

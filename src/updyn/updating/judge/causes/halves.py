@@ -1,4 +1,4 @@
-"""Whether the size of a fault is the same in both halves of the band."""
+"""Comparison of the size of a fault in the two halves of the band."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ __all__ = ["halves_apart"]
 
 _Real = NDArray[np.float64]
 
-#: Sine of the angle between the effects of a fault in one half and of the unknowns, from which the
-#: half says anything of its size.
+#: Sine of the angle between the effect of a fault in one half and those of the unknowns, above
+#: which the half determines its size.
 _DISTINCT = 1e-6
 
 
 def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
-    """Return how far the sizes of a fault in the lower and the upper lines are from each other.
+    """Return the difference between the sizes of a fault in the lower and the upper lines.
 
-    One size for each half is fitted, and all unknowns along with both, to first order. The residual
-    counts as that of a perfect fit (`SMALLEST`) at least: the last steps of a fit are no fact.
+    One size for each half and all unknowns are fitted together, to first order. The residual counts
+    as at least that of a perfect fit (`SMALLEST`), because the last steps of a fit are arbitrary.
 
     Parameters
     ----------
     freed : Evidence
         Model and data at the end of a fit that takes account of the fault.
     fault : Fault
-        One whose sizes add up.
+        A fault whose sizes add up.
     alike : float
-        Correlation of the residual of neighbouring lines, at least 0, below 1.
+        Correlation of the residual of neighbouring lines, at least 0 and below 1.
 
     Returns
     -------
     float
-        In standard deviations of the difference; 0 if a half does not determine the size.
+        Difference in standard deviations; 0 if a half does not determine the size.
     """
     slope = replace(fault, value=0.0).slope(freed)
     lower = np.arange(len(slope)) < len(slope) // 2

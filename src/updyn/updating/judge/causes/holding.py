@@ -1,4 +1,4 @@
-"""What holds a model to the ground."""
+"""Supports of a model: groups that hold it to the ground."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["HeldSolver", "Holding", "ground_springs", "is_free"]
 
-#: Force of a rigid translation, as a share of the largest stiffness, that rounding leaves.
+#: Force of a rigid translation relative to the largest stiffness, up to which it is rounding.
 _ROUNDING = 1e-6
-#: Spread of the logarithm of a stiffness below which it is taken as known.
+#: Standard deviation of ln(stiffness) below which a stiffness is taken as known.
 _KNOWN = 0.1
 _TRANSLATIONS = frozenset("XYZ")
 
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """What the stiffnesses of a model resist, group by group.
+    """Resistance of the groups of a model to rigid translations.
 
     Attributes
     ----------
     resisted : mapping of str to frozenset of str
-        By group, the directions in which a rigid translation of the whole model meets a force.
+        For each group, the directions in which a rigid translation of the whole model causes a
+        force.
     single : frozenset of str
-        Groups that couple no two nodes.
+        Groups that do not couple any nodes.
     """
 
     resisted: Mapping[str, frozenset[str]]
@@ -40,7 +41,7 @@ class Holding:
 
     @classmethod
     def of(cls, system: AffineSystem) -> Holding:
-        """Return that of a whole model."""
+        """Return the supports of a whole model."""
         stiff = [t for t in system.terms if t.quantity == "stiffness" and t.data.any()]
         return cls(
             {term.group: _resisted(system, term) for term in stiff},
@@ -50,25 +51,25 @@ class Holding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldSolver(ReducedSolver):
-    """A reduced model, whose coordinates are not those of nodes, with what holds the whole one.
+    """A reduced model with the supports of its whole model, which its coordinates do not show.
 
     Attributes
     ----------
     holding : Holding
-        Of the whole model.
+        Supports of the whole model.
     """
 
     holding: Holding = field(kw_only=True)
 
     @classmethod
     def beside(cls, solver: ReducedSolver, holding: Holding) -> HeldSolver:
-        """Return a reduced model with what holds the whole one."""
+        """Return a reduced model with the supports of the whole model."""
         known = {one.name: getattr(solver, one.name) for one in fields(solver) if one.init}
         return cls(**known, holding=holding)
 
 
 def _holding(part: Part) -> Holding:
-    """Return what holds the model of a part; nothing is known of a plain reduced one."""
+    """Return the supports of the model of a part; a plain reduced model is taken as held."""
     if isinstance(part.solver, HeldSolver):
         return part.solver.holding
     if part.solver.tier == "reduced":
@@ -77,7 +78,7 @@ def _holding(part: Part) -> Holding:
 
 
 def is_free(part: Part) -> bool:
-    """Return whether nothing holds the model against a translation in which it is measured.
+    """Return whether the model is free in a measured direction of translation.
 
     Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
     """
@@ -88,7 +89,7 @@ def is_free(part: Part) -> bool:
 def ground_springs(part: Part) -> list[str]:
     """Return the groups of springs between single nodes and the ground, of known stiffness.
 
-    They stand among the unknowns of the part with a narrow prior.
+    They are among the unknowns of the part, with a narrow prior.
     """
     own = part.coordinates.parameters
     spread = dict(zip(own.names, spread_of(part), strict=True))

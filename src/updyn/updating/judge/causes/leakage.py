@@ -18,22 +18,23 @@ __all__ = ["Leakage"]
 
 _Real = NDArray[np.float64]
 
-#: Fewest lines, and how far spacings may differ.
+#: Smallest number of lines, and largest relative variation of their spacing.
 _FEWEST, _EVEN = 48, 1e-3
-#: Samples beside the end of the record that its band limits blur, and averaged over.
+#: Samples next to the end of the record that the band limits blur; smallest number of averaged
+#: samples, and their share of all.
 _BLURRED, _LEAST_AVERAGED, _SHARE = 3, 5, 1.0 / 16.0
-#: Logarithm of the ratio of powers from which there is an edge: 22 dB.
+#: Logarithm of the ratio of powers above which there is an edge: 22 dB.
 _EDGE = 2.2 * np.log(10.0)
-#: Share of the largest fall.
+#: Share of the largest drop that identifies the edge.
 _MOST_OF_IT = 0.7
 
 
 @dataclass(frozen=True, slots=True)
 class Leakage(ShownFault):
-    """Records of `value` seconds were cut off while the structure still moved, and padded by zeros.
+    """Records of `value` seconds were cut off before the response had decayed, and padded by zeros.
 
-    Along the lines the FRF then ripples with a period of 1 / value; the impulse response ends at
-    value, earlier than 1 over the spacing of the lines.
+    The FRF then ripples along the lines with a period of 1 / value; the impulse response ends at
+    value, before the reciprocal of the spacing of the lines.
     """
 
     kind: ClassVar[str] = "leakage"
@@ -42,16 +43,16 @@ class Leakage(ShownFault):
 
     @classmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:
-        """Yield the end of the impulse response, where it has one, of evenly spaced lines."""
+        """Yield the end of the impulse response, if any, of data with evenly spaced lines."""
         spacing = np.diff(frf.freq)
         if len(frf.freq) < _FEWEST or np.ptp(spacing) > _EVEN * spacing.mean():
             return
         power = _impulse_power(frf)
         n = max(int(_SHARE * len(power)), _LEAST_AVERAGED)
         edges, first = _edges(power, n)
-        # The taper still falls behind the end: the first sample that has most of it.
+        # The taper falls after the end as well: take the first sample with most of the drop.
         best = int(np.argmax(edges > _MOST_OF_IT * edges.max()))
-        # Under a Hann window every other sample is one more observation.
+        # Under a Hann window every other sample is an independent observation.
         log_odds = 0.5 * n * float(edges[best] - 1.0) + float(np.log(cls.odds))
         if edges[best] > _EDGE and log_odds > LIKELY:
             end = _end(power, best + first, n)
@@ -61,14 +62,14 @@ class Leakage(ShownFault):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             "Measure longer records, or with an exponential window whose damping is taken out"
             ' again: repair = ["window-damping=..."].'
         )
 
     def statement(self) -> str:
-        """Return where the records end."""
+        """Return a sentence with the length of the records."""
         return (
             f"The records were cut off after {self.value:.3g} s, before the response had decayed:"
             f" the FRFs ripple with a period of {1.0 / self.value:.3g} Hz (leakage)."
@@ -78,8 +79,8 @@ class Leakage(ShownFault):
 def _impulse_power(frf: FRF) -> _Real:
     """Return the mean square of the impulse responses of all channels, shape (n_f,).
 
-    They are those of the band, tapered by a Hann window against the ringing of its limits, from 0
-    to 1 over the spacing of the lines.
+    They are band-limited, tapered by a Hann window against ringing, and extend from 0 to the
+    reciprocal of the spacing of the lines.
     """
     n = len(frf.freq)
     H = (frf.values / level_by_unit(frf)).reshape(n, -1)
@@ -88,9 +89,9 @@ def _impulse_power(frf: FRF) -> _Real:
 
 
 def _edges(power: _Real, n: int) -> tuple[_Real, int]:
-    """Return by how much the logarithm of the power falls at each sample, and the first sample.
+    """Return the drop of the log power at each sample, and the first sample.
 
-    What is returned is beyond the decay that averages over n samples before and after show.
+    The decay, from averages over n samples before and after, is subtracted.
     """
     mean = np.log(sliding_window_view(power, n).mean(axis=1) + 1e-12 * power.max())
     first = 2 * n + _BLURRED
@@ -102,7 +103,7 @@ def _edges(power: _Real, n: int) -> tuple[_Real, int]:
 
 
 def _end(power: _Real, near: int, n: int) -> int:
-    """Return the sample of an edge: the taper leaves half of the amplitude there."""
+    """Return the sample of an edge, at which the taper leaves half of the amplitude."""
     before = power[near - n - _BLURRED : near - _BLURRED].mean()
     above = np.flatnonzero(power[near - n : near + n] > 0.25 * before)
     return int(near - n + above[-1] + 1) if len(above) else near

@@ -1,4 +1,4 @@
-"""A loss factor that varies with frequency while the model holds it constant."""
+"""A loss factor that varies with frequency, while the model has a constant one."""
 
 from __future__ import annotations
 
@@ -28,36 +28,37 @@ __all__ = ["LossOverFrequency", "LossPower"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest exponent. A spring with a dashpot parallel to it has 1 (Kelvin-Voigt), in series -1
-#: (Maxwell); relaxations spread over frequency are between. Half more for the error of an estimate.
+#: Largest exponent. A spring with a parallel dashpot has 1 (Kelvin-Voigt), with one in series -1
+#: (Maxwell); distributed relaxations lie between. The margin of 0.5 is for the error of an
+#: estimate.
 _STEEPEST = 1.5
-#: Exponent from which a search begins, where no change is no exponent of 0.
+#: First exponent of the causal variant, for which an exponent of 0 is not the unchanged model.
 _BEGIN = 0.3
-#: With a constant storage modulus, and without.
+#: Number of variants: with a constant storage modulus and without.
 _VARIANTS = 2
-#: Step of the exponent by which derivatives are taken.
+#: Step of the exponent for finite differences.
 _STEP = 1e-4
-#: Lines of the loss table of the remedy: linear between them, over two decades, it is within 4 % of
-#: f^0.5 and of f^-0.5.
+#: Number of frequencies in the loss table of the remedy: linear interpolation over two decades is
+#: within 4 % of f^0.5 and of f^-0.5.
 _TABLE = 9
-#: Digits of its numbers, and the share by which one changes at most.
+#: Significant digits of its numbers, and the largest relative rounding error.
 _DIGITS, _ROUNDED = 4, 5e-4
 
 
 @dataclass(frozen=True, slots=True)
 class LossPower(Alteration):
-    """Loss moduli of some groups are multiplied by (f / middle)^exponent.
+    """Change of the model: loss moduli of groups are multiplied by (f / middle)^exponent.
 
     Attributes
     ----------
     groups : tuple of str
-        Whose; empty: of all groups without a loss table.
+        Groups with this change; empty: all groups without a loss table.
     exponent : float
         The exponent.
     middle : float
         Frequency in Hz at which loss factors and stiffnesses are those of the model.
     causal : bool
-        Whether the storage moduli vary, too, by the Kramers-Kronig relations; else they are
+        Whether the storage moduli vary as well, by the Kramers-Kronig relations; else they are
         constant.
     """
 
@@ -68,11 +69,11 @@ class LossPower(Alteration):
 
     @property
     def cache_key(self) -> str:
-        """Text that distinguishes it from every other one."""
+        """Key that distinguishes it from all others."""
         return repr(self)
 
     def on(self, part: Part) -> Part:
-        """Return a part with these moduli at its lines."""
+        """Return the part with these moduli at its lines."""
         system = part.solver.system
         freq = np.unique(np.append(part.frf.freq, 2.0 * part.frf.freq[-1] + 1.0))
         table = LossTable(freq, self.relative(freq))
@@ -85,7 +86,7 @@ class LossPower(Alteration):
         return replace(part, solver=solver_of(part, tabled))
 
     def acts_on(self, term: Term) -> bool:
-        """Return whether the loss factor of a term is one of these."""
+        """Return whether the change applies to the loss factor of a term."""
         own = not self.groups or term.group in self.groups
         return own and term.quantity == "stiffness" and term.table is None
 
@@ -96,8 +97,8 @@ class LossPower(Alteration):
     def storage(self, freq: _Real) -> _Real:
         """Return the change of the storage modulus in units of loss factor times stiffness.
 
-        The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik,
-        J. Rheol. 27 (1983) 201); that at `middle` is part of the stiffness.
+        The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik, J.
+        Rheol. 27 (1983) 201); that at `middle` is part of the stiffness.
         """
         log, p = _log_over(freq, self.middle), self.exponent
         if not self.causal or abs(p) >= 1.0:
@@ -107,7 +108,7 @@ class LossPower(Alteration):
         return np.asarray(np.expm1(p * log) / np.tan(0.5 * np.pi * p))
 
     def modulus(self, freq: _Real) -> _Complex:
-        """Return what the loss factor adds to the modulus, over loss factor times stiffness."""
+        """Return the complex modulus due to the loss factor, over loss factor times stiffness."""
         return self.storage(freq) + 1j * self.relative(freq)
 
     def slope(self, freq: _Real) -> _Complex:
@@ -129,9 +130,9 @@ class CausalSystem(AffineSystem):
     Attributes
     ----------
     power : LossPower or None
-        How.
+        Variation over frequency.
     varying : tuple of bool
-        Which terms.
+        Whether each term varies.
     """
 
     power: LossPower | None = None
@@ -139,7 +140,7 @@ class CausalSystem(AffineSystem):
 
     @classmethod
     def of(cls, system: AffineSystem, power: LossPower, varying: Sequence[bool]) -> Self:
-        """Return a system with the loss tables of a power law, and the storage moduli."""
+        """Return a system with the loss tables of a power law and its storage moduli."""
         return cls(**_known(system), power=power, varying=tuple(varying))
 
     def coefficients(self, state: State, omega: _Real) -> _Complex:
@@ -165,12 +166,12 @@ class CausalSystem(AffineSystem):
 
 @dataclass(frozen=True, slots=True)
 class LossOverFrequency(Irreparable):
-    """The loss factor of a group, or of all, is proportional to f^value.
+    """The loss factor of a group, or of all groups, is proportional to f^value.
 
-    By the Kramers-Kronig relations the storage modulus varies, too, by about 2 / pi times the loss
-    factor for each factor of e in frequency. Both are tried: `causal`, with that change, by the
-    same exponent, and with a constant storage modulus. Groups with a loss table are left out: their
-    course is given.
+    By the Kramers-Kronig relations the storage modulus varies as well, by about 2 / pi times the
+    loss factor for each factor of e in frequency. Both variants are tried: with this change for the
+    same exponent (`causal`), and with a constant storage modulus. Groups with a loss table are not
+    tried, because their variation is given.
 
     Its channel is the loss factor that varies: ``"pads.loss_factor"``.
 
@@ -179,17 +180,17 @@ class LossOverFrequency(Irreparable):
     groups : tuple of str
         Groups that have this loss factor; empty: all without a loss table.
     middle : float
-        Frequency in Hz at which loss factors are those of the unknowns: amid the band.
+        Frequency in Hz at which loss factors are those of the unknowns: geometric mean of the band.
     lines : tuple of float
         Lines of the data in Hz, above 0.
     loss : float
-        Loss factor at `middle`; 0 where several groups have different ones.
+        Loss factor at `middle`; 0 if several groups have different ones.
     places : int
-        Number of loss factors that were looked at.
+        Number of loss factors that were tested.
     viscous : tuple of ProportionalDamping
-        Viscous damping of the same groups that nobody seeks.
+        Viscous damping of the same groups that is not an unknown.
     causal : bool
-        Whether the storage modulus varies, too.
+        Whether the storage modulus varies as well.
     """
 
     groups: tuple[str, ...] = ()
@@ -229,13 +230,13 @@ class LossOverFrequency(Irreparable):
 
     @property
     def power(self) -> LossPower:
-        """How the loss factors vary."""
+        """The variation of the loss factors."""
         return LossPower(self.groups, self.value, self.middle, self.causal)
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the model's ln H by the exponent.
 
-        It follows from that by the loss factor, which changes the modulus in another proportion.
+        It is the derivative by the loss factor, times the ratio of the two changes of the modulus.
         """
         freq, own = evidence.frf.freq, self.power
         known: _Complex | complex = 1j
@@ -251,7 +252,7 @@ class LossOverFrequency(Irreparable):
         return np.asarray(total * (own.slope(freq) / known)[:, None, None])
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H with these loss factors over its own."""
+        """Return the data divided by H with these loss factors over the model's H."""
         return divided(evidence.frf, log_ratio(evidence.part, self.power, evidence.x))
 
     def accounted(self, part: Part, x: _Real) -> Part:
@@ -274,24 +275,24 @@ class LossOverFrequency(Irreparable):
         ]
 
     def plausible(self) -> bool:
-        """Return whether the loss factor varies, and no more than that of a solid does."""
+        """Return whether the exponent is not 0 and not above that of a solid."""
         return 0.0 < abs(self.value) <= _STEEPEST
 
     @property
     def prior(self) -> float:
-        """How often the loss factor of this group varies that much."""
+        """Prior odds that the loss factor of this group varies."""
         return shared_odds(self.odds, self.places)
 
     @property
     def _whose(self) -> str:
-        """The groups in words."""
+        """The groups as text."""
         if not self.groups:
             return "all groups"
         names = ", ".join(repr(name) for name in self.groups)
         return f"the group{'s' * (len(self.groups) > 1)} {names}"
 
     def statement(self) -> str:
-        """Return whose loss factor varies, and from which value to which."""
+        """Return a sentence with the groups and the range of their loss factor."""
         course = "rises" if self.value > 0.0 else "falls"
         low, high = self.lines[0], self.lines[-1]
         ends = self.power.relative(np.array([low, high]))
@@ -311,7 +312,7 @@ class LossOverFrequency(Irreparable):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         freq = self._table_lines
         relative = [float(f"{factor:.{_DIGITS}g}") for factor in self.power.relative(freq)]
         table = f"[{freq.tolist()}, {relative}]"
@@ -329,7 +330,7 @@ class LossOverFrequency(Irreparable):
     def _table_lines(self) -> _Real:
         """Frequencies of few digits, from below the lines to the next one above.
 
-        A search looks at some of the lines only: the highest may not be among them.
+        A search uses some of the lines only; the highest line of the data may not be among them.
         """
         low, (last, high) = self.lines[0], self.lines[-2:]
         freq = np.geomspace(low * (1.0 - _ROUNDED), high * (high / last + _ROUNDED), _TABLE)
@@ -337,12 +338,12 @@ class LossOverFrequency(Irreparable):
 
 
 def _known(system: AffineSystem) -> dict[str, Any]:
-    """Return what a compiled model is made of, by name."""
+    """Return the fields of a compiled model by name."""
     return {one.name: getattr(system, one.name) for one in fields(AffineSystem) if one.init}
 
 
 def _moving(part: Part) -> tuple[float, ...]:
-    """Return the lines of a part above 0 Hz; causes are looked for in several lines only."""
+    """Return the lines of a part above 0 Hz."""
     return tuple(part.frf.freq[part.frf.freq > 0.0].tolist())
 
 
@@ -357,7 +358,7 @@ def _losses(part: Part) -> Sequence[tuple[int, Parameter]]:
 
 
 def _viscous_of(groups: Sequence[str], evidence: Evidence) -> tuple[ProportionalDamping, ...]:
-    """Return the viscous damping of a group, or else of all groups, that nobody seeks."""
+    """Return the viscous damping of a group, or else of all groups, that is not an unknown."""
     if len(groups) > 1:
         return ()
     places = len(list(directed_places(evidence.frf))) + len(evidence.by_rate)

@@ -1,4 +1,4 @@
-"""A low-pass of first order in one chain."""
+"""A low-pass of first order in one measurement chain."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, pl
 
 __all__ = ["LowPass"]
 
-#: First values of the corner, in shares of the highest line.
+#: First corner frequencies, as shares of the highest line.
 _CORNERS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 
 class LowPass(Fault):
-    """A channel went through 1 / (1 + i omega value); value in s."""
+    """A channel is filtered by 1 / (1 + i omega value), with `value` in s."""
 
     __slots__ = ()
 
@@ -29,14 +29,14 @@ class LowPass(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each sensor, and all at once, by various corners."""
+        """Yield each sensor, and all together, with several corner frequencies."""
         highest = 2.0 * np.pi * evidence.frf.freq[-1]
         for channels in [(), *each_sensor(evidence.frf)]:
             for corner in _CORNERS:
                 yield cls(channels, 1.0 / (corner * highest))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the low-pass undone."""
+        """Return the data without the filter."""
         return multiplied(frf, self.channels, np.log1p(frf.s * self.value))
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
@@ -46,10 +46,10 @@ class LowPass(Fault):
         return place_of(self.channels, frf).spread(-s / (1.0 + s * self.value), frf.values.shape)
 
     def plausible(self) -> bool:
-        """Return whether it takes away."""
+        """Return whether the time constant is positive."""
         return self.value > 0.0
 
     def statement(self) -> str:
-        """Return the corner."""
+        """Return a sentence with the corner frequency."""
         corner = 1.0 / (2.0 * np.pi * self.value)
         return f"{self.does('went', 'went')} through a low-pass of first order at {corner:.4g} Hz."

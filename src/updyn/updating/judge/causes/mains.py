@@ -1,4 +1,4 @@
-"""Hum of the mains: single lines at multiples of 50 or 60 Hz."""
+"""Mains hum: single lines at multiples of 50 or 60 Hz."""
 
 from __future__ import annotations
 
@@ -18,36 +18,37 @@ __all__ = ["Mains"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Frequencies of mains in Hz.
+#: Mains frequencies in Hz.
 _FREQUENCIES = (50.0, 60.0)
-#: Lines beside each that predict it, half on either side, and degree of their polynomial.
+#: Number of neighbouring lines that predict a line, half on either side, and degree of their
+#: polynomial.
 _BESIDE, _DEGREE = 8, 3
-#: Terms of the polynomial beside a pole.
+#: Number of polynomial terms in addition to a pole.
 _BESIDE_POLE = 3
 #: Largest spacing of lines, as a share of the mains frequency; largest distance of a line from a
-#: multiple, in spacings, at which it is judged: hum between two lines is in both.
+#: multiple, in spacings, at which it is tested: hum between two lines affects both.
 _COARSE, _NEAR = 0.1, 0.4
-#: Other lines that mains are compared with, at most.
+#: Largest number of other lines for comparison.
 _COMPARED = 400
-#: Ratio of the deviation of a line from its prediction to the scatter of its neighbours from which
-#: it stands out, and share of the channels in which it does.
+#: Ratio of the deviation of a line from its prediction to the scatter of its neighbours, above
+#: which it is an outlier, and the share of the channels with outliers.
 _STANDS_OUT, _MANY = 4.0, 0.5
-#: Standard deviations from which the neighbours of a line show a resonance on it; half-power
-#: bandwidth in lines of the sharpest that is met: a record of one over the spacing does not resolve
-#: less.
+#: Standard deviations above which the neighbours of a line show a resonance on it; smallest
+#: half-power bandwidth of a resonance in lines: a record whose length is the reciprocal of the
+#: spacing does not resolve less.
 _RESONANT, _SHARP = 3.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Mains(ShownFault):
-    """Lines at multiples of `value` Hz hold hum of the mains.
+    """Lines at multiples of `value` Hz contain mains hum.
 
     Attributes
     ----------
     lines : tuple of float
-        Those that stand out, in Hz.
+        Outliers, in Hz.
     many : str
-        In how many channels.
+        Number of affected channels, as text.
     """
 
     lines: tuple[float, ...] = ()
@@ -59,7 +60,7 @@ class Mains(ShownFault):
 
     @classmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:
-        """Yield 50 or 60 Hz, whichever stands out, of evenly and finely spaced lines."""
+        """Yield 50 or 60 Hz, the more likely one, for evenly and finely spaced lines."""
         if len(frf.freq) <= 2 * _BESIDE:
             return
         found: list[Shown] = []
@@ -72,16 +73,16 @@ class Mains(ShownFault):
     @classmethod
     def _at(cls, frf: FRF, frequency: float, hit: NDArray[np.bool_]) -> Iterable[Shown]:
         found = _Neighbours.of(frf, hit)
-        # What the most striking of all other lines reaches, a mains line has to exceed.
+        # A mains line has to exceed the largest outlier of all other lines.
         height = np.median(found.ratio, axis=1)
         others = float(height[~hit].max(initial=0.0))
         out = _hit(frf.freq, frequency, _NEAR) & (height > max(_STANDS_OUT, others))
         out &= np.median(found.pole, axis=1) < _RESONANT
-        # One line may be a very sharp resonance, several at multiples hardly.
+        # One line may be a very sharp resonance; several at multiples are unlikely to be.
         proven = out & (found.narrow < _SHARP)
         if not proven.any() and len(np.unique(np.round(frf.freq[out] / frequency))) < 2:
             return
-        # The noise of one force is in all its channels: only one channel counts.
+        # The noise of a force is common to all its channels, so only one channel counts.
         n = _BESIDE - _DEGREE - 1
         gains = n * np.log1p(height[out] ** 2 / n) - np.log(len(frf.freq))
         log_odds = float(np.sum(gains) + np.log(cls.odds))
@@ -94,12 +95,12 @@ class Mains(ShownFault):
 
     @property
     def written(self) -> str:
-        """``mains=50``."""
+        """Text of the fault: ``mains=50``."""
         return f"{self.kind}={self.value:g}"
 
     @classmethod
     def read(cls, channels: str, value: str) -> Mains:
-        """Return the fault that is written down.
+        """Return the fault of a text.
 
         Raises
         ------
@@ -113,7 +114,7 @@ class Mains(ShownFault):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             f'Leave these lines out: repair = ["{self.written}"] under [test]; in the next test,'
             " look at cables and grounding."
@@ -124,7 +125,7 @@ class Mains(ShownFault):
         return frf.select(lines=frf.freq[~_hit(frf.freq, self.value)])
 
     def statement(self) -> str:
-        """Return which lines stand out."""
+        """Return a sentence with the affected lines."""
         shown = ", ".join(f"{f:.4g}" for f in self.lines[:6])
         if len(self.lines) > 6:
             shown += f" and {len(self.lines) - 6} more"
@@ -144,20 +145,20 @@ def _hit(freq: _Real, frequency: float, within: float = 0.5) -> NDArray[np.bool_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Neighbours:
-    """Lines against a polynomial through those beside them that no hum reaches.
+    """Comparison of lines with a polynomial through neighbouring lines without hum.
 
-    It is a local polynomial without the transient (Pintelon & Schoukens, System Identification,
-    2nd ed. 2012, chapter 7).
+    The method is the local polynomial method without the transient (Pintelon & Schoukens, System
+    Identification, 2nd ed. 2012, chapter 7).
 
     Attributes
     ----------
     ratio : ndarray of float, shape (n_f, n_c)
-        Deviation of each line from its prediction, in units of its standard deviation.
+        Deviation of each line from its prediction, in standard deviations.
     pole : ndarray of float, shape (n_f, n_c)
-        Coefficient of 1 / distance in lines that the neighbours show, in units of its own standard
-        deviation: that of a resonance on the line.
+        Coefficient of 1 / distance in lines, fitted to the neighbours, in standard deviations: the
+        size of a resonance on the line.
     narrow : ndarray of float, shape (n_f,)
-        Least half-power bandwidth, in lines, of a resonance that would explain the line, at two
+        Smallest half-power bandwidth, in lines, of a resonance that would explain the line, at two
         standard deviations.
     """
 
@@ -186,7 +187,7 @@ class _Neighbours:
             )
             unsure = float(np.sqrt(weights[0] @ weights[0]))
             pole[k] = np.abs(weights[0] @ flat[near]) / (std * unsure)
-            # All channels have a resonance at the same line: their noise averages out.
+            # A resonance is at the same line in all channels, so their noise averages out.
             power = max(float(np.sum(pole[k] ** 2 - 1.0)), 0.0) + 2.0 * np.sqrt(len(std))
             height = np.maximum(np.linalg.norm(deviation / std), np.finfo(float).tiny)
             narrow[k] = unsure * np.sqrt(power) / height
@@ -194,7 +195,7 @@ class _Neighbours:
 
 
 def _fitted(basis: _Real, seen: _Complex, least: float) -> tuple[_Real, _Real]:
-    """Return the weights of each coefficient, and the standard deviation of data about the fit."""
+    """Return the weights for each coefficient, and the standard deviation of the residual."""
     Q, R = np.linalg.qr(basis)
     left = seen - Q @ (Q.T @ seen)
     freedom = len(basis) - basis.shape[1]

@@ -1,4 +1,4 @@
-"""A sensor that roves: its mass loads another place in every row of the data."""
+"""Mass loading by a roving sensor, at another place in each row of the data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["MassLoading"]
 
 
 class MassLoading(Irreparable):
-    """A mass of `value` kg stands at the response of each row, and nowhere else.
+    """A mass of `value` kg at the response of each row only.
 
     H_ij / (1 - omega^2 m H_ii) is measured instead of H_ij (Ewins, Modal Testing, 2nd ed. 2000,
     section 3.4).
@@ -31,26 +31,26 @@ class MassLoading(Irreparable):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the one that there is, of translations."""
+        """Yield the only fault of this kind, if the responses are translations."""
         turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)
         if len(evidence.frf.responses) > 1 and not turns:
             yield cls()
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             "Look at it; if it is so, make one test of each row, with the mass on its model"
             " ([test] sensor_masses), or use dummy masses."
         )
 
     def repair(self, frf: FRF) -> FRF:
-        """Refuse: the data alone do not tell.
+        """Raise an error, because the data alone do not determine the correction.
 
         Raises
         ------
         DataError
-            Always; the message says what to do.
+            Always; the message contains the remedy.
         """
         raise DataError(
             "mass loading cannot be taken out of the data by themselves, as it takes the drive"
@@ -59,7 +59,7 @@ class MassLoading(Irreparable):
         )
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
-        """Return omega^2 H_ii."""
+        """Return omega^2 H_ii / (1 - omega^2 m H_ii)."""
         a = evidence.apparent
         return np.broadcast_to((a / (1.0 - self.value * a))[:, :, None], evidence.frf.values.shape)
 
@@ -69,11 +69,11 @@ class MassLoading(Irreparable):
         return divided(evidence.frf, np.broadcast_to(-left, evidence.frf.values.shape))
 
     def plausible(self) -> bool:
-        """Return whether it is a mass."""
+        """Return whether the mass is positive."""
         return self.value > 0.0
 
     def statement(self) -> str:
-        """Return how large it is."""
+        """Return a sentence with the mass."""
         return (
             f"A sensor that roves loads each row by a mass of {self.value:.4g} kg at its own place."
         )

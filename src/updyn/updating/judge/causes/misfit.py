@@ -1,4 +1,4 @@
-"""The misfit by which faults are judged: the log error of what stands clear of the noise."""
+"""Misfit by which faults are compared: the log error of values above the noise."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ __all__ = ["SEEN", "Weighed", "log_misfit", "n_seen"]
 
 _Complex = NDArray[np.complex128]
 
-#: Noise, as a share of the level, at which a value weighs 0.7.
+#: Noise, as a share of the level, at which the weight of a value is 0.7.
 _CLEAR = 0.03
-#: Below so many standard deviations of the noise there is no phase, and no level but that.
+#: Standard deviations of the noise below which a value has no phase, and its level is set to this.
 SEEN = 3.0
-#: Least noise, as a share of the rms of all data of one unit: what no sensor resolves.
+#: Smallest noise, as a share of the rms of all data of one unit: resolution of sensors.
 _LEAST = 1e-5
-#: Share of the values that are more exact than those of weight 1, if each counts by its likelihood.
+#: Quantile of the relative noise at which the weight by likelihood is 1.
 _EXACT = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Weighed(FRF):
-    """Data near the response of a model, of which each value counts by its likelihood.
+    """Data near the response of a model, weighted by likelihood.
 
     Attributes
     ----------
     relative : float
-        Noise of the most exact values, as a share of them: the misfit of a value is its error in
-        standard deviations, times this.
+        Relative noise of the most exact values: the misfit of a value is its error in standard
+        deviations times this.
     """
 
     relative: float
@@ -44,7 +44,7 @@ class Weighed(FRF):
 
     @classmethod
     def near(cls, H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> Self:
-        """Return data whose noise has a variance, near the response H of a model."""
+        """Return the data with the variance of their noise, near the response H of a model."""
         answer = np.abs(H)
         seen = answer > ROUNDING * answer.max()
         share = np.sqrt(variance[seen]) / answer[seen]
@@ -52,7 +52,7 @@ class Weighed(FRF):
 
     @classmethod
     def of(cls, frf: FRF, variance: NDArray[np.float64], relative: float) -> Self:
-        """Return data with a variance of their noise."""
+        """Return the data with the variance of their noise."""
         about = {one.name: getattr(frf, one.name) for one in fields(FRF)}
         about["variance"] = variance
         return cls(relative=relative, **about)
@@ -78,19 +78,11 @@ def _rebuild(cls: type[Weighed], about: dict[str, Any]) -> Weighed:
 
 
 def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
-    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); of `Weighed` data by likelihood.
+    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); by likelihood for `Weighed` data.
 
-    Unlike the residual of a fit, it counts values that only one side has: where the model answers
-    and the data are noise, and where the data stand clear of the noise and the model says nothing,
-    as with exchanged channels of a structure whose directions are not coupled. What is lost in the
-    noise has three times its standard deviation and no phase of its own.
-
-    Parameters
-    ----------
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        Of the model.
-    frf : FRF
-        The data, with their variance.
+    Unlike the residual of a fit, it includes values that are above the noise in the model only or
+    in the data only, as with exchanged channels of a structure with uncoupled directions. Values
+    below three standard deviations of the noise are set to this level, without a phase.
     """
     if isinstance(frf, Weighed):
         return frf.misfit(H)
@@ -106,7 +98,7 @@ def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
 
 
 def n_seen(frf: FRF) -> int:
-    """Return the number of real values that count: of `Weighed` data all, else the clear ones."""
+    """Return the number of real values with weight: all if `Weighed`, else those above noise."""
     if isinstance(frf, Weighed):
         return 2 * frf.values.size
     return 2 * int(np.count_nonzero(np.abs(frf.values) > SEEN * _noise(frf)))

@@ -20,22 +20,22 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["MissingElement", "directed_places"]
 
-#: Elements of a kind that are compared in full at a point.
+#: Largest number of elements of a kind that are fitted at a point.
 _MOST = 4
-#: Places that are compared after a fit of one, by which the unknowns are nearer to the structure.
+#: Largest number of places for comparison after a fit of one, with better values of the unknowns.
 _NEXT = 8
 
 
 @dataclass(frozen=True, slots=True)
 class MissingElement(Irreparable):
-    """The structure has an element of size `value` at `channels` that the model lacks.
+    """An element of size `value` at `channels` that the model lacks.
 
     Attributes
     ----------
     between : bool
         Whether it acts between two DOFs; else between each DOF and the ground.
     places : int
-        Number of places where it was looked for; they share the odds of the kind.
+        Number of places that were tested; they share the odds of the kind.
     """
 
     between: bool = False
@@ -46,18 +46,18 @@ class MissingElement(Irreparable):
     constant: ClassVar[bool] = True
     is_of_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
-    #: Matrix of a group that it is part of.
+    #: Matrix of a group to which it contributes.
     quantity: ClassVar[str]
-    #: Its name in a sentence.
+    #: Noun in a sentence.
     noun: ClassVar[str]
-    #: Units of its size: in a translation, in a rotation.
+    #: Units of its size: for a translation, for a rotation.
     units: ClassVar[tuple[str, str]]
-    #: Its loss factor.
+    #: Loss factor of the element.
     loss: ClassVar[float] = 0.0
 
     @classmethod
     def places_in(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
-        """Yield the DOFs of each place where it is looked for, and whether it acts between them."""
+        """Yield the DOFs of each tested place, and whether the element acts between them."""
         yield from directed_places(frf)
 
     @classmethod
@@ -78,7 +78,7 @@ class MissingElement(Irreparable):
 
     @property
     def prior(self) -> float:
-        """How often a structure has it at this place and its model lacks it."""
+        """Prior odds that the model lacks the element at this place."""
         return shared_odds(self.odds, self.places)
 
     @property
@@ -91,7 +91,7 @@ class MissingElement(Irreparable):
         return evidence.receptances.slope(self.element)
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H with the element over its own."""
+        """Return the data divided by H with the element over the model's H."""
         return divided(evidence.frf, evidence.receptances.change(self.element))
 
     def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
@@ -104,23 +104,23 @@ class MissingElement(Irreparable):
 
     @property
     def size(self) -> str:
-        """Its size with its unit."""
+        """Size with its unit."""
         return f"{self.value:.4g} {self.units[':R' in self.channels[0]]}"
 
     @property
     def place(self) -> str:
-        """Where it acts, in words."""
+        """Place as text."""
         if self.between:
             return f"between {self.channels[0]} and {self.channels[1]}"
         return f"at {' and '.join(self.channels)}"
 
     def statement(self) -> str:
-        """Return where it is missing, and how large it is."""
+        """Return a sentence with the place and the size."""
         return f"The model lacks a {self.noun} of {self.size} {self.place}."
 
     @property
     def remedy(self) -> str:
-        """What to look at, and the Python that adds it to the model as an unknown."""
+        """Advice to the user, with the Python that adds the element to the model as an unknown."""
         name = f"{self.noun} {' '.join(self.channels)}"
         between = "between=True, " if self.between else ""
         loss = f", loss_factor={self.loss:g}" if self.loss else ""
@@ -134,7 +134,7 @@ class MissingElement(Irreparable):
 
 
 def directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
-    """Yield each measured DOF, and each pair of one direction; the latter with True."""
+    """Yield each measured DOF, and each pair of the same direction; pairs with True."""
     labels = MeasuredDofs.of(frf).labels
     for label in labels:
         yield (label,), False

@@ -13,7 +13,7 @@ __all__ = ["MissingMass"]
 
 
 class MissingMass(MissingElement):
-    """The structure has a mass of `value` kg on a node that the model lacks.
+    """A mass of `value` kg on a node that the model lacks.
 
     It acts in all measured translations of the node, or as a moment of inertia in one rotation.
     """

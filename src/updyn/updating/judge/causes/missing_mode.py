@@ -1,4 +1,4 @@
-"""A mode that is measured and not in the model."""
+"""A measured mode that the model lacks."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ __all__ = ["MissingMode"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Misfit at a line over its median, and by itself, from which a mode may be missing; most such
-#: lines.
+#: Ratio of the misfit at a line to its median, and its smallest value, above which a mode may be
+#: missing; largest number of such lines.
 _STANDS_OUT, _LEAST, _MOST = 3.0, 0.1, 3
-#: Lines about the mode that are fitted: within a share of its frequency, and this many at least.
+#: Lines that are fitted: within a share of the frequency of the mode, and at least this many.
 _NEAR, _FEWEST = 0.15, 9
-#: First and least loss factor; refinements of the pole.
+#: First and smallest loss factor; number of refinements of the pole.
 _LOSS, _LEAST_LOSS, _REFINED = 0.01, 1e-4, 6
-#: Share of the sensors below which it is a fault of these, and no mode.
+#: Share of the sensors below which the cause is a fault of these and not a mode.
 _FEW = 0.6
 #: Half-power bandwidth, in spacings of the lines, below which the pole describes a single line.
 _NARROW = 0.03
-#: Share of its frequency on either side that the repair leaves out, where its shape is not known;
-#: how many times the residual the mode may be where it is.
+#: Share of its frequency on either side that the repair omits if its shape is unknown; largest
+#: ratio of the mode to the residual at a line that is kept if it is known.
 _LEFT_OUT, _MOST_OF_IT = 0.05, 3.0
-#: Most numbers of a shape that are written into a sentence.
+#: Largest number of entries of a shape in a sentence.
 _SHORT = 12
 
 
 @dataclass(frozen=True, slots=True)
 class MissingMode(Fault):
-    """A mode at `value` Hz is in the data and not in the model: one more pole, of rank one.
+    """A mode at `value` Hz is in the data and not in the model: one more pole of rank one.
 
     It adds (i omega)^k a b^T / (omega_0^2 (1 + i eta) - omega^2) to the model's FRFs (Ewins, Modal
     Testing, 2nd ed. 2000, section 2.7).
@@ -51,15 +51,15 @@ class MissingMode(Fault):
     Attributes
     ----------
     loss : float
-        Its loss factor eta.
+        Loss factor eta.
     wide : float
-        Its half-power bandwidth, in spacings of the lines about it.
+        Half-power bandwidth, in spacings of the lines near it.
     many : float
-        Share of the sensors, or of the forces, that see it: (sum a)^2 / (n sum a^2), with a the
-        root of the misfit of each that it explains.
+        Share of the sensors, or of the forces, that measure it: (sum a)^2 / (n sum a^2), with a the
+        root of the explained misfit of each.
     shape : tuple of (str, complex)
-        What it adds, by label: a of the responses in m/N, b of the references (``"force 2:Z"``).
-        Empty: not known.
+        Contribution by label: a of the responses in m/N, b of the references (``"force 2:Z"``).
+        Empty: unknown.
     """
 
     loss: float = _LOSS
@@ -74,7 +74,7 @@ class MissingMode(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the lines about which the misfit stands out."""
+        """Yield the lines near which the misfit has a peak."""
         frf = evidence.frf
         if len(frf.freq) <= _FEWEST:
             return
@@ -88,11 +88,11 @@ class MissingMode(Fault):
             yield cls((), float(frf.freq[line])).refined(evidence)
 
     def numbers(self, frf: FRF) -> int:
-        """Return 2 for the pole and 2 for each entry of a and b, whose scale is one number."""
+        """Return 2 for the pole and 2 for each entry of a and b, less 2 for their common scale."""
         return 2 * (len(frf.responses) + len(frf.references))
 
     def refined(self, evidence: Evidence) -> Self:
-        """Return the fault by the pole that explains most, near its own."""
+        """Return the fault with the pole that explains most, near its own."""
         at = _Residual.near(evidence, self.value)
         best, least = self, at.left(self)
         spacing = float(np.median(np.diff(at.freq)))
@@ -112,7 +112,7 @@ class MissingMode(Fault):
         return replace(best, wide=best.loss * best.value / spacing, many=at.many(best))
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data less the mode; its shape, if not known, is fitted to the residual."""
+        """Return the data minus the mode; its shape, if unknown, is fitted to the residual."""
         frf = evidence.frf
         if self.shape:
             return replace(frf, values=frf.values - self._pole(frf).term(frf))
@@ -127,7 +127,7 @@ class MissingMode(Fault):
         return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
 
     def settled(self, part: Part, x: _Real) -> Self:
-        """Return the mode with its shape, fitted to all data along with the unknowns."""
+        """Return the mode with its shape, fitted to all data together with the unknowns."""
         frf = part.frf
         evidence = Evidence(part, x)
         residues = _Residual.near(evidence, self.value).residues(self)
@@ -140,7 +140,7 @@ class MissingMode(Fault):
         return replace(self, value=pole.frequency, loss=pole.loss, shape=shape)
 
     def _pole(self, frf: FRF) -> Pole:
-        """Return what it adds to some data."""
+        """Return the pole for the channels of data."""
         known = dict(self.shape)
         parts: list[_Complex] = []
         for dofs, prefix in ((frf.responses, ""), (frf.references, FORCE)):
@@ -157,14 +157,14 @@ class MissingMode(Fault):
         return Pole(self.value, self.loss, a, b)
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data less the mode; where its shape is not known, without the lines about it.
+        """Return the data minus the mode; without the lines near it if its shape is unknown.
 
-        Lines at which the mode is most of the data hold its noise, and are left out, too.
+        Lines at which the mode dominates the data contain its noise and are omitted.
 
         Raises
         ------
         DataError
-            If no line is left, or the shape is not known at a channel.
+            If no line remains, or the shape is unknown at a channel.
         """
         left = frf
         if self.shape:
@@ -180,12 +180,12 @@ class MissingMode(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> MissingMode:
-        """Return the fault that is written down.
+        """Return the fault of a text.
 
         Raises
         ------
         OptionError
-            If the frequency is not above 0.
+            If the frequency is not above 0, or an entry cannot be read.
         """
         frequency, *more = value.split(",")
         found = super(MissingMode, cls).read(channels, frequency)
@@ -204,7 +204,7 @@ class MissingMode(Fault):
 
     @property
     def written(self) -> str:
-        """``missing-mode=9.3``, and what is known of it."""
+        """Text of the fault: ``missing-mode=9.3``, with loss factor and shape if known."""
         text = f"{self.kind}={self.value:.9g}"
         if not self.shape:
             return text
@@ -212,12 +212,12 @@ class MissingMode(Fault):
         return ", ".join([text, f"{self.loss:.6g}", *entries])
 
     def plausible(self) -> bool:
-        """Return whether it is damped as modes are, and not in a few channels alone."""
+        """Return whether the damping is that of a mode, and enough channels measure it."""
         return self.loss < 0.5 and self.wide > _NARROW and self.many > _FEW
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         does, written = "take it out", self.written
         if not self.shape or len(self.shape) > _SHORT:
             does = f"leave {100.0 * _LEFT_OUT:.0f} % on either side of it out"
@@ -230,7 +230,7 @@ class MissingMode(Fault):
         )
 
     def statement(self) -> str:
-        """Return where it is."""
+        """Return a sentence with the frequency and the loss factor."""
         return (
             f"A mode at {self.value:.4g} Hz (loss factor {self.loss:.2g}) is measured and is not in"
             " the model."
@@ -246,18 +246,18 @@ def _entry(text: str) -> tuple[str, complex]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Residual:
-    """What the model leaves of the data about a frequency.
+    """Residual of the data near a frequency.
 
     Attributes
     ----------
     freq : ndarray of float, shape (n,)
         Lines in Hz.
     values : ndarray of complex, shape (n, n_i, n_j)
-        Data less model.
+        Data minus model.
     weight : ndarray of float, shape (n, n_i, n_j)
-        1 over the level of data and model, and 0 where both are noise.
+        1 over the level of data and model; 0 where both are noise.
     frf : FRF
-        The data there.
+        The data at these lines.
     """
 
     freq: _Real
@@ -267,7 +267,7 @@ class _Residual:
 
     @classmethod
     def near(cls, evidence: Evidence, frequency: float) -> _Residual:
-        """Return that at the lines about a frequency."""
+        """Return the residual at the lines near a frequency."""
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
         at = np.flatnonzero(away <= max(_NEAR, float(np.sort(away)[_FEWEST - 1])))
@@ -290,12 +290,12 @@ class _Residual:
         return R, np.einsum("ijnk,ijn->ijk", Q.conj(), b), b
 
     def left(self, mode: MissingMode) -> float:
-        """Return the sum of squares that the mode leaves."""
+        """Return the sum of squares of the residual after a fit of the mode."""
         _, q, b = self._fitted(mode)
         return float(np.sum(np.abs(b) ** 2) - np.sum(np.abs(q) ** 2))
 
     def many(self, mode: MissingMode) -> float:
-        """Return the share of the sensors, or of the forces if it is less, that see the mode."""
+        """Return the share of the sensors, or of the forces if less, that measure the mode."""
         R = self._fitted(mode)[0]
         beyond = np.abs(self.residues(mode) * np.abs(R[..., 0, 0])) ** 2
         shares = []

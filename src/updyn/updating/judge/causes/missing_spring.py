@@ -10,7 +10,7 @@ __all__ = ["MissingSpring"]
 
 
 class MissingSpring(MissingElement):
-    """The structure has a spring of `value` N/m at a DOF, or between two, that the model lacks."""
+    """A spring of `value` N/m at a DOF, or between two, that the model lacks."""
 
     __slots__ = ()
 
@@ -19,5 +19,6 @@ class MissingSpring(MissingElement):
     quantity: ClassVar[str] = "stiffness"
     noun: ClassVar[str] = "spring"
     units: ClassVar[tuple[str, str]] = ("N/m", "N m/rad")
-    #: Between that of steel springs (0.01 and less) and that of bolted joints and rubber (0.05).
+    #: Loss factor between that of steel springs (up to 0.01) and of bolted joints and rubber
+    #: (0.05).
     loss: ClassVar[float] = 0.02

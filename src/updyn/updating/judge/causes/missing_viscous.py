@@ -17,9 +17,9 @@ __all__ = ["MissingViscous", "viscous_places"]
 
 
 class MissingViscous(MissingElement):
-    """The structure has a dashpot of `value` N s/m at a DOF, or between two; the model lacks it.
+    """A dashpot of `value` N s/m at a DOF, or between two, that the model lacks.
 
-    Of the same kind is viscous damping in proportion to the stiffness or the mass of a group.
+    Viscous damping in proportion to the stiffness or the mass of a group is of the same kind.
     """
 
     __slots__ = ()
@@ -45,5 +45,5 @@ class MissingViscous(MissingElement):
 
 
 def viscous_places(part: Part) -> int:
-    """Return the number of places of dashpots and of groups whose damping nobody seeks."""
+    """Return the number of places of dashpots and of groups whose damping is not an unknown."""
     return len(list(MissingViscous.places_in(part.frf))) + len(rates_not_sought(part))

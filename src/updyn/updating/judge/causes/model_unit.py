@@ -1,4 +1,4 @@
-"""A model in units that do not go together: one factor on all stiffnesses, or on all masses."""
+"""A model in inconsistent units: one factor on all stiffnesses, or on all masses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from updyn.updating.judge.causes.fault import Irreparable
 
 __all__ = ["UNITS_OF_MODELS", "ModelUnit"]
 
-#: What all stiffnesses, or all masses, have to be multiplied by, and which mistake that undoes.
+#: Factor for all stiffnesses or all masses, and the mistake that it corrects.
 UNITS_OF_MODELS: tuple[tuple[str, float, str], ...] = (
     ("stiffness", 1e3, "stiffnesses in N/mm where N/m go with the masses"),
     ("stiffness", 1e-3, "stiffnesses in N/m where N/mm go with the masses"),
@@ -37,7 +37,7 @@ class ModelUnit(Irreparable):
     of : str
         ``"stiffness"`` or ``"mass"``.
     mistake : str
-        What would cause it.
+        A mistake with this effect, as text.
     """
 
     of: str = "stiffness"
@@ -48,24 +48,24 @@ class ModelUnit(Irreparable):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return nothing: it is looked for where model and data have nothing in common."""
+        """Return an empty tuple: units are tried only if model and data have nothing in common."""
         return ()
 
     @classmethod
     def every(cls) -> Iterator[Self]:
-        """Yield the mistakes that are made."""
+        """Yield the common mistakes."""
         for of, factor, mistake in UNITS_OF_MODELS:
             yield cls((), factor, of, mistake)
 
     def as_told(self, frf: FRF) -> FRF:
-        """Return what would have been measured on a structure in the model's own units.
+        """Return the data as they would be for a structure in the units of the model.
 
-        With a times the stiffness K and b times the mass M the receptance at omega is 1/a of that
-        of K and M at omega sqrt(b/a).
+        With a times the stiffness K and b times the mass M, the receptance at omega is 1/a times
+        that of K and M at omega sqrt(b/a).
         """
         a, b = (self.value, 1.0) if self.of == "stiffness" else (1.0, self.value)
         stretch = float(np.sqrt(b / a))
-        # Other quantities than receptance carry powers of the frequency.
+        # Other quantities than receptance contain powers of the frequency.
         factor = a * stretch ** QUANTITIES[frf.quantity]
         variance = None if frf.variance is None else factor**2 * frf.variance
         return replace(
@@ -78,14 +78,14 @@ class ModelUnit(Irreparable):
 
     @property
     def remedy(self) -> str:
-        """What to look at."""
+        """Advice to the user."""
         return (
             "Look at the units of the model: those of force, mass and length have to go together,"
             " as N, kg and m or N, tonnes and mm do."
         )
 
     def statement(self) -> str:
-        """Return which factor explains the data, and what would cause it."""
+        """Return a sentence with the factor and the mistake."""
         return (
             f"The model explains the data with {self.value:.6g} times its {self.of}:"
             f" {self.mistake}."

@@ -1,4 +1,4 @@
-"""A sensor or a force at another node, or in another direction, than its label says."""
+"""A sensor or a force at another node, or in another direction, than its label states."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Moved"]
 
 
 class Moved(Fault):
-    """The response, or the reference, that is called the first of the channels is at the second."""
+    """The response or reference with the label of the first channel is at the second one."""
 
     __slots__ = ()
 
@@ -26,19 +26,19 @@ class Moved(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield other directions of a node and neighbouring nodes; of a force all sensors."""
+        """Yield other directions of a node and neighbouring nodes; for a force also all sensors."""
         for dof, place in mistaken(evidence.part):
             yield cls((str(abs(dof)), str(place)))
         for dof, place in mistaken_forces(evidence.part):
             yield cls((f"{FORCE}{abs(dof)}", f"{FORCE}{place}"))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the sensor, or the force, called what it is.
+        """Return the data with the correct label of the sensor or the force.
 
         Raises
         ------
         OptionError
-            If it is not in the data, or another one has its place.
+            If the label is not in the data, or the correct one is already used.
         """
         here, there = (name.removeprefix(FORCE) for name in self.channels)
         if self._is_force:
@@ -50,7 +50,7 @@ class Moved(Fault):
         return self.channels[0].startswith(FORCE)
 
     def statement(self) -> str:
-        """Return where it is."""
+        """Return a sentence with the correct place."""
         here, there = (name.removeprefix(FORCE) for name in self.channels)
         if self._is_force:
             return f"The force that is called {here} acts at {there}."
@@ -58,12 +58,12 @@ class Moved(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault that is written down.
+        """Return the fault of a text.
 
         Raises
         ------
         OptionError
-            If it does not name two places of sensors, or of forces.
+            If it does not name two places of a sensor, or of a force.
         """
         found = super().read(channels, value)
         if len({name.startswith(FORCE) for name in found.channels}) > 1:
@@ -75,7 +75,7 @@ class Moved(Fault):
 
 
 def _renamed(dofs: DofSet, here: str, there: str, role: str) -> DofSet:
-    """Return DOFs of which one is called another one."""
+    """Return DOFs of which one has another label."""
     labels = plain_labels(dofs)
     if here not in labels:
         raise OptionError(f"{here!r} is no {role} of the data; {suggest(here, labels)}")

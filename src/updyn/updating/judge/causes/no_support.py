@@ -18,20 +18,20 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["NoSupport"]
 
-#: First values: shares of the stiffness that are left.
+#: First values: remaining shares of the stiffness.
 _LEFT = (0.2, 0.02)
-#: Largest share that is worth a word.
+#: Largest remaining share of the stiffness that is reported.
 _MOST_LEFT = 0.3
-#: Least share of the stiffness, and how far its logarithm may be off.
+#: Smallest share of the stiffness, and the prior standard deviation of its logarithm.
 _LEAST, _ANYTHING = 1e-4, 5.0
-#: Step of the logarithm by which its derivative is taken.
+#: Step of the logarithm for finite differences.
 _STEP = 1e-3
 
 
 class NoSupport(Irreparable):
-    """A group that holds the model to the ground has exp(value) times its stiffness, if any.
+    """A group that holds the model to the ground has at most exp(value) times its stiffness.
 
-    The group stands in `channels`. It is not among the unknowns.
+    Its channel is the name of the group, whose stiffness is not an unknown.
     """
 
     __slots__ = ()
@@ -50,7 +50,7 @@ class NoSupport(Irreparable):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             "Look at how the structure was held in the test; leave that group out of the model, or"
             " make its stiffness an unknown with a wide prior."
@@ -64,11 +64,11 @@ class NoSupport(Irreparable):
         return np.asarray((high - low) / (2.0 * _STEP))
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H with that stiffness over its own."""
+        """Return the data divided by H with this stiffness over the model's H."""
         return divided(evidence.frf, evidence.loosened(self.channels[0], self.value))
 
     def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
-        """Return the part with that stiffness as an unknown that may be anything."""
+        """Return the part with this stiffness as an unknown with a wide prior."""
         items, at = list(part.coordinates.parameters), self._at(part)
         items[at] = replace(items[at], lower=_LEAST, prior_std=_ANYTHING)
         wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
@@ -79,7 +79,7 @@ class NoSupport(Irreparable):
         return part.coordinates.with_one(x, self._at(part), max(self.value, np.log(_LEAST)))
 
     def refined(self, evidence: Evidence) -> Self:
-        """Return the fault by the stiffness of the point."""
+        """Return the fault with the stiffness at the point."""
         return replace(self, value=float(evidence.x[self._at(evidence.part)]))
 
     def _at(self, part: Part) -> int:
@@ -90,7 +90,7 @@ class NoSupport(Irreparable):
         return bool(self.value < np.log(_MOST_LEFT))
 
     def statement(self) -> str:
-        """Return which group does not hold."""
+        """Return a sentence with the group and the remaining share of its stiffness."""
         share = 100.0 * np.exp(max(self.value, -20.0))
         return (
             f"The group {self.where!r} holds the model to the ground, and the structure seems to be"

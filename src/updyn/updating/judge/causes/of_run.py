@@ -1,4 +1,4 @@
-"""Looking for causes in the tests of a run: where its search falters, and after its fit."""
+"""Search for causes in the tests of a run: during its search for an answer, and after its fit."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Causes:
     Attributes
     ----------
     findings : tuple of Finding
-        Those that were found.
+        The causes found.
     searched : bool
-        Whether they were looked for in the residual of some test.
+        Whether causes were searched in the residual of a test.
     unseen : str
-        Why they were not looked for, where they had to be; empty where they were.
+        Why a necessary search was not made; empty if it was.
     overruling : bool
-        Whether one of them ended the search for an answer.
+        Whether a cause ended the search for an answer.
     """
 
     findings: tuple[Finding, ...] = ()
@@ -47,24 +47,24 @@ class Causes:
 
     @property
     def cleared(self) -> bool:
-        """Whether they were looked for, and none was found."""
+        """Whether causes were searched and none was found."""
         return self.searched and not self.findings and not self.unseen
 
 
 @dataclass(slots=True, eq=False)
 class CausesOfRun:
-    """Looks for causes in all data of a run, those held out included, by the whole models.
+    """Search for causes in all data of a run, including held-out data, with the whole models.
 
     Parameters
     ----------
     exact : Problem
-        The whole model of each test.
+        Whole model of each test.
     splits : sequence of Split
-        Their data.
+        Data of each test.
     noises : sequence of NoiseModel
-        How uncertain these are.
+        Noise of each test.
     monitor : Monitor
-        Of the run.
+        Monitor of the run.
     """
 
     exact: Problem
@@ -74,14 +74,15 @@ class CausesOfRun:
     _overruling: dict[int, list[Finding]] = field(default_factory=dict, init=False)
 
     def overrule(self) -> bool:
-        """Return whether a fault of the data explains what a fit from the start leaves of them.
+        """Return whether a fault explains the residual of a fit from the start.
 
-        Then no other answer is to be looked for: it would not be that of the structure.
+        The search for another answer then ends, because that answer would not be that of the
+        structure.
 
         Raises
         ------
         Stopped
-            If the user wants to stop.
+            If the user stops the run.
         """
         with self.monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):
@@ -95,13 +96,7 @@ class CausesOfRun:
         return bool(self._overruling)
 
     def after(self, found: Judgement) -> Causes:
-        """Return the causes of the residual of a fit; looked for where it is not noise.
-
-        Parameters
-        ----------
-        found : Judgement
-            Of the fit.
-        """
+        """Return the causes of the residual of a fit; they are searched if it is not noise."""
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
         out: list[Finding] = []
@@ -126,13 +121,13 @@ class CausesOfRun:
         return Causes(tuple(out), searched, because, bool(self._overruling))
 
     def _whole(self, i: int) -> Part:
-        """Return a test's part with its whole model and all of its data."""
+        """Return the part of a test with its whole model and all of its data."""
         part, exact = self.monitor.problem.parts[i], self.exact.parts[i]
         whole = replace(part, solver=exact.solver, variants=exact.variants)
         return whole.with_data(self.splits[i].whole)
 
     def _is_explained(self, i: int, found: Judgement) -> bool:
-        """Return whether a fit leaves noise of a test, predicts it, and stays where models are."""
+        """Return whether a fit leaves noise, predicts held-out data, and stays near its start."""
         adequacy = found.adequacy[i]
         noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
         predicted = validated([found.correlation[i]]).holds is not False

@@ -1,4 +1,4 @@
-"""`OtherModel`: a variant of the model of a part, compiled, and the stage of its trials."""
+"""`OtherModel`: a compiled variant of the model of a part, and its reduced model for trials."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ __all__ = ["OtherModel"]
 
 @dataclass(slots=True, eq=False)
 class OtherModel:
-    """A variant of the model of a part. It is compiled, and reduced, at its first use.
+    """A variant of the model of a part, compiled and reduced at its first use.
 
     Parameters
     ----------
     part : Part
-        With the whole model as it is.
+        The part with its whole, unchanged model.
     variant : Variant
-        What the model is to be instead.
+        Variant of the model.
     """
 
     part: Part
@@ -54,7 +54,7 @@ class OtherModel:
 
     @property
     def stage(self) -> Stage:
-        """Where trials of the variant are made.
+        """Source of the models for trials of the variant.
 
         Raises
         ------
@@ -67,9 +67,9 @@ class OtherModel:
 
     def instead(self, part: Part) -> Part:
         """Return a part of the same model with the whole variant."""
-        # The terms are those of the model as it is, so that unknowns act on the same ones.
+        # The terms equal those of the unchanged model, so the unknowns remain valid.
         return replace(part, solver=self.own.solver, variants=self.own.variants)
 
     def near(self, part: Part, points: Sequence[NDArray[np.float64]]) -> Part:
-        """Return a part of the same model with the variant, which may be relied upon at points."""
+        """Return a part of the same model with the variant, valid at some points."""
         return self.stage.near(self.instead(part), points)

@@ -1,4 +1,4 @@
-"""A sensor whose data come from another test: the structure was in another state."""
+"""A sensor whose data come from another test, with the structure in another state."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["OtherTest"]
 
-#: First values of the logarithm of the factor between the frequencies, to first order; and those
-#: among which the best is searched, finer and finer: a step of first order may lead away from it
-#: where resonances are sharp.
+#: First values of the logarithm of the factor between the frequencies, to first order; and the
+#: grids of a search for the best one, each finer than the one before: with sharp resonances a step
+#: of first order may increase the misfit.
 _SHIFTS = (-0.07, -0.045, -0.025, 0.0, 0.025, 0.045, 0.07)
 _SEARCHED = tuple(np.linspace(-half, half, n) for half, n in ((0.15, 41), (0.006, 9), (0.001, 5)))
-#: Variance of a value that does not count, in units of the square of the largest.
+#: Variance of a value without weight, in units of the square of the largest value.
 _LOST = 1e6
 
 
 class OtherTest(Fault):
-    """When a sensor was measured, all stiffnesses were exp(-2 value) times those of the others.
+    """While a sensor was measured, all stiffnesses were exp(-2 value) times those for the others.
 
-    Its resonances stand at exp(-value) times theirs. K and exp(-2 value) K have the accelerances
-    A(f) and A(exp(value) f).
+    Its resonances are at exp(-value) times the frequencies of the others. K and exp(-2 value) K
+    have the accelerances A(f) and A(exp(value) f).
     """
 
     __slots__ = ()
@@ -41,9 +41,9 @@ class OtherTest(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each sensor by various factors, where there are others to compare it with.
+        """Yield each sensor with several factors, if there are others for comparison.
 
-        Where one has been left out, its values do not stand clear of their variance.
+        The values of a sensor that was left out have a variance above their square.
         """
         frf = evidence.frf
         assert frf.variance is not None
@@ -54,23 +54,23 @@ class OtherTest(Fault):
                 yield from (cls(channels, shift) for shift in _SHIFTS)
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data without the sensor, or without the force.
+        """Return the data without the sensor or the force.
 
         Raises
         ------
         DataError
-            If nothing else is left.
+            If no other data remain.
         """
         return without(self, frf)
 
     def others(self, frf: FRF) -> FRF:
-        """Return the data in which the sensor does not count."""
+        """Return the data in which the sensor has no weight."""
         assert frf.variance is not None
         lost = _LOST * float(np.abs(frf.values).max()) ** 2
         return replace(frf, variance=np.where(self._at(frf), lost, frf.variance))
 
     def searched(self, evidence: Evidence) -> Self:
-        """Return the fault by the shift that suits the data best at a point."""
+        """Return the fault with the shift that fits the data best at a point."""
 
         def left(one: Self) -> float:
             e = evidence.misfit(one.undo(evidence))
@@ -82,7 +82,7 @@ class OtherTest(Fault):
         return best
 
     def relatives(self, part: Part) -> Iterable[Fault]:
-        """Return the only other sensor of its direction: either may be of the other state."""
+        """Return the other sensor of its direction, if only one: either may be wrong."""
         prefix = FORCE if self.channels[0].startswith(FORCE) else ""
         dofs = part.frf.references if prefix else part.frf.responses
         labels = [f"{prefix}{abs(dof)}" for dof in dofs]
@@ -96,13 +96,13 @@ class OtherTest(Fault):
             yield replace(self, channels=(others[0],), value=-self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
-        """Return d ln A / d ln f at the channels, of the accelerance."""
+        """Return d ln A / d ln f at the channels, with A the accelerance."""
         frf = evidence.frf
         power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
         return (frf.freq[:, None, None] * evidence.by_frequency + power) * self._at(frf)
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's A(exp(value) f) / A(f) at the channels."""
+        """Return the data divided by the model's A(exp(value) f) / A(f) at the channels."""
         return divided(evidence.frf, evidence.stretched(self.value) * self._at(evidence.frf))
 
     def _at(self, frf: FRF) -> NDArray[np.bool_]:
@@ -110,19 +110,19 @@ class OtherTest(Fault):
         return place_of(self.channels, frf).within(frf)
 
     def plausible(self) -> bool:
-        """Return whether it is from 0.5 % to 30 %."""
+        """Return whether the factor is between 0.5 % and 30 %."""
         return 5e-3 < abs(self.value) < 0.3
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             "Look at when and how it was measured; if the structure was in another state, leave it"
             f' out, repair = ["{self.written}"] under [test], or make it a test of its own.'
         )
 
     def statement(self) -> str:
-        """Return where its resonances are."""
+        """Return a sentence with the factor of the resonances."""
         return (
             f"The resonances of {self.where} stand at {np.exp(-self.value):.4g} times those of the"
             " other channels: its data seem to come from another test, or another state of the"

@@ -1,4 +1,4 @@
-"""Where a sensor, or a force, may be instead of where its label says."""
+"""Alternative places of a sensor or a force whose label may be wrong."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["mistaken", "mistaken_forces", "places_of"]
 
-#: Most places for one sensor, or one force.
+#: Largest number of places for one sensor or one force.
 _MOST = 40
 
 
 def mistaken(part: Part) -> Iterator[tuple[Dof, Dof]]:
-    """Yield each response with the places that it may be mistaken for."""
+    """Yield each response with each of its alternative places."""
     known = _Known.of(part)
     measured = {str(abs(dof)) for dof in part.frf.responses}
     for dof in part.frf.responses:
@@ -27,10 +27,9 @@ def mistaken(part: Part) -> Iterator[tuple[Dof, Dof]]:
 
 
 def mistaken_forces(part: Part) -> Iterator[tuple[Dof, Dof]]:
-    """Yield each reference with the places at which the force may act instead.
+    """Yield each reference with each of the alternative places of its force.
 
-    These are near ones, as of sensors, and the measured ones: of two labels of a test one is easily
-    taken for the other.
+    These are near places, as for sensors, and the measured DOFs, whose labels are easily confused.
     """
     known = _Known.of(part)
     taken = {str(abs(dof)) for dof in part.frf.references}
@@ -44,16 +43,16 @@ def mistaken_forces(part: Part) -> Iterator[tuple[Dof, Dof]]:
 
 
 def places_of(part: Part) -> list[str]:
-    """Return all places at which a sensor or a force may be instead of at its own."""
+    """Return all alternative places of sensors and forces."""
     pairs = [*mistaken(part), *mistaken_forces(part)]
     return list(dict.fromkeys(str(place) for _, place in pairs))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
-    """The DOFs of a part at which its model can be asked, by node.
+    """DOFs of a part at which its model can be evaluated, by node.
 
-    A reduced model answers at some DOFs only.
+    A reduced model provides some DOFs only.
     """
 
     part: Part
@@ -70,7 +69,7 @@ class _Known:
         return cls(part, of_node, frozenset(every))
 
     def near(self, dof: Dof) -> list[Dof]:
-        """Return the other directions of a node, then the same direction of those coupled to it."""
+        """Return the other directions of a node, then the same direction of coupled nodes."""
         dofs, own = self.part.solver.system.dofs, self.of_node[dof.node]
         near = [i for i in own if _turns(dofs[i]) == _turns(dof)]
         beside = [i for i in _beside(self.part, own) if i in self.every]
@@ -83,7 +82,7 @@ def _turns(dof: Dof) -> bool:
 
 
 def _beside(part: Part, own: list[int]) -> list[int]:
-    """Return the DOFs of other nodes that are coupled with those of a node, nearest in number."""
+    """Return the DOFs of other nodes coupled to those of a node, nearest in number first."""
     coupled: set[int] = set()
     for i in own:
         coupled.update(part.solver.coupled_dofs(i).tolist())

@@ -1,4 +1,4 @@
-"""A pole of rank one beside the model's FRFs, fitted along with all unknowns."""
+"""Fit of a pole of rank one in addition to the model's FRFs, together with all unknowns."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ __all__ = ["Pole", "fitted_along"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Evaluations, those of them on all lines where these are many, and the relative fall of the misfit
-#: that ends the fit.
+#: Largest number of evaluations; of evaluations on all lines, if they are many; and relative
+#: decrease of the misfit that ends the fit.
 _MOST, _LAST, _FALL = 30, 3, 1e-6
-#: Of many lines, so many about the pole, within so many of its loss factors, and so many elsewhere.
+#: If there are many lines: number of lines near the pole, within this multiple of its loss factor,
+#: and the same number elsewhere.
 _LINES, _ABOUT = 120, 5.0
 #: Largest change of the pole: of the logarithms of its frequency and its loss factor.
 _MOVES = (0.05, 3.0)
@@ -29,18 +30,18 @@ _MOVES = (0.05, 3.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pole:
-    """(i omega)^k a b^T / (1 + i eta - (omega / omega_0)^2).
+    """Pole of rank one, (i omega)^k a b^T / (1 + i eta - (omega / omega_0)^2).
 
     Attributes
     ----------
     frequency : float
         omega_0 / (2 pi), in Hz.
     loss : float
-        eta.
+        Loss factor eta.
     a : ndarray of complex, shape (n_i,)
-        At the responses, in m/N.
+        Factors of the responses, in m/N.
     b : ndarray of complex, shape (n_j,)
-        At the references; the largest is 1.
+        Factors of the references; the largest is 1.
     """
 
     frequency: float
@@ -49,38 +50,38 @@ class Pole:
     b: _Complex
 
     def along(self, frf: FRF) -> _Complex:
-        """Return its course over the lines of some data, shape (n_f,)."""
+        """Return its factor over the lines of data, shape (n_f,)."""
         share = (frf.s / (2.0 * np.pi * self.frequency)) ** 2
         return np.asarray(frf.s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + share))
 
     def term(self, frf: FRF) -> _Complex:
-        """Return what it adds to some data, shape (n_f, n_i, n_j)."""
+        """Return its contribution to the FRFs at the lines of data, shape (n_f, n_i, n_j)."""
         return np.asarray(self.along(frf)[:, None, None] * np.outer(self.a, self.b))
 
     def scaled(self) -> Pole:
-        """Return the same with 1 as the largest b."""
+        """Return the same pole with 1 as the largest b."""
         largest = self.b[int(np.argmax(np.abs(self.b)))]
         return replace(self, a=self.a * largest, b=self.b / largest)
 
 
 class _Problem:
-    """The misfit of model and pole, by x, ln omega_0, ln eta, and the parts of a and b.
+    """Misfit of model and pole as a function of x, ln omega_0, ln eta, and the parts of a and b.
 
-    Each line counts as often as it stands for others, `count` of shape (n_f,).
+    The weight of a line is the number of lines that it represents, `count` of shape (n_f,).
     """
 
     def __init__(self, part: Part, x: _Real, pole: Pole, count: _Real) -> None:
         self.part, self.n, self.n_i = part, part.n, len(pole.a)
         self.often = np.sqrt(count)[:, None, None]
         self.begin, self.size = pole, float(np.abs(pole.a).max())
-        # The priors count against the present residual.
+        # The weight of the priors follows from the residual at the start.
         e = self._misfit(x, pole)[0]
         unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + SMALLEST
         self.pull = unit / spread_of(part)
         self._known: tuple[_Real, _Real, _Real] | None = None
 
     def packed(self, x: _Real, pole: Pole) -> _Real:
-        """Return the numbers of a point; a and b in the unit of their largest."""
+        """Return the variables of a point, with a in units of its largest entry."""
         a = pole.a / self.size
         own = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
         return np.concatenate([x, own])
@@ -94,7 +95,7 @@ class _Problem:
         return x, Pole(float(frequency), float(loss), at_responses, _complex(b))
 
     def bounds(self) -> tuple[_Real, _Real]:
-        """Return the bounds of all numbers."""
+        """Return the bounds of all variables."""
         lower, upper = self.part.coordinates.bounds
         free = np.full(2 * (self.n_i + len(self.begin.b)), np.inf)
         return (
@@ -134,7 +135,7 @@ class _Problem:
         return self._known
 
     def _of_pole(self, pole: Pole, frf: FRF, T: _Complex) -> list[_Complex]:
-        """Return the derivatives of its term by its own numbers."""
+        """Return the derivatives of the pole's contribution by its own variables."""
         share = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
         below = (1.0 + 1j * pole.loss + share)[:, None, None]
         course = pole.along(frf)[:, None, None]
@@ -147,29 +148,29 @@ class _Problem:
 
 
 def _complex(parts: _Real) -> _Complex:
-    """Return numbers from their real parts, then their imaginary parts."""
+    """Return complex numbers from their real parts, then their imaginary parts."""
     real, imaginary = np.split(parts, 2)
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
 def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
-    """Return the pole that explains the data best beside the model, all unknowns adapting.
+    """Return the pole that explains the data best in addition to the model, with all unknowns free.
 
-    Many lines are first fitted by some of them, from where few steps are left on all.
+    Many lines are first represented by some of them; a few steps on all lines follow.
 
     Parameters
     ----------
     part : Part
         Model and data, with their variance.
     x : ndarray of float, shape (n,)
-        Where to begin.
+        Starting point of the unknowns.
     pole : Pole
-        To begin with.
+        Starting values of the pole.
 
     Raises
     ------
     SolverError
-        If the model cannot be solved on the way.
+        If the model cannot be solved at a point.
     """
     freq = part.frf.freq
     count = _standing_for(freq, pole)
@@ -182,7 +183,7 @@ def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
 
 
 def _standing_for(freq: _Real, pole: Pole) -> _Real:
-    """Return for how many lines each one stands, 0 for those that are left out, shape (n_f,)."""
+    """Return the number of lines that each line represents, 0 for omitted lines, shape (n_f,)."""
     about = np.abs(freq / pole.frequency - 1.0) <= _ABOUT * pole.loss
     count = np.zeros(len(freq))
     for group in (about, ~about):
@@ -193,7 +194,7 @@ def _standing_for(freq: _Real, pole: Pole) -> _Real:
 
 
 def _descended(part: Part, x: _Real, pole: Pole, most: int, count: _Real) -> tuple[_Real, Pole]:
-    """Return where a fit of model and pole ends after at most so many evaluations."""
+    """Return the end of a fit of model and pole after at most `most` evaluations."""
     problem = _Problem(part, x, pole, count)
     bounds = problem.bounds()
     begin = np.clip(problem.packed(x, pole), *bounds)

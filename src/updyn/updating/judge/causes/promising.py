@@ -1,4 +1,4 @@
-"""Which variants of a model are worth a whole fit."""
+"""Selection of the variants of a model that are fitted."""
 
 from __future__ import annotations
 
@@ -22,21 +22,15 @@ __all__ = ["IN_REACH", "gain_of", "other_models", "promising_variants"]
 
 _Real = NDArray[np.float64]
 
-#: Lines on which variants are compared before any fit, and variants that are fitted.
+#: Number of lines on which variants are compared before any fit, and of variants that are fitted.
 _LINES, _FOLLOWED = 20, 3
-#: Logarithm of the odds, to first order, by which another cause may be behind one that leaves only
-#: noise and still be tried.
+#: Difference of the logarithm of the odds, to first order, within which another cause is tried
+#: after one that leaves only noise.
 IN_REACH = 50.0
 
 
 def other_models(part: Part) -> list[OtherModel]:
-    """Return the variants of the model of a part; none of a large model.
-
-    Parameters
-    ----------
-    part : Part
-        With its whole model, on the lines that are looked at.
-    """
+    """Return the variants of the whole model of a part; empty for a large model."""
     if part.solver.system.n > LARGEST_TRIED:
         return []
     return [OtherModel(part, variant) for variant in part.variants]
@@ -45,7 +39,7 @@ def other_models(part: Part) -> list[OtherModel]:
 def promising_variants(
     part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
 ) -> list[WrongAxes]:
-    """Return the variants that are worth a fit from the start, the most promising first.
+    """Return the variants worth a fit from the start, the most promising first.
 
     Parameters
     ----------
@@ -54,9 +48,9 @@ def promising_variants(
     others : sequence of OtherModel
         All variants of the model.
     without : Trial
-        The end of a fit of the model as it is.
+        End of a fit of the unchanged model.
     start : ndarray of float, shape (n,)
-        A point that is not led by the data.
+        A point that does not depend on the data.
     """
     faults = [WrongAxes(one.variant.groups, 0.0, one, len(others)) for one in others]
     if not faults or _is_needless(without, faults[0].prior):
@@ -89,8 +83,8 @@ def _gain(part: Part, there: Part, fault: WrongAxes, x: _Real) -> float:
 
 
 def _is_needless(without: Trial, prior: float) -> bool:
-    """Return whether no other model can be likely: only noise is left near the start.
+    """Return whether no other model can be likely, because only noise remains near the start.
 
-    What another model may gain there is half the square of the way of the unknowns.
+    Another model can gain at most half the squared distance of the unknowns from their start.
     """
     return without.is_noise and 0.5 * without.far + float(np.log(prior)) < LIKELY

@@ -27,16 +27,16 @@ _UNITS = {"stiffness_damping": "s", "mass_damping": "1/s"}
 
 @dataclass(frozen=True, slots=True)
 class ProportionalDamping(Irreparable):
-    """A group, or all, has `value` times its stiffness or mass as viscous damping.
+    """A group, or all groups, has viscous damping of `value` times its stiffness or mass.
 
     Its channel is the unknown that the model lacks: ``"floors.mass_damping"``.
 
     Attributes
     ----------
     places : int
-        Number of groups and places of dashpots where such damping was looked for.
+        Number of groups and places of dashpots that were tested.
     course : Fault or None
-        A loss factor of the same groups that rises or falls as this damping does.
+        A loss factor of the same groups that varies with frequency as this damping does.
     """
 
     places: int = 1
@@ -51,7 +51,7 @@ class ProportionalDamping(Irreparable):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the damping of each group, and of all, whose coefficient nobody seeks."""
+        """Yield the damping of each group, and of all, whose coefficient is not an unknown."""
         for name in evidence.by_rate:
             yield cls((name,))
 
@@ -63,7 +63,7 @@ class ProportionalDamping(Irreparable):
         return rate_slopes(self._rates.on(evidence.part), evidence.x, [name])[name]
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H with the damping over its own."""
+        """Return the data divided by H with the damping over the model's H."""
         return divided(evidence.frf, log_ratio(evidence.part, self._rates, evidence.x))
 
     def accounted(self, part: Part, x: _Real) -> Part:
@@ -71,16 +71,16 @@ class ProportionalDamping(Irreparable):
         return AlteredPart.of(part, self._rates) if self.plausible() else part
 
     def relatives(self, part: Part) -> Iterable[Fault]:
-        """Return a loss factor that varies with frequency, which is nearly the same."""
+        """Return a loss factor that varies with frequency and has nearly the same effect."""
         return () if self.course is None else (self.course,)
 
     def plausible(self) -> bool:
-        """Return whether it takes energy out of the structure."""
+        """Return whether the damping is positive."""
         return self.value > 0.0
 
     @property
     def prior(self) -> float:
-        """How often a structure has it in this group and its model lacks it."""
+        """Prior odds that the model lacks the damping of this group."""
         return shared_odds(self.odds, self.places)
 
     @property
@@ -88,7 +88,7 @@ class ProportionalDamping(Irreparable):
         return Rates.named(self.channels[0], self.value)
 
     def statement(self) -> str:
-        """Return which damping is missing, and how much."""
+        """Return a sentence with the damping and its loss factor."""
         rates = self._rates
         of = "all groups" if rates.group == ALL else f"the group {rates.group!r}"
         times, share = MATRICES[rates.quantity], self.value / (2.0 * np.pi)
@@ -100,7 +100,7 @@ class ProportionalDamping(Irreparable):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         rates = self._rates
         return (
             f'Give the model an unknown for it: [[parameter]] with groups = "{rates.group}" and'

@@ -1,13 +1,13 @@
-"""The evidence of a hypothesis near a point, with what is held as right as suits it best.
+"""Evidence of a hypothesis near a point, with the best-fitting spread of the held quantities.
 
-What is held of a model may be off by 5 %, and many held values that adapt together imitate a fault
-of the data, say a scaled frequency axis. A comparison at the best values alone does not see what
-that takes: values that are off by 5 % each, independently, hardly ever form just the pattern of a
-fault, to the precision of the data. The evidence sees it. By Laplace's approximation it is the
-likelihood and the prior density at the best values, times the share of what the prior allows that
-the data leave (Occam factor: MacKay, Neural Comput. 4 (1992) 415; Kass & Raftery, J. Am. Stat.
-Assoc. 90 (1995) 773). How far the held values are off is not known, either; every hypothesis is
-taken with the size of that which suits it best.
+Held quantities of a model may be off by 5 %, and many of them together can imitate a fault of the
+data, such as a scaled frequency axis. A comparison of the best fits ignores how improbable this is:
+independent errors of 5 % each hardly ever form the pattern of a fault to the precision of the data.
+The evidence includes this probability. By Laplace's approximation it is the likelihood and the
+prior density at the best values, times the share of the prior volume that is compatible with the
+data (Occam factor: MacKay, Neural Comput. 4 (1992) 415; Kass & Raftery, J. Am. Stat. Assoc. 90
+(1995) 773). The size of the errors of held quantities is unknown; for each hypothesis the size with
+the largest evidence is used.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ __all__ = ["SHARES", "Outcome", "Quadratic"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
 
-#: How far what is held may be off, as shares of its spread; the last is all of it.
+#: Possible errors of held quantities, as shares of their prior standard deviation.
 SHARES = (0.02, 0.1, 0.3, 1.0)
-#: Prior of the size of a fault, as the log misfit that it makes (rms): none.
+#: Prior standard deviation of the log misfit (rms) due to a fault; so large that it has no effect.
 _OPEN = 10.0
-#: How often the level of the residual is found anew.
+#: Number of iterations for the level of the residual.
 _LEVELS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A hypothesis with what is held off by some share of its spread.
+    """A hypothesis for one share of the spread of the held quantities.
 
     Attributes
     ----------
     power : float
-        Mean square of the log misfit that is left.
+        Mean square of the residual log misfit.
     log_evidence : float
-        But for a constant.
+        Logarithm of the evidence, up to a constant.
     """
 
     power: float
@@ -52,22 +52,22 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quadratic:
-    """The misfit at a point to second order, and the unknowns' priors.
+    """The misfit at a point to second order, and the priors of the unknowns.
 
     Attributes
     ----------
     normal : ndarray of float, shape (n, n)
-        J^T J, of real over imaginary parts.
+        J^T J, with real parts of J above imaginary parts.
     gradient : ndarray of float, shape (n,)
         J^T e.
     square : float
         e^T e.
     off : ndarray of float, shape (n,)
-        How far the unknowns are from the centres of their priors.
+        Differences of the unknowns from the centres of their priors.
     spread : ndarray of float, shape (n,)
         Standard deviations of the priors.
     held : ndarray of bool, shape (n,)
-        Stiffnesses and masses that nobody seeks.
+        Whether an unknown is a held stiffness or mass.
     n_values : int
         Number of real values.
     """
@@ -82,16 +82,16 @@ class Quadratic:
 
     @classmethod
     def at(cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None) -> Self:
-        """Return that of model and data at a point.
+        """Return the quadratic approximation for model and data at a point.
 
         Parameters
         ----------
         evidence : Evidence
-            Model and data there.
+            Model and data at the point.
         frf : FRF, optional
-            The data freed of a fault, of the same channels.
+            The data corrected for a fault, with the same channels.
         slope : ndarray of complex, shape (n_f, n_i, n_j), optional
-            Slope of the log data by the size of a fault, which adapts, too, as the last unknown.
+            Derivative of the log data by the size of a fault, which is then the last unknown.
         """
         part, J = evidence.part, evidence.changes
         e = evidence.misfit(evidence.frf if frf is None else frf)
@@ -111,27 +111,28 @@ class Quadratic:
         return cls(normal, gradient, float(e @ e), off, spread, held, e.size)
 
     def best(self, count: float, level: float, least: float = 0.0) -> tuple[float, Outcome]:
-        """Return the share of the spread that suits best, and the outcome with it."""
+        """Return the share of the spread with the largest evidence, and its outcome."""
         shares = SHARES if self.held.any() else SHARES[-1:]
         found = [(share, self.outcome(share, count, level, least)) for share in shares]
         return max(found, key=lambda one: one[1].log_evidence)
 
     def outcome(self, share: float, count: float, level: float, least: float = 0.0) -> Outcome:
-        """Return the residual, and the evidence, with what is held off by a share of its spread.
+        """Return residual and evidence with a share of the spread of the held quantities.
 
         Parameters
         ----------
         share : float
-            1: all of it; the point is taken to be the best one then.
+            Share of the spread; for 1 the point is taken as the best one.
         count : float
             Number of independent real values.
         level : float
-            Mean square of the log misfit of the best hypothesis: of noise.
+            Mean square of the log misfit of the best hypothesis, taken as noise.
         least : float
-            Least mean square: about a poor end of a fit the second order may promise any.
+            Lower bound of the mean square; at a poor end of a fit, the second order may predict any
+            value.
         """
         spread = np.where(self.held, share * self.spread, self.spread)
-        # J^T J in units of the spread: with the prior's 1 added, it is well-posed.
+        # J^T J in units of the spread: the prior adds 1, so the system is well-posed.
         scaled = spread[:, None] * self.normal * spread
         curves, directions = np.linalg.eigh(scaled)
         step = np.zeros(len(spread))
@@ -143,7 +144,8 @@ class Quadratic:
             power = max(self._power(step), least)
         far = float(np.sum(((self.off + step) / spread) ** 2))
         fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
-        # -ln of the share of what is held that the data leave, whatever the others are.
+        # -ln of the share of the prior volume of held quantities that fits the data, for any values
+        # of the other unknowns.
         each = 2.0 * count / self.n_values / (level + SMALLEST**2)
         others = np.linalg.eigvalsh(scaled[np.ix_(~self.held, ~self.held)])
         occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
@@ -155,5 +157,5 @@ class Quadratic:
 
 
 def _log_volume(curves: NDArray[Any]) -> float:
-    """Return ln det(1 + A) from the eigenvalues of A, none of which is negative but by rounding."""
+    """Return ln det(1 + A) from the eigenvalues of A; negative ones are rounding and count as 0."""
     return float(np.log1p(np.maximum(curves, 0.0)).sum())

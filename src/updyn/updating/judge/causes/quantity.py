@@ -1,4 +1,4 @@
-"""Data of another quantity than is stated: displacement, velocity or acceleration."""
+"""Data of another quantity than stated: displacement, velocity or acceleration over force."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NAMES = {power: name for name, power in QUANTITIES.items()}
 
 
 class Quantity(Fault):
-    """The channels are what (i omega)**value times receptance is, whatever they are called."""
+    """The channels are (i omega)**value times receptance, which is another quantity than stated."""
 
     __slots__ = ()
 
@@ -28,12 +28,12 @@ class Quantity(Fault):
 
     @property
     def changes_all(self) -> bool:
-        """Whether it is of all channels."""
+        """Whether it affects all channels."""
         return not self.channels
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the two other quantities, of all data and of each sensor among several."""
+        """Yield the two other quantities, for all data and for each of several sensors."""
         frf = evidence.frf
         if frf.freq[0] == 0.0:
             return
@@ -45,11 +45,11 @@ class Quantity(Fault):
 
     @property
     def name(self) -> str:
-        """What the channels are."""
+        """Name of the quantity."""
         return _NAMES[round(self.value)]
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the same numbers under the right name; single channels in the quantity stated.
+        """Return the data with the correct name; single channels are converted to the stated one.
 
         Raises
         ------
@@ -64,24 +64,24 @@ class Quantity(Fault):
         return multiplied(frf, self.channels, power * np.log(frf.s))
 
     def statement(self) -> str:
-        """Return what the channels are."""
+        """Return a sentence with the quantity."""
         if not self.channels:
             return f"The data are {self.name}, and not what they are called."
         return f"{self.does('is', 'are')} {self.name}, unlike the other channels."
 
     @property
     def written(self) -> str:
-        """``quantity=mobility``, ``quantity:2:Z=mobility``."""
+        """Text of the fault: ``quantity=mobility``, ``quantity:2:Z=mobility``."""
         return f"{self.named}={self.name}"
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault that is written down.
+        """Return the fault of a text.
 
         Raises
         ------
         OptionError
-            If it names no quantity, or a label cannot be read.
+            If the value is not a quantity, or a label cannot be read.
         """
         if value not in QUANTITIES:
             raise OptionError(f"repair 'quantity': {value!r}; {suggest(value, QUANTITIES)}")

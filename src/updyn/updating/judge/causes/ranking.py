@@ -1,4 +1,4 @@
-"""Comparing what fits under several faults leave."""
+"""Comparison of the fits with several faults."""
 
 from __future__ import annotations
 
@@ -21,15 +21,17 @@ __all__ = [
     "is_worth_a_word",
 ]
 
-#: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
+#: Usual largest error (rms) of stiffnesses and masses, in units of their spread.
 FAR_OFF = 2.0
-#: Share of the way of what is held of the model that a fault makes needless at least.
+#: Smallest share of the distance of held quantities from their start that a fault has to make
+#: unnecessary.
 _BACK = 0.3
-#: Share of the misfit that a fault explains at least; less is one of many small errors.
+#: Smallest share of the misfit that a fault has to explain; a smaller one may be due to many small
+#: errors.
 _WORTH = 0.1
-#: Share of the misfit below which a fault leaves nothing that has to be explained.
+#: Share of the misfit below which nothing remains to be explained.
 LITTLE = 0.05
-#: Logarithm of the odds between two faults below which the data do not tell them apart.
+#: Logarithm of the odds between two faults below which the data do not distinguish them.
 _ALIKE_ODDS = 3.0
 
 
@@ -37,8 +39,8 @@ _ALIKE_ODDS = 3.0
 class Ranked:
     """The trial of a fault, and the logarithm of the odds that the data have it.
 
-    `explains` is the share of the misfit that it explains, or of the unknowns' way from their start
-    where that is more; `of_misfit` is that of the misfit alone.
+    `explains` is the share of the misfit that it explains, or of the distance of the unknowns from
+    their start if that is larger; `of_misfit` is the share of the misfit alone.
     """
 
     trial: Trial
@@ -49,10 +51,10 @@ class Ranked:
 
 
 def compared(ends: Iterable[Trial], without: Trial) -> list[Ranked]:
-    """Return what trials say, the likeliest first.
+    """Return the faults of trials with their odds, the likeliest first.
 
-    All are compared by the correlation of neighbouring lines of the one that leaves least: what
-    others leave is not only noise.
+    All comparisons use the correlation of neighbouring lines of the trial with the smallest
+    residual, because the residuals of the others are not only noise.
     """
     every = list(ends)
     best = min([*every, without], key=lambda end: end.power)
@@ -70,7 +72,7 @@ def compared(ends: Iterable[Trial], without: Trial) -> list[Ranked]:
 def is_worth_a_word(found: Ranked) -> bool:
     """Return whether a fault explains a good part of the misfit, or all of it that is not noise.
 
-    Then the data by themselves have to make it likely, and not the residual against a model.
+    In the latter case the data themselves have to make it likely, not the residual of a model.
     """
     left = found.trial
     by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.prior))
@@ -78,12 +80,12 @@ def is_worth_a_word(found: Ranked) -> bool:
 
 
 def _share(trial: Trial, without: Trial, explained: float) -> float:
-    """Return the share of the misfit, or of the unknowns' way, that a fault explains.
+    """Return the share of the misfit, or of the distance of the unknowns, that a fault explains.
 
-    The way counts where it was farther than models are off; of what is held of the model, whose
-    spread is known, where the fault brings a good part of it back.
+    The distance counts if it was larger than models are usually off; for held quantities, whose
+    spread is known, also if the fault reduces it by a good part.
     """
-    # What has no size of its own does not do it by chance.
+    # A fault without a size cannot reduce the distance by chance.
     known = trial.fault is not None and not trial.fault.tunes
     if known and without.far > FAR_OFF**2 * len(without.x):
         explained = max(explained, 1.0 - trial.far / without.far)
@@ -95,10 +97,10 @@ def _share(trial: Trial, without: Trial, explained: float) -> float:
 
 
 def is_as_likely(one: Ranked, best: Ranked) -> bool:
-    """Return whether the data do not tell a fault from the likeliest.
+    """Return whether the data do not distinguish a fault from the likeliest one.
 
-    A sensor of another state is described by one factor on all stiffnesses. How well that holds
-    does not say which of two sensors it is.
+    A sensor of another state is described by one factor on all stiffnesses. The accuracy of this
+    description does not show which of two sensors it is.
     """
     of_a_state = one.fault.leaves_out and best.fault.leaves_out
     if of_a_state and min(one.explains, best.explains) > 1.0 - LITTLE:
@@ -107,5 +109,5 @@ def is_as_likely(one: Ranked, best: Ranked) -> bool:
 
 
 def is_in_reach(one: Ranked, best: Ranked) -> bool:
-    """Return whether a better model may make a fault as likely as the likeliest."""
+    """Return whether a better model may make a fault as likely as the likeliest one."""
     return one.log_odds > best.log_odds - 2.0 * _ALIKE_ODDS

@@ -1,4 +1,4 @@
-"""Rayleigh coefficients that groups of a model have more, and derivatives by them."""
+"""Additional Rayleigh coefficients of groups of a model, and derivatives by them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["ALL", "MATRICES", "Rates", "rate_slopes", "rates_not_sought"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Stands for all groups.
+#: Name for all groups.
 ALL = "all"
 #: Matrix of a group by the Rayleigh coefficient that multiplies it.
 MATRICES = {"stiffness_damping": "stiffness", "mass_damping": "mass"}
@@ -29,16 +29,16 @@ MATRICES = {"stiffness_damping": "stiffness", "mass_damping": "mass"}
 
 @dataclass(frozen=True, slots=True)
 class Rates(Alteration):
-    """A Rayleigh coefficient of some groups is larger by `value`.
+    """Increase of a Rayleigh coefficient of one group or of all groups by `value`.
 
     Attributes
     ----------
     group : str
-        Its name, or `ALL`.
+        Name of the group, or `ALL`.
     quantity : str
         ``"stiffness_damping"`` in s, or ``"mass_damping"`` in 1/s.
     value : float
-        By how much.
+        Increase of the coefficient.
     """
 
     group: str
@@ -47,28 +47,28 @@ class Rates(Alteration):
 
     @property
     def cache_key(self) -> str:
-        """Text that distinguishes it from every other one."""
+        """Key that distinguishes it from all others."""
         return repr(self)
 
     @classmethod
     def named(cls, name: str, value: float = 0.0) -> Self:
-        """Return the coefficient ``"GROUP.QUANTITY"``."""
+        """Return the coefficient of a name ``"GROUP.QUANTITY"``."""
         group, _, quantity = name.rpartition(".")
         return cls(group, quantity, value)
 
     def groups(self, system: AffineSystem) -> list[str]:
-        """Return the groups of a model that it is about."""
+        """Return the affected groups of a model."""
         if self.group != ALL:
             return [self.group]
         matrix = MATRICES[self.quantity]
         return [term.group for term in system.terms if term.quantity == matrix and term.data.any()]
 
     def unknowns(self, system: AffineSystem) -> list[Parameter]:
-        """Return the coefficient of each of the groups as an unknown."""
+        """Return the coefficient of each affected group as an unknown."""
         return [Parameter(group, self.quantity, 0.0, 0.0, 1.0) for group in self.groups(system)]
 
     def on(self, part: Part) -> Part:
-        """Return a part with the larger coefficient."""
+        """Return a part with the increased coefficient."""
         system = part.solver.system
         rate = system.start.rate.copy()
         rate[Unknowns.find(system, self.unknowns(system)).at] += self.value
@@ -81,7 +81,7 @@ class Rates(Alteration):
 
 
 def rates_not_sought(part: Part) -> list[str]:
-    """Return the coefficients of each of several groups, and of all, that nobody seeks."""
+    """Return the coefficients that are not unknowns: of each of several groups, and of all."""
     system = part.solver.system
     sought = {drive.name for p in part.coordinates.parameters for drive in p.acts_on}
     found: list[str] = []
@@ -109,7 +109,7 @@ def rate_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Comple
     Returns
     -------
     dict of str to ndarray of complex, shape (n_f, n_i, n_j)
-        By name.
+        Derivatives by name.
 
     Raises
     ------

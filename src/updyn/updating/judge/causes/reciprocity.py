@@ -1,4 +1,4 @@
-"""Two FRFs that should be one: response at a by force at b, and the other way round."""
+"""Two FRFs that should be equal: response at a to a force at b, and the reverse."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ __all__ = ["Reciprocity"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Difference, as a share, that sound tests have: sensors load the structure, hammers miss the spot.
+#: Relative difference of sound tests, due to the mass of sensors and to the aim of hammers.
 _USUAL = 0.07
-#: Standard deviations from which a value has a phase, and least number of such lines.
+#: Standard deviations above which a value has a phase, and smallest number of such lines.
 _CLEAR, _FEWEST = 5.0, 8
-#: A description that explains the difference leaves less than this share of it.
+#: Largest remaining share of the difference for an explanation.
 _EXPLAINED = 0.3
-#: Delays that are tried, in periods of the highest line.
+#: Largest trial delay, in periods of the highest line, and number of trial delays.
 _TURNS, _STEPS = 2.0, 401
 
 
 @dataclass(frozen=True, slots=True)
 class Reciprocity(ShownFault):
-    """H_ab and H_ba differ by `value`, as a share.
+    """H_ab and H_ba differ by a share of `value`.
 
-    Of a linear passive structure without rotating parts they are equal (Ewins, Modal Testing, 2nd
+    They are equal for a linear passive structure without rotating parts (Ewins, Modal Testing, 2nd
     ed. 2000, section 2.5).
 
     Attributes
     ----------
     as_if : str
-        What explains the difference.
+        An explanation of the difference, as text.
     """
 
     as_if: str = ""
@@ -58,7 +58,7 @@ class Reciprocity(ShownFault):
                 continue
             size = difference.size
             ratio = size**2 / (_USUAL**2 + float(np.median(difference.noise**2)))
-            # One draw: a difference of one cause is that of all lines.
+            # A difference of one cause is the same at all lines: it counts as one sample.
             log_odds = ratio - 1.0 - float(np.log(max(ratio, 1.0))) + float(np.log(cls.odds))
             if ratio > 1.0 and log_odds > LIKELY:
                 pair = (square.labels[a], square.labels[b])
@@ -71,14 +71,14 @@ class Reciprocity(ShownFault):
 
     @property
     def remedy(self) -> str:
-        """What to look at."""
+        """Advice to the user."""
         return (
             "Look at the two runs: the place and direction of sensor and hammer, and the"
             f" sensitivities; measure {self.where} again, or leave out the one that is in doubt."
         )
 
     def statement(self) -> str:
-        """Return which pair, by how much, and what would explain it."""
+        """Return a sentence with the pair, the difference, and its explanation."""
         a, b = self.channels
         return (
             f"Reciprocity is broken: the response at {a} to a force at {b} and that at {b} to a"
@@ -86,7 +86,7 @@ class Reciprocity(ShownFault):
         )
 
     def set_aside(self, frf: FRF) -> FRF:
-        """Return the data in which neither of the two counts."""
+        """Return the data in which neither of the two FRFs has weight."""
         square = Square.of(frf)
         a, b = (square.labels.index(label) for label in self.channels)
         return square.without(frf, [(a, b), (b, a)])
@@ -94,7 +94,7 @@ class Reciprocity(ShownFault):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Difference:
-    """ln(H_ab / H_ba) at the lines where both are clear, its noise, and these lines in Hz."""
+    """ln(H_ab / H_ba) at the lines with both above the noise, its noise, and the lines in Hz."""
 
     log_ratio: _Complex
     noise: _Real
@@ -111,11 +111,11 @@ class _Difference:
 
     @property
     def size(self) -> float:
-        """The typical difference; the median leaves out resonances that shifted a little."""
+        """Median difference, which ignores the few lines of slightly shifted resonances."""
         return float(np.sqrt(np.median(np.abs(self.log_ratio) ** 2)))
 
     def without(self, log_factor: Any) -> _Difference:
-        """Return what a factor between the two leaves, the phase between -pi and pi."""
+        """Return the difference after division by a factor, with phases between -pi and pi."""
         left = self.log_ratio - log_factor
         return replace(self, log_ratio=left.real + 1j * np.angle(np.exp(1j * left.imag)))
 
@@ -127,7 +127,7 @@ class _Difference:
         return float(tried[np.argmax(aligned)])
 
     def described(self) -> str:
-        """Return what the difference looks like, where one or two numbers explain it."""
+        """Return the explanation of the difference by one or two numbers, if there is one."""
         factor, late = float(np.median(self.log_ratio.real)), self.delay()
         turned = -2j * np.pi * self.freq * late
         times = f"a factor of {np.exp(factor):.3g}"

@@ -1,9 +1,9 @@
-"""The model in which faults are tried: itself, or a reduced one that holds wherever trials go.
+"""The model for trials of faults: the model itself, or a reduced one that is valid at all trials.
 
-Hundreds of short fits are made, from the start as from other points, so that a basis of one point
-does not do. The basis is made once of a few points around the start, each solved at another
-frequency, and enriched where a decision is taken until its error there is certified. What is left
-of that error counts as noise of the data.
+Hundreds of short fits start at several points, so that a basis for one point is not sufficient. The
+basis is made once from a few points about the start, each solved at another frequency. It is
+enriched at points of decisions until its error there is certified. The remaining error counts as
+noise of the data.
 """
 
 from __future__ import annotations
@@ -28,29 +28,30 @@ __all__ = ["Exact", "Reduced", "Stage", "stage_of"]
 
 _Real = NDArray[np.float64]
 
-#: Larger models than this are reduced.
+#: Number of DOFs above which a model is reduced.
 _DOFS = 100
-#: Points around the start whose vectors make the basis; points whose fields choose among them; and
-#: the root of the share of the energy of these fields that may be dropped, of a large basis more.
+#: Number of points about the start whose solutions form the basis; number of points whose solutions
+#: select from it; and root of the share of the energy of these that may be dropped, for a basis of
+#: usual and of large size.
 _POINTS, _SAMPLES, _DROPPED = 12, 12, (1e-4, 1e-2)
-#: A larger basis is compressed once more.
+#: Size above which a basis is compressed once more.
 _LARGE = 150
 _ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=4, lossy=False)
-#: So near to a point where the error is certified it is taken to be the same, in x.
+#: Distance in x from a certified point within which the certificate is assumed to be valid.
 _NEAR = 0.05
-#: Error wanted where a decision is taken, as a share of the largest receptance of a line.
+#: Required error at points of decisions, as a share of the largest receptance of a line.
 _ACCURACY = 1e-3
-#: Logarithms of what is left of a spring to the ground, of the points at which it does not hold.
+#: Logarithms of the remaining stiffness of a spring to the ground, at points without this support.
 _LOOSE = (-1.5, -4.0)
 #: Largest loss factor of the points.
 _LOSSY = 0.3
 
 
 class Stage(Protocol):
-    """Where trials are made."""
+    """Source of the models for trials."""
 
     def near(self, part: Part, points: Sequence[_Real]) -> Part:
-        """Return the part with a model that may be relied upon at some points."""
+        """Return the part with a model that is valid at some points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,18 +59,18 @@ class Exact:
     """The model itself."""
 
     def near(self, part: Part, points: Sequence[_Real]) -> Part:
-        """Return the part as it is."""
+        """Return the part itself."""
         return part
 
 
 @dataclass(slots=True, eq=False)
 class Reduced:
-    """A reduced model of a part around its start.
+    """A reduced model of a part about its start.
 
     Parameters
     ----------
     part : Part
-        With its whole model.
+        The part with its whole model.
     """
 
     part: Part
@@ -110,19 +111,19 @@ class Reduced:
         self._solver = self._solver_called("reduced, causes")
 
     def near(self, part: Part, points: Sequence[_Real]) -> Part:
-        """Return the part with the reduced model, enriched where it was not certified.
+        """Return the part with the reduced model, enriched at points without a certificate.
 
         Parameters
         ----------
         part : Part
-            The same model, whatever the data; they carry their own variance.
+            A part of the same model with any data, which contain their variance.
         points : sequence of ndarray of float, shape (n,)
-            Where the model has to hold.
+            Points at which the model has to be valid.
 
         Returns
         -------
         Part
-            Its data have the variance that the error of the model adds.
+            The part, with the variance of its data increased by the error of the model.
         """
         for x in points:
             if not any(np.abs(x - known).max() < _NEAR for known in self._certified):
@@ -146,7 +147,7 @@ class Reduced:
 
 
 def _about(part: Part, number: int, seed: int) -> list[_Real]:
-    """Return the start and points as far from it as the unknowns are expected to be off."""
+    """Return the start, and points about it within the spread of the unknowns."""
     own = part.coordinates
     factor, spread = own.parameters.is_factor, spread_of(part)
     lowest = np.where(factor, own.home - spread, 0.0)
@@ -156,7 +157,7 @@ def _about(part: Part, number: int, seed: int) -> list[_Real]:
 
 
 def stage_of(part: Part) -> Stage:
-    """Return where the trials of a part are made, by the size of its model.
+    """Return the source of the models for trials of a part, by the size of its model.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Data in another unit than SI: a factor that engineers know."""
+"""Data in another unit than SI: a known factor between units."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from updyn.updating.judge.causes.fault import Fault, multiplied
 
 __all__ = ["UNITS", "Scale"]
 
-#: Factors by which data read too much, by what would cause it: units of motion and of force, and
-#: both together.
+#: Factors by which data are too large, by cause: units of motion, of force, and of both together.
 UNITS: Mapping[str, float] = MappingProxyType(
     {
         "g instead of m/s2": 1.0 / 9.80665,
@@ -35,12 +34,12 @@ UNITS: Mapping[str, float] = MappingProxyType(
     }
 )
 _NEAR = 1e-6
-#: A factor that was found is compared with those that differ by less, in logarithm.
+#: Largest difference in ln(factor) for a comparison with a factor that was found.
 _ABOUT = 0.12
 
 
 class Scale(Fault):
-    """All data are `value` times what they would be in SI."""
+    """All data are `value` times their values in SI."""
 
     __slots__ = ()
 
@@ -56,14 +55,14 @@ class Scale(Fault):
 
     @classmethod
     def near(cls, channels: tuple[str, ...], factor: float) -> Iterable[Self]:
-        """Yield the factors between units that are near one that was found."""
+        """Yield the factors between units near a factor that was found."""
         for known in sorted(set(UNITS.values())):
             if abs(np.log(known / factor)) < _ABOUT:
                 yield cls(channels, known)
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault that is written down.
+        """Return the fault of a text.
 
         Raises
         ------
@@ -80,7 +79,7 @@ class Scale(Fault):
         return multiplied(frf, self.channels, np.full(len(frf.freq), -np.log(self.value)))
 
     def statement(self) -> str:
-        """Return which unit explains the factor."""
+        """Return a sentence with the factor and the units that explain it."""
         causes = [name for name, f in UNITS.items() if abs(np.log(f / self.value)) < _NEAR]
         return (
             f"{self.does('reads', 'read')} {self.value:.6g} times what is there:"

@@ -1,4 +1,4 @@
-"""How well a fault explains the data at one point of the unknowns, to first order."""
+"""Misfit of the data with a fault at one point of the unknowns, to first order."""
 
 from __future__ import annotations
 
@@ -13,29 +13,30 @@ from updyn.updating.judge.causes.misfit import n_seen
 
 __all__ = ["fitted"]
 
-#: Sine of the angle between a fault and what the unknowns can do, from which they differ.
+#: Sine of the angle between the effects of a fault and of the unknowns, above which they are
+#: distinct.
 _DISTINCT = 1e-6
 
 _MaybeFault = TypeVar("_MaybeFault", bound=Fault | None)
 
 
 def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
-    """Return how badly a fault explains the data at best, to first order, and its size.
+    """Return the smallest misfit with a fault at a point, to first order, and the fault.
 
     Parameters
     ----------
     evidence : Evidence
         Model and data at the point.
     fault : Fault or None
-        Which; None: there is none.
+        The fault; None: without a fault.
 
     Returns
     -------
     cost : float
-        -2 ln of the likelihood with the noise estimated, the unknowns' spread counted; all unknowns
-        adapt, and the size of the fault where it tunes.
+        -2 ln of the likelihood with the noise level estimated, and of the prior of the unknowns.
+        All unknowns adapt, and the size of the fault if it tunes.
     fault : Fault or None
-        The fault by its best size.
+        The fault with its best size.
     """
     frf = evidence.frf
     if fault is not None and not (fault.tunes and fault.value == 0.0):
@@ -49,7 +50,7 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
         d[: -len(home)] = stacked(evidence.weight * fault.slope(evidence)) / unit
         size = float(np.linalg.norm(d))
         d = evidence.left(frf, d)
-        # What the unknowns can do as well is left to them.
+        # An effect that the unknowns can produce is attributed to them.
         if np.linalg.norm(d) > _DISTINCT * size:
             step = float(d @ b / (d @ d))
             b -= step * d

@@ -1,4 +1,4 @@
-"""Which of many elements that a model may lack explain the data best, to first order."""
+"""Selection of the elements that a model may lack, by their effect to first order."""
 
 from __future__ import annotations
 
@@ -18,35 +18,36 @@ __all__ = ["best_elements"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Elements whose slopes are held at a time; those that are tried by finite sizes.
+#: Number of elements whose slopes are in memory at a time; number of elements that are tried with
+#: several sizes.
 _CHUNK, _TRIED = 256, 24
-#: Sizes that are tried, as the median over the lines of |D(s) h|: the element's dynamic stiffness
-#: times the model's flexibility there. At 1 it changes the response there by its own size.
+#: Trial sizes, as the median over the lines of |D(s) h|: the element's dynamic stiffness times the
+#: model's flexibility there. A size of 1 changes the response there by its own amount.
 _SIZES = (0.0, 0.1, 0.5, 2.5)
-#: Largest step from a size above 0, as shares of it: down and up.
+#: Largest decrease and increase of a size above 0, as shares of it.
 _DOWN, _UP = -0.9, 3.0
 _TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, slots=True)
 class _Screened:
-    """An element by one of the sizes tried, and the sum of squares that it leaves."""
+    """An element with one of the trial sizes, and the remaining sum of squares."""
 
     element: Element
     left: float
 
 
 def best_elements(evidence: Evidence, elements: Sequence[Element], most: int) -> list[Element]:
-    """Return the elements that explain the data best, each by the size to begin from.
+    """Return the elements that explain the data best, with starting values of their sizes.
 
     Parameters
     ----------
     evidence : Evidence
         Model and data at a point; all unknowns adapt, to first order.
     elements : sequence of Element
-        Of any size.
+        Elements to be compared; their sizes are ignored.
     most : int
-        How many.
+        Largest number of elements.
     """
     misfit = _Misfit.at(evidence)
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
@@ -72,16 +73,16 @@ class _Misfit:
 
     @classmethod
     def at(cls, evidence: Evidence) -> Self:
-        """Return that of model and data."""
+        """Return the misfit of model and data."""
         return cls(evidence, log_misfit(evidence.answer(evidence.frf), evidence.frf)[0])
 
     def _outside(self, changes: Sequence[_Complex], way: _Real) -> _Real:
-        """Return the parts of weighted changes that unknowns do not imitate, shape (2 m + n, k)."""
+        """Return the parts of weighted changes that unknowns cannot imitate, shape (2 m + n, k)."""
         columns = [np.concatenate([stacked(one) / self.evidence.unit, way]) for one in changes]
         return self.evidence.left(self.evidence.frf, np.stack(columns, axis=1))
 
     def residual(self, change: _Complex | float = 0.0) -> _Real:
-        """Return the residual with a weighted change of the model, all unknowns adapting."""
+        """Return the residual with a weighted change of the model, after all unknowns adapted."""
         return self._outside([self.e - change], self.evidence.home)[:, 0]
 
     def _slopes(self, elements: Sequence[Element]) -> _Real:
@@ -90,13 +91,13 @@ class _Misfit:
         return self._outside([weight * R.slope(one) for one in elements], still)
 
     def gains(self, elements: Sequence[Element], units: Sequence[float]) -> _Real:
-        """Return by how much each would lower the sum of squares, to first order from size 0."""
+        """Return the decrease of the sum of squares by each element, to first order from size 0."""
         D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
         along = np.maximum(self.residual() @ D, 0.0)
         return np.asarray(along**2 / np.maximum(np.sum(D**2, axis=0), _TINY))
 
     def best_of(self, element: Element, unit: float) -> _Screened:
-        """Return the element by the size from which one step leaves least."""
+        """Return the element with the trial size that leaves the least residual after a step."""
         sized = [replace(element, value=size * unit) for size in _SIZES]
         return min((self._stepped(one) for one in sized), key=lambda one: one.left)
 

@@ -1,4 +1,4 @@
-"""Faults that the data show by themselves, whatever the model."""
+"""Base class of the faults that the data show without a model."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["LIKELY", "Shown", "ShownFault"]
 
-#: Logarithm of the odds from which a fault is found: 100 to 1.
+#: Logarithm of the odds above which a fault is found: 100 to 1.
 LIKELY = float(np.log(100.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A fault that the data show, and how clearly.
+    """A fault that the data show, and its odds.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Shown:
     log_odds : float
         Logarithm of the odds that the data have it.
     share : float
-        Share of the data that it concerns.
+        Share of the data that it affects.
     """
 
     fault: ShownFault
@@ -40,12 +40,12 @@ class Shown:
 
 
 class ShownFault(Irreparable):
-    """A fault that is found in the data alone, and not by comparison with the model.
+    """A fault that is found in the data alone, without comparison with the model.
 
     Attributes
     ----------
     symptom : bool
-        Whether a fault of another kind may be behind it; it is told where none was found.
+        Whether a fault of another kind may be its cause; it is reported if none is found.
     """
 
     __slots__ = ()
@@ -54,13 +54,13 @@ class ShownFault(Irreparable):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return none: the model is not asked."""
+        """Return an empty tuple: the model is not used."""
         return ()
 
     @classmethod
     @abstractmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:
-        """Return what the data show, where its odds are 100 to 1 or more.
+        """Return the faults of this kind with odds of at least 100 to 1.
 
         Parameters
         ----------
@@ -69,11 +69,11 @@ class ShownFault(Irreparable):
         """
 
     def set_aside(self, frf: FRF) -> FRF:
-        """Return the data in which the values concerned do not count for other faults."""
+        """Return the data in which the affected values have no weight for other faults."""
         return frf
 
     def is_expected(self, part: Part) -> bool:
-        """Return whether sound data would show it as well, by the model of a part.
+        """Return whether correct data would show it as well, according to the model of a part.
 
         Raises
         ------

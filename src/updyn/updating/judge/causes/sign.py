@@ -1,4 +1,4 @@
-"""A sensor or a force that was taken the wrong way round."""
+"""A sensor or a force of opposite direction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Sign"]
 
 
 class Sign(Fault):
-    """The sign of a sensor or of a force; without channels, that of all data."""
+    """The opposite sign of a sensor or of a force; without channels, of all data."""
 
     __slots__ = ()
 
@@ -23,7 +23,7 @@ class Sign(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each sensor, and all at once."""
+        """Yield each sensor, and all together."""
         yield from map(cls, [(), *each_sensor(evidence.frf)])
 
     def repair(self, frf: FRF) -> FRF:
@@ -31,5 +31,5 @@ class Sign(Fault):
         return multiplied(frf, self.channels, np.full(len(frf.freq), 1j * np.pi))
 
     def statement(self) -> str:
-        """Return which sensor is the wrong way round."""
+        """Return a sentence with the channels."""
         return f"The sign of {self.where} is the opposite of what its label says."

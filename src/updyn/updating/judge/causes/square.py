@@ -1,4 +1,4 @@
-"""The values of data between DOFs that carry both a sensor and a force."""
+"""Values of data between DOFs that have both a sensor and a force."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from updyn.updating.problem.noise.neighbours import scatter
 
 __all__ = ["Square"]
 
-#: Variance of a value that does not count, in units of the square of the largest.
+#: Variance of a value without weight, in units of the square of the largest value.
 _LOST = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Square:
-    """Values between DOFs that carry both a sensor and a force, signs of the labels taken out.
+    """Values between DOFs that have both a sensor and a force, without signs of labels.
 
     Attributes
     ----------
     labels : tuple of str
-        The DOFs, without signs.
+        Labels of the DOFs, without signs.
     rows, columns : ndarray of int, shape (n,)
-        Where they stand among responses and references.
+        Their positions among responses and references.
     values : ndarray of complex, shape (n_f, n, n)
-        Positive force and positive motion in the same direction.
+        Values for a positive force and a positive motion in the same direction.
     noise : ndarray of float, shape (n_f, n, n)
-        Standard deviation: the larger of what is known and the scatter of neighbouring lines.
+        Standard deviation: the larger of the known one and the scatter of neighbouring lines.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     s : ndarray of complex, shape (n_f,)
-        Where the values are H, in 1/s.
+        Laplace variable of the lines, in 1/s.
     quantity : str
-        What the values are.
+        Quantity of the values.
     """
 
     labels: tuple[str, ...]
@@ -51,7 +51,7 @@ class Square:
 
     @classmethod
     def of(cls, frf: FRF) -> Square:
-        """Return that of some data."""
+        """Return the values of data."""
         responses = {str(abs(dof)): i for i, dof in enumerate(frf.responses)}
         references = {str(abs(dof)): j for j, dof in enumerate(frf.references)}
         labels = tuple(label for label in references if label in responses)
@@ -70,14 +70,14 @@ class Square:
         yield from combinations(range(len(self.labels)), 2)
 
     def without(self, frf: FRF, pairs: Iterable[tuple[int, int]]) -> FRF:
-        """Return the data with some of these values lost in the noise, so that they do not count.
+        """Return the data with no weight on some of these values.
 
         Parameters
         ----------
         frf : FRF
             The data, with their variance.
         pairs : iterable of (int, int)
-            Which, by the positions of response and force in `labels`.
+            Positions of response and force in `labels`.
         """
         assert frf.variance is not None
         variance = frf.variance.copy()

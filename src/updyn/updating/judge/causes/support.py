@@ -1,4 +1,4 @@
-"""A structure that stands on something, where the model is free."""
+"""A held structure, while the model is free."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from updyn.updating.judge.causes.holding import is_free
 
 __all__ = ["Support"]
 
-#: First values, in shares of the lowest and of the highest line.
+#: First values, as shares of the lowest and of the highest line.
 _LOW, _HIGH = (0.4, 1.1, 3.0), (0.13, 0.4)
-#: Share of the frequency by which its derivative is taken.
+#: Relative step in frequency for finite differences.
 _STEP = 1e-4
 
 
 class Support(Irreparable):
-    """The structure is suspended at `value` Hz; the model is free.
+    """The structure is suspended at `value` Hz, while the model is free.
 
-    Springs everywhere in proportion to the mass, K + (2 pi value)^2 M, lift the squares of all
-    natural frequencies alike, those of the rigid-body modes from 0 to that of the suspension.
+    Distributed springs in proportion to the mass, K + (2 pi value)^2 M, increase the squares of all
+    natural frequencies by the same amount; the rigid-body modes are then at `value`.
     """
 
     __slots__ = ()
@@ -38,7 +38,7 @@ class Support(Irreparable):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield some frequencies of the suspension, where nothing holds the model."""
+        """Yield several frequencies of the suspension, if the model is free."""
         if not is_free(evidence.part):
             return
         freq = evidence.frf.freq
@@ -48,7 +48,7 @@ class Support(Irreparable):
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             "Look at how the structure was held in the test; give the model springs to the ground"
             " there, as a group whose stiffness is unknown, or take the supports away and measure"
@@ -61,15 +61,15 @@ class Support(Irreparable):
         return np.asarray((high - low) / (2.0 * _STEP * self.value))
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H of K + (2 pi value)^2 M over that of K."""
+        """Return the data divided by the model's H of K + (2 pi value)^2 M over that of K."""
         return divided(evidence.frf, evidence.lifted(self.value))
 
     def plausible(self) -> bool:
-        """Return whether it is a frequency."""
+        """Return whether the frequency is positive."""
         return self.value > 0.0
 
     def statement(self) -> str:
-        """Return how stiff the support is."""
+        """Return a sentence with the frequency of the suspension."""
         return (
             f"The structure seems to be held where the model is free: supports on which it would"
             f" oscillate at {self.value:.3g} Hz explain the data."

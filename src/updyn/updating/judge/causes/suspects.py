@@ -1,4 +1,4 @@
-"""What each fault promises at one point of the unknowns, to first order."""
+"""Expected gain by each fault at one point of the unknowns, to first order."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ __all__ = ["Suspect", "likeliest", "suspects"]
 
 _Real = NDArray[np.float64]
 
-#: Faults that are followed up from each point, and those of each kind.
+#: Number of faults that are tried from each point, and of these of each kind.
 _FOLLOWED, _OF_A_KIND = 6, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Suspect:
-    """A fault, and what it promises at a point, to first order.
+    """A fault and its expected gain at a point, to first order.
 
     Attributes
     ----------
     fault : Fault
-        By its best size there.
+        The fault with its best size there.
     x : ndarray of float, shape (n,)
         The point.
     gain : float
@@ -48,12 +48,12 @@ class Suspect:
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:
-        """What is wrong where, whatever its size."""
+        """Kind and channels, without the size."""
         return self.fault.kind, self.fault.channels
 
 
 def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
-    """Return what the faults promise at a point, best first.
+    """Return the faults with their expected gain at a point, the best first.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
     x : ndarray of float, shape (n,)
         The point.
     promising : bool
-        Whether the residual there is nearly noise, so that the evidence counts.
+        Whether the residual there is nearly noise, so that the evidence is meaningful.
 
     Raises
     ------
     Stopped
-        If the user wants to stop.
+        If the user stops the run.
     """
     try:
         evidence = Evidence(part, x)
@@ -98,7 +98,7 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
 
 
 def likeliest(found: Iterable[Suspect]) -> list[Suspect]:
-    """Return those that promise most of some, the best first, few of each kind."""
+    """Return the most promising suspects, the best first, with few of each kind."""
     chosen: list[Suspect] = []
     for one in found:
         if any(one.key == other.key for other in chosen):
@@ -111,7 +111,7 @@ def likeliest(found: Iterable[Suspect]) -> list[Suspect]:
 
 
 def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
-    """Return the evidence near a point where the residual is noise, to first order."""
+    """Return the log evidence near a point whose residual is noise, to first order."""
     frf = slope = None
     if fault is not None:
         frf, slope = fault.undo(evidence), fault.slope(evidence)

@@ -1,4 +1,4 @@
-"""Two channels whose cables or labels were exchanged."""
+"""Two channels with exchanged cables or labels."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from updyn.updating.judge.causes.fault import FORCE, Fault, place_of
 
 __all__ = ["Swapped"]
 
-#: Of more sensors, not all pairs are tried.
+#: Number of sensors up to which all pairs are tried; of more sensors only the first ones.
 _MOST = 80
 
 
 class Swapped(Fault):
-    """Two responses, or two references, stand in each other's place."""
+    """Two responses, or two references, are exchanged."""
 
     __slots__ = ()
 
@@ -27,7 +27,7 @@ class Swapped(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the pairs of responses, and of references, of one kind of motion."""
+        """Yield the pairs of responses, and of references, with the same kind of motion."""
         for dofs, prefix in ((evidence.frf.responses, ""), (evidence.frf.references, FORCE)):
             few = list(dofs)[:_MOST]
             for a, b in combinations(few, 2):
@@ -35,7 +35,7 @@ class Swapped(Fault):
                     yield cls((f"{prefix}{abs(a)}", f"{prefix}{abs(b)}"))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the two exchanged."""
+        """Return the data with the two channels exchanged."""
         place = place_of(self.channels, frf)
         parts = {}
         for name in ("values", "variance", "coherence"):
@@ -50,5 +50,5 @@ class Swapped(Fault):
         return replace(frf, **parts)
 
     def statement(self) -> str:
-        """Return which two."""
+        """Return a sentence with the two channels."""
         return f"{self.channels[0]} and {self.channels[1]} are exchanged."

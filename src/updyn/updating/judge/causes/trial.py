@@ -26,26 +26,26 @@ __all__ = ["MOST_ALIKE", "NOISY", "Trial", "damped", "robust_point", "tried", "w
 
 _Real = NDArray[np.float64]
 
-#: How often the size of a fault is estimated anew, and steps of each descent: of a whole trial, of
-#: a first one.
+#: Number of estimates of the size of a fault, and of steps of each descent: of a whole trial, and
+#: of a short one.
 _WHOLE, _GLANCE = (5, 20), (1, 8)
-#: How many times what noise has no further descent makes good.
+#: Ratio of the misfit to that of a trial that leaves noise, above which a trial ends early.
 _FAR_BEHIND = 4.0
-#: Rounds of the robust fit, and its steps in each.
+#: Number of reweightings of the robust fit, and of steps after each.
 _REWEIGHTED, _FEW = 4, 8
-#: Loss factor from which descents begin: resonances overlap.
+#: Smallest loss factor at the start of a descent, so that resonances overlap.
 _DAMPED = 0.1
-#: How far what is held of the model is expected to be off: stiffness and mass, in logarithm; loss
-#: factors, as a share, and at least by so much: no structure is without. More of it than this is
-#: left as it is.
+#: Prior standard deviation of held quantities: of ln(stiffness) and ln(mass); of loss factors, as a
+#: share, and its smallest value, since every structure has damping. Largest number of held
+#: quantities that are freed; if there are more, none is.
 _HELD, _HELD_LOSS, _LEAST_LOSS, _MOST_HELD = 0.05, 0.5, 0.05, 60
-#: Share of the misfit at the end of a fit that the second order about it is trusted to leave.
+#: Share of the misfit at the end of a fit below which the second order is not trusted.
 _TRUSTED = 0.5
-#: Correlation of neighbouring lines, and log misfit (rms), below which what is left is noise. On
-#: few lines an error of the model looks like it, but for its size. It is of use from some 230 real
-#: values; of 240, on 30 lines, white noise is above in 7 %.
+#: Correlation of neighbouring lines, and log misfit (rms), below which a residual is noise. On few
+#: lines an error of the model resembles noise, except in size. The test is useful from about 230
+#: real values; with 240, on 30 lines, white noise exceeds the correlation in 7 %.
 _WHITE, NOISY = 0.1, 0.05
-#: Largest correlation of neighbouring lines that is counted.
+#: Largest correlation of neighbouring lines that is taken into account.
 MOST_ALIKE = 0.95
 
 
@@ -56,21 +56,21 @@ class Trial:
     Attributes
     ----------
     fault : Fault or None
-        What the data were freed of.
+        Fault for which the data were corrected.
     x : ndarray of float, shape (n,)
-        Where it ended.
+        End of the fit.
     power : float
-        Mean square of the log misfit that is left.
+        Mean square of the residual log misfit.
     far : float
-        Sum of squares of the unknowns' way from their start, in units of their spread.
+        Squared distance of the unknowns from their start, in units of their spread.
     alike : float
         Correlation of the misfit of neighbouring lines.
     n_values : int
-        Number of real values that stand clear of the noise.
+        Number of real values above the noise.
     numbers : int
-        Numbers of the fault that the data determine.
+        Number of parameters of the fault that the data determine.
     quadratic : Quadratic or None
-        The misfit about the end; None where nothing is held of the model.
+        The misfit near the end, to second order; None without held quantities.
     """
 
     fault: Fault | None
@@ -84,12 +84,12 @@ class Trial:
 
     @property
     def n_held(self) -> int:
-        """Number of stiffnesses and masses that are held of the model."""
+        """Number of held stiffnesses and masses."""
         return 0 if self.quadratic is None else int(self.quadratic.held.sum())
 
     @property
     def far_held(self) -> float:
-        """Sum of squares of the way of what is held of the model, in units of its spread."""
+        """Squared distance of the held quantities from their start, in units of their spread."""
         if self.quadratic is None:
             return 0.0
         way = (self.quadratic.off / self.quadratic.spread)[self.quadratic.held]
@@ -97,24 +97,24 @@ class Trial:
 
     @property
     def is_noise(self) -> bool:
-        """Whether what is left is noise."""
+        """Whether the residual is noise."""
         return self.alike < _WHITE and self.power < NOISY**2
 
     def gain(self, other: Trial, alike: float | None = None) -> float:
-        """Return by how much the logarithm of the evidence is larger than that of another trial.
+        """Return the logarithm of the ratio of the evidence to that of another trial.
 
-        Values that follow each other alike count less; each number of a fault costs what the
-        Bayesian information criterion says (Schwarz, Ann. Stat. 6 (1978) 461). Gains over one trial
-        are comparable where they are taken with one correlation of neighbouring lines, `alike`;
-        else it is the smaller one of the two.
+        Values that are correlated along the lines count less; each parameter of a fault costs as
+        much as in the Bayesian information criterion (Schwarz, Ann. Stat. 6 (1978) 461). Gains over
+        the same trial are comparable if they use the same correlation of neighbouring lines,
+        `alike`; by default it is the smaller one of the two trials.
         """
         return self.compared(other, alike)[0]
 
     def compared(self, other: Trial, alike: float | None = None) -> tuple[float, float]:
-        """Return the gain, and the share of the other's misfit that is explained.
+        """Return the gain, and the explained share of the misfit of another trial.
 
-        Where something is held of the model, both are taken with that being off as far as suits
-        them best, and the other's misfit with that being off as far as suits this one.
+        With held quantities, the gain uses for each trial the share of their spread with the
+        largest evidence; the explained share uses that of this trial for both.
         """
         alike = min(self.alike, other.alike) if alike is None else alike
         alike = min(max(alike, 0.0), MOST_ALIKE)
@@ -142,25 +142,25 @@ def tried(
     glance: bool = False,
     rival: Trial | None = None,
 ) -> Trial | None:
-    """Return the best end of short fits from some points, the data being freed of a fault.
+    """Return the best of short fits from some points to data corrected for a fault.
 
     Parameters
     ----------
     part : Part
         Model and data of one test, on few lines.
     fault : Fault or None
-        By its first size; None: the data are taken as they are.
+        The fault with its first size; None: the data are not corrected.
     points : sequence of ndarray of float, shape (n,)
-        Where to begin.
+        Starting points.
     glance : bool
-        Whether few steps are enough.
+        Whether few steps are sufficient.
     rival : Trial, optional
-        One that left only noise: what is far behind it by its best size ends there.
+        A trial that leaves only noise: a fit with a much larger misfit at its best size ends early.
 
     Returns
     -------
     Trial or None
-        None where the model cannot be solved.
+        None if the model cannot be solved.
     """
     steps = _GLANCE if glance else _WHOLE
     ends = [_fitted(part, fault, x, *steps, rival) for x in points]
@@ -173,9 +173,9 @@ def tried(
 def _fitted(
     part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
 ) -> Trial | None:
-    """Return where the fit ends that takes turns at the unknowns and at the size of a fault."""
+    """Return the end of a fit that alternates between the unknowns and the size of a fault."""
     holds = bool(held_of(part).any())
-    # Once more, the spread of the residual being known, where priors are to count by it.
+    # With priors, one more round uses the level of the residual found in the first one.
     fewest = 2 if holds else 1
     try:
         fault, x = _begun(part, fault, x, steps)
@@ -201,7 +201,7 @@ def _fitted(
 
 
 def _begun(part: Part, fault: Fault | None, x: _Real, steps: int) -> tuple[Fault | None, _Real]:
-    """Return the fault and the point that a fit begins from."""
+    """Return the fault and the starting point of a fit."""
     if fault is None:
         return None, x
     x = fault.begun(part, x)
@@ -212,7 +212,7 @@ def _begun(part: Part, fault: Fault | None, x: _Real, steps: int) -> tuple[Fault
 
 
 def _resized(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault:
-    """Return the fault as data show it at x: as they are, or as they were freed of it."""
+    """Return the fault with its size from the data at x, either original or corrected for it."""
     if fault.adapts:
         return fault.refined(Evidence(part, x))
     if not fault.tunes:
@@ -226,7 +226,7 @@ def _resized(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault:
 
 
 def _is_settled(fault: Fault | None, better: Fault | None) -> bool:
-    """Return whether the size of a fault has come to rest; what adapts never does."""
+    """Return whether the size of a fault has converged; False for faults that adapt."""
     if fault is None or better is None:
         return True
     if fault.adapts:
@@ -235,12 +235,12 @@ def _is_settled(fault: Fault | None, better: Fault | None) -> bool:
 
 
 def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
-    """Return the misfit about the end of a trial, the size of a fault being free, too."""
+    """Return the misfit near the end of a trial, to second order, with a free size of the fault."""
     try:
         evidence = Evidence(freed, x)
         slope = None
         if fault is not None and fault.tunes:
-            # What the data are freed of counts from 0 where two such faults add up.
+            # For faults that add up, the size counts from 0 after the correction.
             slope = (replace(fault, value=0.0) if fault.adds else fault).slope(evidence)
         return Quadratic.at(evidence, slope=slope)
     except SolverError:
@@ -248,7 +248,7 @@ def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
 
 
 def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
-    """Return where the log error has its least value near x, its mean square there, ..."""
+    """Return the minimum of the log error near x, its mean square, ..."""
     problem = _held(part)
     residual = _residual(part)
     unit = max(np.sqrt(_power(part, x)), SMALLEST)
@@ -278,7 +278,7 @@ def _power(part: Part, x: _Real) -> float:
 
 
 def _held(part: Part) -> Problem:
-    """Return the problem with priors on all unknowns, by how far they are expected to be off."""
+    """Return the problem with priors on all unknowns, of the width of their spread."""
     spread = spread_of(part)
     own = part.coordinates.parameters
     items = [replace(p, prior_std=float(s)) for p, s in zip(own, spread, strict=True)]
@@ -287,15 +287,15 @@ def _held(part: Part) -> Problem:
 
 
 def damped(part: Part, x: _Real) -> _Real:
-    """Return x with loss factors of 0.1 at least, so that resonances overlap."""
+    """Return x with loss factors of at least 0.1, so that resonances overlap."""
     is_factor = part.coordinates.parameters.is_factor
     return np.clip(np.where(is_factor, x, np.maximum(x, _DAMPED)), *part.coordinates.bounds)
 
 
 def robust_point(part: Part, x: _Real) -> _Real:
-    """Return where a fit ends in which channels that do not follow the others count less.
+    """Return the end of a fit with less weight on channels that disagree with the others.
 
-    Channel by channel the log error is weighted with 1 / (1 + s^2 / s_0^2), s its rms and s_0 the
+    The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
     median of all channels.
     """
     problem, plain = _held(part), LogError.clear_of_noise(part)
@@ -311,9 +311,9 @@ def robust_point(part: Part, x: _Real) -> _Real:
 
 
 def widened(part: Part) -> tuple[Part, _Real]:
-    """Return the part with what is held of the model as unknown, too, and where that starts, as x.
+    """Return the part with held quantities as further unknowns, and their start, as x.
 
-    What nobody seeks is a little wrong all the same; it must not be taken for a fault of the data.
+    Held quantities are slightly wrong; their errors must not be taken for a fault of the data.
     """
     own, system = part.coordinates.parameters, part.solver.system
     sought = {(drive.group, drive.quantity) for p in own for drive in p.acts_on}

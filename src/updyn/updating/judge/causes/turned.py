@@ -1,4 +1,4 @@
-"""A sensor with several directions that was mounted turned about an axis."""
+"""A sensor with several directions that was turned about an axis."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ __all__ = ["Turned", "axes_across"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Least angle in degrees. Accelerometers answer to motion across their axis with up to 5 % of their
-#: sensitivity, as data sheets state; a sensor that is turned by asin(0.05) = 2.9 degrees does, too.
+#: Smallest angle in degrees. The transverse sensitivity of accelerometers is up to 5 %, according
+#: to data sheets; this corresponds to a rotation by asin(0.05) = 2.9 degrees.
 _LEAST = 3.0
-#: First angles that are tried, in radians, and the step between them. The correlation that is to be
-#: greatest has two maxima at most in a turn of 360 degrees.
+#: Trial angles in radians, and their step. The correlation to be maximised has at most two maxima
+#: in 360 degrees.
 _STEP = np.radians(5.0)
 _ANGLES = np.arange(-np.pi, np.pi, _STEP)
 
 
 class Turned(Fault):
-    """The sensor, or the force, at a node is turned about an axis by `value` degrees.
+    """The sensor or the force at a node is turned about an axis by `value` degrees.
 
     ``"3:Z"`` turns the responses of node 3 about Z, ``"force 3:Z"`` its references. A positive
-    angle follows the right-hand rule: turned by 90 degrees about Z, what is called X is along Y.
+    angle follows the right-hand rule: after a rotation by 90 degrees about Z, the label X is along
+    Y.
     """
 
     __slots__ = ()
@@ -47,7 +48,7 @@ class Turned(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each axis across which a node has both directions, by the angle that fits best."""
+        """Yield each axis with both perpendicular directions at a node, with its best angle."""
         frf = evidence.frf
         sides = [(frf.responses, ""), (frf.references, FORCE)]
         rows, columns = ([f"{prefix}{dof}" for dof in axes_across(dofs)] for dofs, prefix in sides)
@@ -58,15 +59,15 @@ class Turned(Fault):
                 yield fault
 
     def refined(self, evidence: Evidence) -> Self:
-        """Return the fault by the angle that fits best at a point.
+        """Return the fault with the best-fitting angle at a point.
 
-        Where the directions are not coupled, the response across is zero, and a slope of its
-        logarithm does not lead to the angle.
+        If the directions are not coupled, the transverse response is zero, and the derivative of
+        its logarithm does not lead to the angle.
         """
         return replace(self, value=_best_angle(_Turn.of(self.channels, evidence.frf), evidence))
 
     def settled(self, part: Part, x: _Real) -> Self:
-        """Return the fault by its best angle on all data of a part."""
+        """Return the fault with the best-fitting angle for all data of a part."""
         return self.refined(Evidence(part, x))
 
     def repair(self, frf: FRF) -> FRF:
@@ -75,7 +76,7 @@ class Turned(Fault):
         Raises
         ------
         OptionError
-            If a node has not both directions that the turn exchanges.
+            If a node lacks one of the two directions.
         """
         turn = _Turn.of(self.channels, frf)
         left, right = (
@@ -85,29 +86,29 @@ class Turned(Fault):
         if frf.variance is not None:
             parts["variance"] = left**2 @ frf.variance @ (right**2).T
         if frf.coherence is not None:
-            # A mixture is no more coherent than the worst of what is mixed.
+            # The coherence of a mixture is at most the smallest of its parts.
             worst = np.where(left[:, :, None] != 0.0, frf.coherence[:, None], 1.0).min(axis=2)
             mixed = right.T[None, None] != 0.0
             parts["coherence"] = np.where(mixed, worst[:, :, :, None], 1.0).min(axis=2)
         return replace(frf, **parts)
 
     def slope(self, evidence: Evidence) -> _Complex:
-        """Return d ln(measured) / d angle: the response across over that along, by the model."""
+        """Return d ln(measured) / d angle, from the model, shape (n_f, n_i, n_j)."""
         frf, H = evidence.frf, evidence.answer(evidence.frf)
         assert frf.variance is not None
         turn = _Turn.of(self.channels, frf)
         change = turn.responses.generator @ H + H @ turn.references.generator.T
-        # Below the noise a response has no logarithm.
+        # A response below the noise has no logarithm.
         size = np.maximum(np.abs(H) ** 2, SEEN**2 * frf.variance)
         size = np.maximum(size, np.finfo(np.float64).tiny)
         return np.asarray(np.radians(1.0) * change * H.conj() / size)
 
     def plausible(self) -> bool:
-        """Return whether it is more than cross-axis sensitivity, and no full turn."""
+        """Return whether the angle exceeds the transverse sensitivity, and is not a full turn."""
         return _LEAST <= abs(self.value) <= 180.0 + _LEAST
 
     def statement(self) -> str:
-        """Return which sensor is turned about which axis, and what is the same."""
+        """Return a sentence with sensor, axis and angle, and equivalent faults."""
         dofs = [Dof.parse(label.removeprefix(FORCE)) for label in self.channels]
         things = ["force" if label.startswith(FORCE) else "sensor" for label in self.channels]
         node, axis = dofs[0].node, dofs[0].direction
@@ -129,12 +130,12 @@ class Turned(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault that is written down.
+        """Return the fault of a text.
 
         Raises
         ------
         OptionError
-            If a channel is not a node with an axis X, Y or Z, or the angle is no number.
+            If a channel is not a node with an axis X, Y or Z, or the angle is not a number.
         """
         found = super().read(channels, value)
         axes = [Dof.parse(name.removeprefix(FORCE)).direction for name in found.channels]
@@ -147,13 +148,13 @@ class Turned(Fault):
 
 
 def _across(axis: str) -> tuple[str, str]:
-    """Return the two directions across an axis: a turn by 90 degrees brings one to the other."""
+    """Return the two directions perpendicular to an axis, in the order of the right-hand rule."""
     k = DIRECTIONS.index(axis)
     return DIRECTIONS[(k + 1) % 3], DIRECTIONS[(k + 2) % 3]
 
 
 def axes_across(dofs: DofSet) -> list[Dof]:
-    """Return the nodes and axes for which both directions across are among some DOFs."""
+    """Return the nodes and axes for which both perpendicular directions are among some DOFs."""
     known = {(dof.node, dof.direction) for dof in dofs}
     return [
         Dof(node, axis)
@@ -168,37 +169,37 @@ def axes_across(dofs: DofSet) -> list[Dof]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """Turns of the responses, or of the references.
+    """Rotations of the responses, or of the references.
 
     Attributes
     ----------
     generator : ndarray of float, shape (n, n)
-        d (measured) / d angle; skew.
+        d (measured) / d angle; skew-symmetric.
     """
 
     generator: _Real
 
     @property
     def basis(self) -> _Real:
-        """The parts of a rotation that go with 1, sin and cos of the angle, shape (3, n, n)."""
+        """Parts of a rotation for the factors 1, sin and cos of the angle, shape (3, n, n)."""
         square = self.generator @ self.generator
         return np.stack([np.eye(len(square)) + square, self.generator, -square])
 
     def rotation(self, angle: float) -> _Real:
-        """Return the matrix that turns true values into measured ones, by Rodrigues' formula."""
+        """Return the matrix from true to measured values, by Rodrigues' formula."""
         return np.tensordot(np.array([1.0, np.sin(angle), np.cos(angle)]), self.basis, axes=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Turn:
-    """Turns of responses and of references by one angle."""
+    """Rotations of responses and of references by one angle."""
 
     responses: _Side
     references: _Side
 
     @classmethod
     def of(cls, channels: Sequence[str], frf: FRF) -> _Turn:
-        """Return that of some channels."""
+        """Return the rotations of some channels."""
         forces = [c.removeprefix(FORCE) for c in channels if c.startswith(FORCE)]
         sensors = [c for c in channels if not c.startswith(FORCE)]
         return cls(
@@ -208,7 +209,7 @@ class _Turn:
 
 
 def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
-    """Return the slope of measured values by the angle of turns, shape (n, n)."""
+    """Return the derivative of measured values by the angle, shape (n, n)."""
     G = np.zeros((len(dofs), len(dofs)))
     place = {(dof.node, dof.direction): i for i, dof in enumerate(dofs)}
     for name in axes:
@@ -232,9 +233,9 @@ def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
 
 
 def _best_angle(turn: _Turn, evidence: Evidence) -> float:
-    """Return the angle in degrees that brings the model nearest to the data, by least squares.
+    """Return the angle in degrees that best fits the model to the data, by least squares.
 
-    The lines count alike: each is divided by its energy.
+    All lines have equal weight: each is divided by its energy.
     """
     from scipy.optimize import minimize_scalar
 
@@ -246,7 +247,7 @@ def _best_angle(turn: _Turn, evidence: Evidence) -> float:
     energy = np.abs(frf.values) ** 2 + np.abs(H) ** 2 + frf.variance
     weight = 1.0 / np.maximum(energy[:, moved].sum(axis=1), np.finfo(np.float64).tiny)
     data = np.where(moved, weight[:, None, None] * frf.values.conj(), 0.0)
-    # A rotation keeps the norm, so that the largest correlation is the least difference.
+    # A rotation preserves the norm: the largest correlation is the smallest difference.
     alike = np.empty((3, 3))
     for p, left in enumerate(turn.responses.basis):
         for q, right in enumerate(turn.references.basis):

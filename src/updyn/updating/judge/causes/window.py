@@ -1,4 +1,4 @@
-"""Damping that an exponential window added."""
+"""Damping added by an exponential window."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Window(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the one that there is."""
+        """Yield the only fault of this kind."""
         yield cls()
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the decay stated: what they are compared with is evaluated there."""
+        """Return the data with their decay, with which a model is evaluated for comparison."""
         return replace(frf, decay=frf.decay + self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
@@ -48,36 +48,36 @@ class Window(Fault):
         return evidence.by_frequency / (2j * np.pi)
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H(i omega + value) / H(i omega)."""
+        """Return the data divided by the model's H(i omega + value) / H(i omega)."""
         return divided(evidence.frf, evidence.damped(self.value))
 
     def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
-        """Return the part whose model is evaluated where the data are."""
+        """Return the part whose model is evaluated with the decay of the data."""
         return part.with_data(self.repair(part.frf)) if self.plausible() else part
 
     def relatives(self, part: Part) -> Iterable[Fault]:
-        """Return viscous damping in proportion to all mass, which is nearly the same.
+        """Return viscous damping in proportion to all mass, which has nearly the same effect.
 
-        (s + a)^2 M = s^2 M + 2 a s M + a^2 M: the stiffness a^2 M and the powers of s by which
-        quantities differ are all that distinguishes a window from it.
+        (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s between
+        quantities distinguish a window from it.
         """
         places = viscous_places(part)
         return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, places),)
 
     def plausible(self) -> bool:
-        """Return whether it adds damping."""
+        """Return whether the damping is positive."""
         return self.value > 0.0
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Advice to the user."""
         return (
             "Look at the settings of the analyser: the decay that it states is more exact than one"
             f' that is found. Write repair = ["{self.written}"] under [test], or that number.'
         )
 
     def statement(self) -> str:
-        """Return how much."""
+        """Return a sentence with the decay and its loss factor."""
         return (
             f"An exponential window exp(-{self.value:.4g} t) added damping to all modes: a loss"
             f" factor of {self.value / np.pi:.3g} / f, f in Hz."

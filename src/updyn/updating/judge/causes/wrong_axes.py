@@ -1,4 +1,4 @@
-"""Section axes that are exchanged in the model: Iy and Iz, or an orientation that is turned."""
+"""Wrong section axes in the model: exchanged Iy and Iz, or an orientation turned by 90 degrees."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class WrongAxes(Irreparable):
     Attributes
     ----------
     other : OtherModel or None
-        The model with the axes the other way round.
+        The model with the correct axes.
     places : int
         Number of variants of the model that were compared; they share the odds of the kind.
     """
@@ -39,12 +39,12 @@ class WrongAxes(Irreparable):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return nothing: no first order of the model describes it (`promising_variants`)."""
+        """Return an empty tuple: `promising_variants` selects these faults."""
         return ()
 
     @property
     def prior(self) -> float:
-        """How often a model has it in these groups."""
+        """Prior odds that the axes of these groups are wrong."""
         return shared_odds(self.odds, self.places)
 
     def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
@@ -56,11 +56,11 @@ class WrongAxes(Irreparable):
         return self.accounted(part, x)
 
     def statement(self) -> str:
-        """Return which groups have exchanged section axes."""
+        """Return a sentence with the groups."""
         text = exchanged_axes(self.channels)
         return f"{text[0].upper()}{text[1:]}."
 
     @property
     def remedy(self) -> str:
-        """Which line of the model to change."""
+        """Line of the model to change."""
         return "" if self.other is None else self.other.variant.remedy
