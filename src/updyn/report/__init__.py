@@ -1,4 +1,4 @@
-"""Results as figures, in one self-contained page."""
+"""Self-contained HTML pages with the figures of results."""
 
 from updyn.report.before import write_start
 from updyn.report.comparison import write_comparison

@@ -1,4 +1,4 @@
-"""Agreement of measured and computed FRFs: FRF correlation, FRAC, CSAC and level differences."""
+"""Sections on agreement of measured and computed FRFs: FRF correlation, FRAC, CSAC, FDAC."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ __all__ = [
 ]
 
 
-#: Lines of a map of the FDAC, and its height in pixels.
+#: Largest number of lines in an FDAC map, and its height in pixels.
 _LINES, _MAP_HEIGHT = 120, 420
-#: Channels from which the FDAC says something; FDAC of a line that is like another one.
+#: Smallest number of channels for a meaningful FDAC, and smallest FDAC of a matching pair of lines.
 _CHANNELS, _RIDGE = 3, 0.8
 
 
 def correlation_maps(data: ReportData) -> dict[str, Figure]:
-    """Return heat maps of the FRF correlation at the start and updated, by name of the figure."""
+    """Return FRF correlation maps before and after the update, by name of the figure."""
     made = {}
     for when, correlation, frac, residual in (
         ("before", data.correlation_before, data.frac_before, data.residual_before),
@@ -72,7 +72,7 @@ def _correlation_map(
     frac: NDArray[np.float64],
     residual: NDArray[np.float64],
 ) -> Figure:
-    """Return a heat map, responses down, references across, on the scale -1 to 1."""
+    """Return a heat map from -1 to 1: responses down, references across."""
     rows, hover = [], []
     for i, (response, held) in enumerate(zip(data.responses, data.held_out, strict=True)):
         rows.append(f"{response} ◆" if held else response)
@@ -117,12 +117,12 @@ def _correlation_map(
 
 
 def csac_lines(data: ReportData) -> Figure | None:
-    """Return CSAC over frequency, before and after."""
+    """Return CSAC over frequency, before and after the update."""
     return _by_line(data, "CSAC", data.csac_before, data.csac_after)
 
 
 def csf_lines(data: ReportData) -> Figure | None:
-    """Return CSF over frequency, before and after."""
+    """Return CSF over frequency, before and after the update."""
     found = [None if h is None else csf(data.measured, h) for h in (data.before, data.after)]
     return _by_line(data, "CSF", *found)
 
@@ -133,7 +133,7 @@ def _by_line(
     before: NDArray[np.float64] | None,
     after: NDArray[np.float64] | None,
 ) -> Figure | None:
-    """Return a criterion between 0 and 1 over frequency, before and after."""
+    """Return a criterion between 0 and 1 over frequency, before and after the update."""
     if before is None and after is None:
         return None
     traces: list[dict[str, Any]] = []
@@ -169,7 +169,7 @@ def _by_line(
 
 
 def fdac_maps(data: ReportData) -> dict[str, Figure]:
-    """Return maps of the FDAC at the start and updated, by name of the figure."""
+    """Return FDAC maps before and after the update, by name of the figure."""
     made = {}
     lines = _few_lines(data)
     if len(data.responses) * len(data.references) >= _CHANNELS and len(lines) > 1:
@@ -181,7 +181,7 @@ def fdac_maps(data: ReportData) -> dict[str, Figure]:
 
 
 def _few_lines(data: ReportData) -> NDArray[np.intp]:
-    """Return the lines of a map: all, or of many the one in each even step that says most."""
+    """Return all compared lines, or the line with the highest level in each of `_LINES` bins."""
     compared = np.arange(len(data.freq))[data.compared]
     if len(compared) <= _LINES:
         return compared
@@ -192,7 +192,7 @@ def _few_lines(data: ReportData) -> NDArray[np.intp]:
 
 
 def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
-    """Return a map, measured lines across, computed lines up, with its ridge and the diagonal."""
+    """Return an FDAC map, measured lines across, computed lines up, with ridge and diagonal."""
     x = numbers(freq, packed=False)
     likest = np.argmax(found, axis=0)
     sure = found[likest, np.arange(len(freq))] >= _RIDGE
@@ -241,7 +241,7 @@ def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
 def level_difference(
     measured: NDArray[np.complex128], computed: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
-    """Return 20 log10 |computed / measured| in dB, flat, without values where either is zero."""
+    """Return 20 log10 abs(computed / measured) in dB as a flat array, omitting zeros."""
     a, b = np.abs(computed).ravel(), np.abs(measured).ravel()
     there = (a > 0) & (b > 0)
     return np.asarray(20.0 * np.log10(a[there] / b[there]))
@@ -250,7 +250,7 @@ def level_difference(
 def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
     """Return the figures of agreement ``before``, ``after`` and of the ``validation`` set.
 
-    Those of the result; where it has none, those of the FRFs that were computed for the page.
+    Figures that the result lacks are computed from the FRFs of the page.
     """
     validation = result.correlation.get("validation") or {}
     computed = {"before": data.before, "after": data.after}
@@ -261,19 +261,19 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
 
 
 def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
-    """Return `Correlation.figures` of FRFs that were computed for a page, over the data of the fit.
+    """Return `Correlation.figures` of the FRFs of a page for the responses used in the fit.
 
     Parameters
     ----------
     data : ReportData
         Measured FRFs, and which responses are held out.
     values : ndarray of complex, shape (n_f, n_responses, n_references), or None
-        Those of a model.
+        FRFs of a model.
 
     Returns
     -------
     dict of str to float
-        Empty if nothing was computed or all responses are held out.
+        Empty if `values` is None or all responses are held out.
     """
     fitted = ~np.array(data.held_out, dtype=np.bool_)
     if values is None or not fitted.any():
@@ -295,14 +295,14 @@ def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> 
 def _scores(
     before: Mapping[str, float] | None, after: Mapping[str, float] | None
 ) -> list[tuple[str, str, str]]:
-    """Return name, value before and value after of each figure of agreement."""
+    """Return (name, value before, value after) of each figure of agreement."""
     before, after = before or {}, after or {}
     names = dict.fromkeys([*before, *after])
     return [(name, _figure(name, before), _figure(name, after)) for name in names]
 
 
 def _figure(name: str, figures: Mapping[str, float]) -> str:
-    """Return a figure of agreement as the terminal shows it."""
+    """Return a figure of agreement as formatted in the terminal."""
     value = figures.get(name)
     if value is None or not math.isfinite(value) or not name.startswith(ONE_AT_BEST):
         return number(value, 3)
@@ -314,7 +314,7 @@ def _units(data: ReportData) -> set[str]:
 
 
 class Agreement(Section):
-    """FRF correlation at the start and updated, CSAC and CSF over frequency."""
+    """FRF correlation before and after the update; CSAC and CSF over frequency; FDAC."""
 
     anchor = "agreement"
     name = "Correlation"
@@ -325,13 +325,13 @@ class Agreement(Section):
     of_start = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the maps of the FRF correlation, CSAC and CSF over frequency, and FDAC."""
+        """Return the FRF correlation maps, CSAC and CSF over frequency, and FDAC maps."""
         data = content.data
         curves = existing({"csac": csac_lines(data), "csf": csf_lines(data)})
         return correlation_maps(data) | curves | fdac_maps(data)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the lines compared and the figures of agreement of the fit."""
+        """Return the compared lines and the figures of agreement of the fit."""
         data = content.data
         correlation = content.result.correlation if data.fitted else {}
         lines = data.freq[data.compared]
@@ -347,7 +347,7 @@ class Agreement(Section):
 
 
 class Validation(Section):
-    """Agreement with the validation set, the data held out of the fit."""
+    """Agreement with the validation set: the data held out of the fit."""
 
     anchor = "validation"
     name = "Validation"
@@ -357,7 +357,7 @@ class Validation(Section):
     needs_frfs = True
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return which data were held out, and how well they are predicted."""
+        """Return the held-out data and how well they are predicted."""
         result = content.result
         scores = result.correlation.get("validation") or {}
         return {
@@ -368,7 +368,7 @@ class Validation(Section):
 
 
 def _validation_channels(data: ReportData) -> list[list[str]]:
-    """Return name and figures of agreement, start and updated, of each channel held out."""
+    """Return the name and the figures before and after the update of each held-out channel."""
     measures = (
         (data.correlation_before, data.correlation_after, figure_of_agreement),
         (data.frac_before, data.frac_after, figure_of_agreement),

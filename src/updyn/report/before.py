@@ -1,4 +1,4 @@
-"""`write_start`: a model beside a test before any fit, as one self-contained HTML page."""
+"""`write_start`: compare a model with a test before any fit, as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ __all__ = ["write_start"]
 
 
 def write_start(start: Start, path: str | PathLike[str]) -> Path:
-    """Write a model beside a test before any fit as one HTML page that needs no network.
+    """Write a model and a test before any fit as one HTML page that needs no network.
 
-    The page shows what the report of an update shows of its start: the structure in three
+    The page shows the sections of an update report that need no fit: the structure in three
     dimensions, all channels, maps of their agreement, modes, and the identifiability of the
-    unknowns; besides, what seems to be wrong with the data, and who sits where.
+    unknowns. It adds findings on faults in the data, and the matching of sensors and DOFs.
 
     Parameters
     ----------
     start : Start
         Model, test and unknowns.
     path : str or path-like
-        The file; an existing one is replaced only once the new page is complete.
+        The file. An existing file is replaced only after the new page is complete.
 
     Returns
     -------
@@ -45,14 +45,14 @@ def write_start(start: Start, path: str | PathLike[str]) -> Path:
 
 
 def render(start: Start) -> str:
-    """Return the page as text."""
+    """Return the page as HTML."""
     content = Content(further={"start": start})
     title = start.title or "Before the update"
     return assemble(content, _head(content, start), title, __version__, folds=True)
 
 
 def _head(content: Content, start: Start) -> str:
-    """Return title, what the data can determine, faults, and figures of agreement."""
+    """Return the head of the page: title, identifiability, faults, and figures of agreement."""
     complete = start.identifiability.complete
     badge, kind = ("Not all unknowns can be determined", "warn")
     if complete:
@@ -88,7 +88,7 @@ def _determined(start: Start) -> Part:
 
 
 def _alike(start: Start) -> list[Part]:
-    """Return whether model and test have modes in common, where that was asked."""
+    """Return whether model and test have modes in common; empty if that was not examined."""
     if start.counterparts is None:
         return []
     claim = start.counterparts.claim
@@ -118,7 +118,7 @@ def _tiles(start: Start, data: ReportData) -> list[tuple[str, str, str]]:
 
 # -- sections ------------------------------------------------------------------------------------
 class _OfStart(Section):
-    """A section that only a page before any fit has."""
+    """A section shown only on a page before any fit."""
 
     of_start = True
 
@@ -128,7 +128,7 @@ class _OfStart(Section):
 
 
 class FindingsSection(_OfStart):
-    """What seems to be wrong with data or model; left out where nothing does."""
+    """Suspected faults of data or model; omitted without findings."""
 
     anchor = "findings"
     name = heading = "Findings"
@@ -137,13 +137,13 @@ class FindingsSection(_OfStart):
     first_screen = True
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the findings, the likeliest first."""
+        """Return the findings, most likely first."""
         assert content.start is not None
         return {"findings": content.start.findings}
 
 
 class ExpectedSection(_OfStart):
-    """The unknowns with the standard deviations to be expected."""
+    """The unknowns with their expected standard deviations."""
 
     anchor = "unknowns"
     name = heading = "Unknowns"
@@ -164,7 +164,7 @@ class ExpectedSection(_OfStart):
 
 
 class MatchingSection(_OfStart):
-    """Who sits where."""
+    """The matching of sensors and forces to DOFs of the model."""
 
     anchor = "matching"
     name = heading = "Sensors and DOFs"
@@ -172,7 +172,7 @@ class MatchingSection(_OfStart):
     template = "updyn.report/start_matching.html"
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the table of matches as text."""
+        """Return the matching table as text."""
         assert content.start is not None
         return {"text": content.start.matching}
 
@@ -183,7 +183,7 @@ MATCHING = MatchingSection()
 
 
 def _row(p: Parameter, std: float) -> tuple[list[str], str]:
-    """Return the cells of an unknown and the class of its row; of a factor in percent."""
+    """Return the cells of an unknown and the CSS class of its row; factors are in percent."""
     known = bool(np.isfinite(std))
     shown = "not determined"
     if known:

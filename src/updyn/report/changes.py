@@ -1,4 +1,4 @@
-"""The changes of all unknowns from their start as one figure, with 95 % intervals."""
+"""The section on parameter changes: change of each unknown from its start, with 95 % interval."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["CHANGES", "MOST_ROWS", "changes_figure", "is_significant"]
 
-#: Unknowns that the figure shows at most: those that changed most.
+#: Largest number of unknowns in the figure; those with the largest change are kept.
 MOST_ROWS = 40
-#: Ratios to the start that the axis reaches at most; bars beyond are cut.
+#: Limits of the axis, as ratios to the start; longer bars are clipped.
 _LEAST, _MOST = 0.02, 50.0
-#: Changes in percent that the axis may mark.
+#: Candidates for axis ticks, changes in percent.
 _MARKS = (
     *(-98, -95, -90, -80, -70, -60, -50, -40, -30, -20, -10, -5, -2, -1, -0.5, -0.2, -0.1),
     *(0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 40, 50, 75, 100, 150, 200, 300, 400, 600, 900),
     *(1400, 1900, 2900, 3900, 4900),
 )
-#: How far apart its marks are at least, as a share of the axis.
+#: Smallest distance between ticks, as a fraction of the axis length.
 _APART = 0.07
-#: Quantities in the order in which they stand; others follow.
+#: Order of the quantities; other quantities follow.
 _ORDER = ("stiffness", "mass", "viscous", "loss_factor")
-#: Outcome of an unknown: name in the legend, colour and symbol.
+#: Legend entry, colour and symbol by outcome of an unknown.
 _STYLES = {
     "changed": ("changed: the 95 % interval excludes the start", "@after", "circle"),
     "insignificant": (
@@ -45,7 +45,7 @@ _STYLES = {
 
 
 def is_significant(result: UpdateResult, parameter: Parameter) -> bool:
-    """Whether the 95 % interval of an unknown excludes its start; not where it has none.
+    """Whether the 95 % interval of an unknown excludes its start; False without an interval.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def _interval(result: UpdateResult, p: Parameter) -> tuple[float, float] | None:
 
 
 class Changes(Section):
-    """The changes of the unknowns."""
+    """The changes of the unknowns from their start."""
 
     anchor = "changes"
     name = "Changes"
@@ -84,7 +84,7 @@ class Changes(Section):
         return existing({"changes": changes_figure(content.result)})
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return what the figure leaves out."""
+        """Return the unknowns that the figure omits."""
         result = content.result
         percents = [p for p in result.parameters if _has_percent(result, p)]
         from_zero = [p for p in result.parameters if p.start == 0.0]
@@ -111,13 +111,13 @@ def _value_words(result: UpdateResult, p: Parameter) -> str:
 
 
 def _has_percent(result: UpdateResult, p: Parameter) -> bool:
-    """Whether the change of an unknown is a number of percent."""
+    """Whether the change of an unknown can be given in percent."""
     return p.start > 0.0 and math.isfinite(result.values[p.name])
 
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """An unknown on the figure: its place from the top, its outcome, and ratios to its start."""
+    """A row of the figure: place from the top, unknown, outcome, and ratios to the start."""
 
     place: int
     parameter: Parameter
@@ -132,7 +132,7 @@ class _Row:
 
 
 def _chosen(result: UpdateResult) -> list[Parameter]:
-    """Return the unknowns to show, in their order; of too many, those that changed most."""
+    """Return the unknowns to show, in order; of too many, those that changed most."""
     shown = [p for p in result.parameters if _has_percent(result, p)]
     if len(shown) <= MOST_ROWS:
         return shown
@@ -154,7 +154,7 @@ def _outcome(result: UpdateResult, p: Parameter) -> str:
 
 
 def _rows(result: UpdateResult) -> tuple[list[_Row], dict[int, str]]:
-    """Return the rows by quantity, and the headings between them by their place."""
+    """Return the rows ordered by quantity, and the headings between them by place."""
     by_quantity: dict[str, list[Parameter]] = {quantity: [] for quantity in _ORDER}
     for p in _chosen(result):
         by_quantity.setdefault(p.quantity, []).append(p)
@@ -175,10 +175,10 @@ def _rows(result: UpdateResult) -> tuple[list[_Row], dict[int, str]]:
 
 
 def changes_figure(result: UpdateResult) -> Figure | None:
-    """Return the change of each unknown from its start, with its 95 % interval, by quantity.
+    """Return the change of each unknown from its start with its 95 % interval, by quantity.
 
-    The axis is logarithmic in the ratio to the start and marked in percent: halved and doubled are
-    equally far from no change.
+    The axis is logarithmic in the ratio to the start and labelled in percent, so half and double
+    are equally far from no change.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def changes_figure(result: UpdateResult) -> Figure | None:
     Returns
     -------
     Figure or None
-        None where no unknown starts above zero.
+        None if no unknown starts above zero.
     """
     rows, headings = _rows(result)
     if not rows:
@@ -239,7 +239,7 @@ def changes_figure(result: UpdateResult) -> Figure | None:
 
 
 def _view(rows: Sequence[_Row]) -> tuple[float, float]:
-    """Return the range of the axis: estimates, intervals and no change, with a margin."""
+    """Return the axis range that contains estimates, intervals and no change, with a margin."""
     shown = np.array([[row.ratio, row.low, row.high] for row in rows]).ravel()
     shown = np.append(shown[np.isfinite(shown)], 1.0)
     low = max(float(shown.min()), _LEAST)
@@ -249,7 +249,7 @@ def _view(rows: Sequence[_Row]) -> tuple[float, float]:
 
 
 def _marks(view: tuple[float, float]) -> list[float]:
-    """Return the changes in percent to mark: no change first, then the roundest that have room."""
+    """Return the changes in percent to label: 0 first, then the roundest values that fit."""
     low, high = np.log(view)
     apart = _APART * (high - low)
     taken: list[float] = []
@@ -261,7 +261,7 @@ def _marks(view: tuple[float, float]) -> list[float]:
 
 
 def _roundness(mark: float) -> tuple[bool, int]:
-    """Return a key that puts 0 first, then marks that begin with 1, with 5, with 2, the rest."""
+    """Return a sort key: 0 first, then values whose first digit is 1, 5, 2, then the rest."""
     if mark == 0.0:
         return False, 0
     return True, "152".find(f"{abs(mark):.0e}"[0]) % 10
@@ -275,7 +275,7 @@ def _estimates(
     colour: str,
     symbol: str,
 ) -> dict[str, Any]:
-    """Return points with their intervals, cut where the axis ends."""
+    """Return estimates with their intervals, clipped at the ends of the axis."""
     x = np.clip([row.ratio for row in rows], *view)
     texts = []
     for row in rows:
@@ -307,7 +307,7 @@ def _estimates(
 
 
 def _bounds(rows: Sequence[_Row], view: tuple[float, float]) -> dict[str, Any]:
-    """Return the bounds that lie in view."""
+    """Return the bounds inside the axis range."""
     x: list[float] = []
     y: list[int] = []
     for row in rows:
@@ -329,7 +329,7 @@ def _bounds(rows: Sequence[_Row], view: tuple[float, float]) -> dict[str, Any]:
 
 
 def _invisible(rows: Sequence[_Row]) -> dict[str, Any]:
-    """Return a trace without marks, for which the axis on the right is drawn."""
+    """Return a trace without visible markers, needed to draw the axis on the right."""
     return {
         "type": "scatter",
         "mode": "markers",

@@ -1,4 +1,4 @@
-"""The worst and the median channel: measured FRF, and the curves of both models on a fine grid."""
+"""The section on the worst and the median channel: measured FRF and model curves on a fine grid."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from updyn.report.section import Content, Section
 
 __all__ = ["CHANNELS", "MOST_POINTS", "channel_curves", "worst_and_median"]
 
-#: Measured lines up to which they are drawn as points; more of them are a line.
+#: Largest number of measured lines drawn as points; more lines are drawn as a curve.
 MOST_POINTS = 200
-#: Lines of a curve at most.
+#: Largest number of lines of a curve.
 _MOST_LINES = 3_000
 
 
 class Channels(Section):
-    """The FRFs of the channel that agrees worst and of the median one."""
+    """FRFs of the channel with the worst agreement and of the median channel."""
 
     anchor = "channels"
     name = "Channels"
@@ -53,7 +53,7 @@ class Channels(Section):
         return existing(made)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return title and caption of each channel by the name of its figure."""
+        """Return figure name, title and caption of each channel."""
         data = content.data
         shown = []
         for name, at in worst_and_median(data).items():
@@ -65,10 +65,11 @@ CHANNELS = Channels()
 
 
 def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
-    """Return position of response and reference of the ``worst`` and the ``median`` channel.
+    """Return the positions (response, reference) of the ``worst`` and the ``median`` channel.
 
-    By the relative residual of the updated model (of the start where that one could not be
-    computed), which sees level, sign and phase. Channels measured as zero are left out.
+    Channels are ranked by the relative residual of the updated model (or of the start model, if the
+    former could not be computed), which depends on level, sign and phase. Channels measured as zero
+    are omitted.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
     Returns
     -------
     dict of str to (int, int)
-        Of one channel ``"only"``; empty where no model could be computed.
+        With the key ``"only"`` for a single channel; empty if no model could be computed.
     """
     residual = data.residual_after
     if residual is None:
@@ -104,7 +105,7 @@ def _title(data: ReportData, name: str, i: int, j: int) -> str:
 
 
 def _caption(data: ReportData, i: int, j: int) -> str:
-    """Return the figures of agreement of a channel, before and after."""
+    """Return the figures of agreement of a channel, before and after the update."""
     figures = (
         ("Relative residual", data.residual_before, data.residual_after, percentage),
         (
@@ -128,7 +129,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
     Parameters
     ----------
     data : ReportData
-        The FRFs: measured at its lines, both models on its finer grid.
+        Measured FRFs, and both models on the finer grid.
     i, j : int
         Positions of response and reference.
 
@@ -167,7 +168,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
 
 
 def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict[str, Any]:
-    """Return measured values: points, or where there are many a wide line below the curves."""
+    """Return the trace of measured values: points, or a wide line if there are many."""
     style: dict[str, Any] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
     if x.size > MOST_POINTS:
         style = {"mode": "lines", "line": {"color": "@measured", "width": 4}}
@@ -182,5 +183,5 @@ def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict
 
 
 def _thinned(H: NDArray[np.complex128]) -> NDArray[np.intp]:
-    """Return which lines of a curve are drawn: all of a few thousand, else with every peak."""
+    """Return the lines of a curve to draw; of many lines, a selection that keeps every peak."""
     return with_peaks(np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny)), _MOST_LINES)

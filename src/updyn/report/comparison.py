@@ -1,4 +1,4 @@
-"""`write_comparison`: every method side by side, as one self-contained HTML page."""
+"""`write_comparison`: compare update methods side by side on one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -37,14 +37,15 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["Curves", "gather_curves", "is_geometric", "write_comparison"]
 
-#: The paper's method and the one that it compares with; shown together where both gave an answer.
+#: The paper's method and its baseline; drawn in one figure if both converged to a result.
 PAIR = ("equation-error", "reduced-frf")
-#: Lines of the data at which curves are computed where the model is small enough, and in any case.
+#: Largest and smallest number of lines at which the model curves are computed, depending on model
+#: size.
 _POINTS = 600
 _FEWEST_POINTS = 100
-#: Measured lines up to this number are drawn as points: what lies between them was not measured.
+#: Up to this number of measured lines, draw points: a curve would suggest data between the lines.
 _FEW = 150
-#: Height of the FRFs of the pair, and of one method.
+#: Height in pixels of the FRF figure of the pair, and of the figure of one method.
 _PAIR_HEIGHT = 440
 _PANEL_HEIGHT = 290
 
@@ -52,17 +53,17 @@ _PANEL_HEIGHT = 290
 def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
     """Write a comparison of methods as one HTML page that needs no network and no other file.
 
-    The page shows the table of the methods, the FRF of the channel in which the start is furthest
-    off, measured, before, and after by each method, bars of error, misfit, time and work, why
-    methods do not apply, and how the fewest lines were sought. The models' FRFs are computed for
-    it.
+    The page shows the table of methods; the FRF of the channel with the largest error at the start,
+    measured, before, and after by each method; bars of error, misfit, time and work; the reasons
+    why methods do not apply; and the search for the fewest lines. The FRFs of the models are
+    computed for the page.
 
     Parameters
     ----------
     comparison : Comparison
-        From `updyn.compare`.
+        Result of `updyn.compare`.
     path : str or path-like
-        The file; an existing one is replaced only once the new page is complete.
+        The file. An existing file is replaced only after the new page is complete.
 
     Returns
     -------
@@ -73,7 +74,7 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
 
 
 def render(comparison: Comparison) -> str:
-    """Return the page as text."""
+    """Return the page as HTML."""
     content = Content(further={"comparison": Compared(comparison, gather_curves(comparison))})
     title = comparison.title or "Comparison of methods"
     return assemble(content, _head(comparison), title, __version__)
@@ -81,14 +82,14 @@ def render(comparison: Comparison) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """A comparison with the FRFs that its page draws.
+    """A comparison and the FRFs drawn on its page.
 
     Attributes
     ----------
     comparison : Comparison
-        What `updyn.compare` gave.
+        Result of `updyn.compare`.
     curves : Curves or None
-        The FRFs; None where no model could be computed.
+        The FRFs; None if no model could be computed.
     """
 
     comparison: Comparison
@@ -121,7 +122,7 @@ def _head(comparison: Comparison) -> str:
 
 
 def _verdict(comparison: Comparison, run: Sequence[Row]) -> str:
-    """Say how many methods apply, and which recover the unknowns or converged."""
+    """Return a sentence: how many methods apply, and which recover the unknowns or converged."""
     start = f"{len(run)} of {counted(len(comparison), 'method')} can be used on these data."
     if comparison.truth:
         within = f"{100 * comparison.tolerance:g} %"
@@ -138,7 +139,7 @@ def _verdict(comparison: Comparison, run: Sequence[Row]) -> str:
 
 
 def _key_figures(comparison: Comparison, run: Sequence[Row]) -> list[tuple[str, str, str]]:
-    """Return name, value and hint of each key figure."""
+    """Return (name, value, hint) of each key figure."""
     before = comparison.before.get("db_error_median", math.nan)
     misfits, errors, lines = {}, {}, {}
     for row in run:
@@ -156,26 +157,26 @@ def _key_figures(comparison: Comparison, run: Sequence[Row]) -> list[tuple[str, 
 
 
 def _misfit(row: Row) -> float:
-    """Return the median level difference after the update, in dB; NaN where it is not known."""
+    """Return the median level difference after the update, in dB; NaN if unknown."""
     return float((row.fitted.get("after") or {}).get("db_error_median", math.nan))
 
 
 def _best(
     name: str, values: Mapping[str, float], say: Callable[[float], str]
 ) -> list[tuple[str, str, str]]:
-    """Return a key figure with the methods that have the least value."""
+    """Return the key figure of the least value, with the names of the methods that reach it."""
     known = {method: v for method, v in values.items() if math.isfinite(v)}
     if not known:
         return []
     least = min(known.values())
-    limit = max(least * (1.0 + 1e-9), 1e-9)  # beyond rounding there is no better or worse
+    limit = max(least * (1.0 + 1e-9), 1e-9)  # differences within rounding count as equal
     shown = say(least)
     best = [method for method, v in known.items() if v <= limit or say(v) == shown]
     return [(name, shown, _listed(best))]
 
 
 def _decibels(value: float) -> str:
-    """Return a level difference as text; rounding is 0."""
+    """Return a level difference as text; rounding errors are written as 0."""
     return "0 dB" if value < 1e-9 else decibels(value)
 
 
@@ -190,7 +191,7 @@ class ComparisonSection(Section):
     """A section of the page of a comparison."""
 
     def applies(self, content: Content) -> bool:
-        """Whether the page is that of a comparison, not of an update."""
+        """Whether the page describes a comparison and not an update."""
         return content.update is None
 
 
@@ -219,7 +220,7 @@ class Methods(ComparisonSection):
 
 
 def _typeset(cell: str) -> str:
-    """Return a cell of the terminal's table as the page writes it: dashes and powers of ten."""
+    """Return a table cell of the terminal with typographic dashes and powers of ten."""
     if cell == "-":
         return "–"
     try:
@@ -249,7 +250,7 @@ class Frfs(ComparisonSection):
         return frf_figures(content.further["comparison"].curves)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the channel, the methods that are drawn and those that gave no answer."""
+        """Return the channel, the methods that are drawn, and the methods without a result."""
         shown: Compared = content.further["comparison"]
         comparison, curves = shown.comparison, shown.curves
         assert curves is not None
@@ -315,7 +316,7 @@ class FewestLines(ComparisonSection):
     template = "updyn.report/comparison_lines.html"
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the rule and the table, without rows where the fewest lines were not sought."""
+        """Return the rule and the table of the methods for which the fewest lines were searched."""
         comparison: Comparison = content.further["comparison"].comparison
         counts = sorted({n for row in comparison if row.fewest for n, _ in row.fewest.tried})
         rows, notes = [], []
@@ -380,28 +381,28 @@ LIMITS = Limits()
 # -- data ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """One channel.
+    """Measured and computed FRFs of one channel.
 
     Attributes
     ----------
     test, response, reference, quantity : str
-        Which; the test has a name where there are several.
+        The channel. `test` is empty for a single test.
     lines : ndarray of float, shape (n_f,)
-        Lines of the data, in Hz.
+        Measured lines, in Hz.
     measured : ndarray of complex, shape (n_f,)
-        The data there.
+        The data at `lines`.
     fitted : ndarray of bool, shape (n_f,)
-        Which of these lines were used in the fits.
+        Which of these lines the fits used.
     freq : ndarray of float, shape (n,)
-        Where the models were computed, in Hz.
+        Lines at which the models were computed, in Hz.
     before : ndarray of complex, shape (n,)
-        The start.
+        FRF of the start model.
     after : mapping of str to ndarray of complex, shape (n,)
-        By method; those that gave no answer are not there.
+        FRF of the updated model by method; methods without a result are missing.
     misfit : float
-        Median level difference of the start in this channel, in dB: the largest of all channels.
+        Median level difference of the start in this channel, in dB, the largest of all channels.
     notes : tuple of str
-        What was left out or thinned.
+        Remarks on omitted models and thinned lines.
     """
 
     test: str
@@ -419,18 +420,7 @@ class Curves:
 
 
 def gather_curves(comparison: Comparison) -> Curves | None:
-    """Compute the FRFs of the channel in which the start is furthest off.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The comparison.
-
-    Returns
-    -------
-    Curves or None
-        None where no model could be computed.
-    """
+    """Return the FRFs of the channel with the largest start error; None if not computable."""
     notes: list[str] = []
     worst = _worst_channel(comparison, notes)
     if worst is None:
@@ -459,7 +449,7 @@ def gather_curves(comparison: Comparison) -> Curves | None:
             values = computed(result.model, channel, freq, what, refused, result.options)
             if values is not None:
                 after[name] = values[:, 0, 0]
-        if not refused:  # else one of them is singular: it may be so between lines only
+        if not refused:  # else try the measured lines: a model may be singular at others
             break
     notes += refused
     if before is None:
@@ -485,7 +475,7 @@ def gather_curves(comparison: Comparison) -> Curves | None:
 
 
 def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Test, int, int] | None:
-    """Return the largest median level difference of the start, in dB, with test and channel."""
+    """Return the largest median level difference of the start, in dB, with its test and channel."""
     worst: tuple[float, Test, int, int] | None = None
     for test in comparison.tests:
         frf = _thinned(test)
@@ -503,7 +493,7 @@ def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Tes
 
 
 def _thinned(test: Test) -> FRF:
-    """Return the data at no more lines than are worth computing, 0 Hz left out."""
+    """Return the data without 0 Hz, thinned to a number of lines that is affordable to compute."""
     frf = test.frf.select(lines=test.frf.freq[test.frf.freq > 0])
     limit = int(np.clip(EVALUATION_BUDGET // test.model.n_dofs, _FEWEST_POINTS, 1000))
     keep = keep_lines(frf.values, np.ones(len(frf.freq), dtype=np.bool_), limit)
@@ -511,27 +501,27 @@ def _thinned(test: Test) -> FRF:
 
 
 def _few_lines(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
-    """Return lines of the data for the curves, ends included: few of a large model."""
+    """Return measured lines for the curves, including both ends; fewer lines for a larger model."""
     most = int(np.clip(EVALUATION_BUDGET // (4 * n_dofs), _FEWEST_POINTS, _POINTS))
     at = np.linspace(0, len(lines) - 1, min(most, len(lines))).round().astype(np.intp)
     return lines[np.unique(at)]
 
 
 def is_geometric(lines: NDArray[np.float64]) -> bool:
-    """Whether lines are spaced more evenly in the logarithm of frequency, over a decade or more."""
+    """Whether the lines are closer to geometric than to even spacing and span a decade or more."""
     if len(lines) < 3 or lines[-1] < 10.0 * lines[0]:
         return False
     return _unevenness(np.log(lines)) < _unevenness(lines)
 
 
 def _unevenness(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation of the steps over their mean."""
+    """Return the standard deviation of the steps divided by their mean."""
     steps = np.diff(values)
     return float(np.std(steps) / np.mean(steps))
 
 
 def _first(comparison: Comparison, test: Test) -> UpdateResult | None:
-    """Return the first result of a test."""
+    """Return the first result for a test, or None."""
     for row in comparison:
         result = _of_test(row, test)
         if result is not None:
@@ -540,7 +530,7 @@ def _first(comparison: Comparison, test: Test) -> UpdateResult | None:
 
 
 def _options(comparison: Comparison, test: Test) -> Mapping[str, Any]:
-    """Return the options with which the model was solved in the fits."""
+    """Return the options with which the fits solved the model."""
     first = _first(comparison, test)
     if first is None:
         return {}
@@ -555,7 +545,7 @@ def _of_test(row: Row, test: Test) -> UpdateResult | None:
 
 # -- figures -------------------------------------------------------------------------------------
 def frf_figures(curves: Curves) -> dict[str, Figure]:
-    """Return the FRFs by method, by the name of their place in the page."""
+    """Return the FRF figures, by their name in the page."""
     out: dict[str, Figure] = {}
     pair = [name for name in PAIR if name in curves.after]
     if pair:
@@ -566,7 +556,7 @@ def frf_figures(curves: Curves) -> dict[str, Figure]:
 
 
 def bar_figures(comparison: Comparison) -> dict[str, Figure]:
-    """Return bars of error, misfit, time and work, by the name of their place in the page."""
+    """Return bar charts of error, misfit, time and work, by their name in the page."""
     errors, misfits, seconds, work = {}, {}, {}, {}
     for row in comparison:
         if not row.applies:
@@ -586,12 +576,12 @@ def bar_figures(comparison: Comparison) -> dict[str, Figure]:
 
 
 def panel_name(number: int) -> str:
-    """Return the name of the place of one method's FRF."""
+    """Return the name of the figure of one method's FRF."""
     return f"panel-{number}"
 
 
 def _overlay(curves: Curves, names: Sequence[str]) -> Figure:
-    """Measured, before, and after by some methods, in one figure."""
+    """Return one figure with the FRF measured, before, and after by some methods."""
     colours = (MODEL_COLOURS["updated"], *(f"@{role}" for role in OTHERS))
     traces = [_curve(curves, curves.before, "before", MODEL_COLOURS["start"], "dot")]
     for name, colour, dash in zip(names, colours, ("solid", "dash", "dashdot"), strict=False):
@@ -608,7 +598,7 @@ def _panel(curves: Curves, name: str) -> Figure:
 
 
 def _measured(curves: Curves) -> dict[str, Any]:
-    """Return the measured FRF, as points where the lines are few."""
+    """Return the trace of the measured FRF, as points if there are few lines."""
     trace: dict[str, Any] = {
         "type": "scatter",
         "name": "measured",
@@ -670,14 +660,14 @@ def _frame(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
 
 
 def _step(step: int | str, height: int) -> int | str:
-    """Return the step of the marks, twice as large on a low figure."""
+    """Return the tick step, doubled for a low figure."""
     if isinstance(step, int) and height < 300:
         return 2 * step
     return step
 
 
 def _range(values: NDArray[np.float64]) -> list[float]:
-    """Return a common range of all FRFs, in decades."""
+    """Return an axis range common to all FRFs, in decades."""
     seen = np.log10(values[np.isfinite(values)])
     if not seen.size:
         return [-1.08, 1.08]

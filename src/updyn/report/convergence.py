@@ -1,4 +1,4 @@
-"""The section of the report about the iterations of the fit."""
+"""The section of the report on the iterations of the fit."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["CONVERGENCE", "cost_path", "value_paths"]
 
-#: Explanation of the search for a start.
+#: Explanations of the stages that are not update methods.
 _SEARCH = "tries from several starts"
 _APPROACH = "descents of the log error from the start"
 _OTHERS = "descents to other answers that may fit as well"
-#: Unknowns that a figure of paths names; the rest are grey.
+#: Largest number of unknowns named in a path figure; the others are drawn grey.
 _LEGEND_ENTRIES = 12
-#: Relative difference of values that no figure shows.
+#: Relative difference between parameter values that is invisible in the figures.
 _THERE = 1e-3
-#: Steps up to which each is drawn as a point of its own.
+#: Largest number of steps that are drawn with a marker each.
 _SINGLE_STEPS = 60
-#: Least range of an axis of costs, relative to them: less is rounding, which ticks would spell out.
+#: Smallest relative range of a cost axis; below it, ticks would show rounding errors.
 _ALIKE = 0.01
-#: Room for the tick labels of a panel beside another, as a share of the width.
+#: Width of the tick labels between panels, as a fraction of the figure width.
 _TICKS = 0.09
 _PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 
@@ -58,7 +58,7 @@ class Convergence(OfUnknowns):
     template = "updyn.report/convergence.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the cost and the path of each kind of unknown."""
+        """Return the figures of the cost and of the paths of each kind of unknown."""
         result = content.result
         made = {"cost": cost_path(result)}
         chosen = by_figure(result, "factor-paths", "-paths", "calibration-paths")
@@ -67,7 +67,7 @@ class Convergence(OfUnknowns):
         return existing(made)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the stages, the costs of the fit that reached the answer, titles of figures."""
+        """Return the stages, the costs of the fit that led to the result, and the figure titles."""
         result = content.result
         stages = list(dict.fromkeys(step.stage for step in result.history))
         titles = [
@@ -91,7 +91,7 @@ CONVERGENCE = Convergence()
 
 
 def _explained(stages: Sequence[str]) -> list[str]:
-    """Return the stages with what each minimises, where that is stated."""
+    """Return the stages with an explanation, omitting stages without one."""
     words = {"search": _SEARCH, "approach": _APPROACH, "other answers": _OTHERS}
     for stage in stages:
         if stage in METHODS:
@@ -101,15 +101,15 @@ def _explained(stages: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A fit within a stage: a try of the search, or the steps under one weighting of the residuals.
+    """A fit within a stage: one start of the search, or the steps under one residual weighting.
 
     Attributes
     ----------
     stage : str
-        The stage.
+        Name of the stage.
     taken, refused : list of (int, Iteration)
-        Its steps, with the iterations made until then through all stages; of a refused one those
-        that it would have made.
+        Accepted and rejected steps, each with the number of iterations made so far in all stages; a
+        rejected step has the number that it would have had.
     """
 
     stage: str
@@ -117,16 +117,16 @@ class _Fit:
     refused: list[tuple[int, Iteration]]
 
     def own(self, made: int) -> int:
-        """Return the iterations made since the fit began."""
+        """Return the number of iterations since the start of this fit."""
         return made - self.taken[0][0]
 
     @property
     def costs(self) -> tuple[float, float]:
-        """Cost where it began and where it ended."""
+        """Cost at the first and at the last accepted step."""
         return self.taken[0][1].cost, self.taken[-1][1].cost
 
     def goes_on_from(self, other: _Fit) -> bool:
-        """Whether it begins where another fit of its stage ended, or with a step from there."""
+        """Whether this fit continues another fit of the same stage from its end point."""
         first, last = self.taken[0][1], other.taken[-1][1]
         if self.stage != other.stage:
             return False
@@ -136,8 +136,7 @@ class _Fit:
 def _fits(history: Sequence[Iteration]) -> list[_Fit]:
     """Return the fits of a history in order.
 
-    An accepted step lowers the cost; where it does not, or has no length, or the stage is another
-    one, another fit has begun.
+    A new fit begins at a change of stage, at a step of zero length, and at an increase of the cost.
     """
     fits: list[_Fit] = []
     for made, step in zip(iterations_made(history), history, strict=True):
@@ -154,7 +153,7 @@ def _fits(history: Sequence[Iteration]) -> list[_Fit]:
 
 
 def cost_path(result: UpdateResult) -> Figure | None:
-    """Return the costs of all fits, in a panel for each stage; refused steps as crosses."""
+    """Return the costs of all fits, one panel per stage; rejected steps are crosses."""
     stages: dict[str, list[_Fit]] = {}
     for fit in _fits(result.history):
         stages.setdefault(fit.stage, []).append(fit)
@@ -204,13 +203,13 @@ def _panel_title(text: str, domain: Sequence[float]) -> dict[str, Any]:
 
 
 def _foot(costs: NDArray[np.float64]) -> float:
-    """Return where costs of zero stand on a logarithmic axis."""
+    """Return the position of zero costs on a logarithmic axis."""
     positive = costs[costs > 0]
     return float(positive.min()) / 10.0 if positive.size else 0.1
 
 
 def _cost_axis(costs: NDArray[np.float64]) -> dict[str, Any]:
-    """Return a logarithmic axis; a linear one where the costs are nearly alike."""
+    """Return a logarithmic cost axis, or a linear one for costs within a factor of 2."""
     low, high = float(costs.min()), float(costs.max())
     if low > 0.5 * high:
         around, half = 0.5 * (low + high), 0.55 * max(high - low, _ALIKE * high)
@@ -224,7 +223,7 @@ def _cost_axis(costs: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _cost_traces(fits: Sequence[_Fit], costs: NDArray[np.float64]) -> list[dict[str, Any]]:
-    """Return the fits of a stage over their own iterations, with gaps between them."""
+    """Return the traces of the fits of a stage over their iteration numbers, separated by gaps."""
     foot = _foot(costs)
     x: list[int | None] = []
     y: list[float] = []
@@ -269,7 +268,7 @@ def _cost_traces(fits: Sequence[_Fit], costs: NDArray[np.float64]) -> list[dict[
 
 
 def _iterations(fits: Sequence[_Fit]) -> dict[str, Any]:
-    """Return the axis of the iterations of some fits, each from its own beginning."""
+    """Return the iteration axis of some fits, counted from the start of each fit."""
     last = max(fit.own(made) for fit in fits for made, _ in fit.taken + fit.refused)
     axis: dict[str, Any] = {
         "title": {"text": "iteration of the fit"},
@@ -280,14 +279,14 @@ def _iterations(fits: Sequence[_Fit]) -> dict[str, Any]:
 
 
 def _whole(axis: dict[str, Any], last: int) -> dict[str, Any]:
-    """Return an axis of iterations up to `last` without marks between them where these are few."""
+    """Return an iteration axis with integer ticks only."""
     return axis | {"dtick": 1} if last <= 6 else axis
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the values of the unknowns on the way to the answer, with gaps between fits.
+    """Return the values of the unknowns over the iterations that led to the result.
 
-    Of many unknowns, the most moved are named.
+    Fits are separated by gaps. Of many unknowns, those with the largest range are named.
 
     Parameters
     ----------
@@ -311,7 +310,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     moved = sorted(paths, key=lambda name: -_excursion(paths[name]))
     named = sorted(moved[:_LEGEND_ENTRIES], key=list(paths).index)
     traces = []
-    for p in sorted(chosen, key=lambda p: p.name in named):  # named ones above the grey ones
+    for p in sorted(chosen, key=lambda p: p.name in named):  # draw named paths above the grey ones
         shown = label(f"{p.group}: {quantity_words(p.quantity)}")
         trace: dict[str, Any] = {
             "type": "scatter",
@@ -344,7 +343,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
 
 
 def _paths(result: UpdateResult) -> tuple[list[int | None], list[Iteration | None]]:
-    """Return the steps of the fits that led to the answer, None between them, and their numbers."""
+    """Return the numbers and steps of the fits that led to the result, with None between fits."""
     made: list[int | None] = []
     steps: list[Iteration | None] = []
     number = 0
@@ -359,11 +358,11 @@ def _paths(result: UpdateResult) -> tuple[list[int | None], list[Iteration | Non
 
 
 def _leading(result: UpdateResult) -> list[_Fit]:
-    """Return the fits that led to the answer, in order.
+    """Return the fits that led to the result, in order.
 
-    Of each stage the one that ended nearest to the answer, after those that it goes on from under
-    other weights, up to the stage in which the answer is reached. Other tries of a search, and
-    descents that look for other answers, are not its way.
+    For each stage, the fit that ended nearest to the result, preceded by the fits that it
+    continues, up to the stage that reached the result. Other starts of a search and descents to
+    alternative solutions are excluded.
     """
     fits = _fits(result.history)
     off = [_distance(result, fit.taken[-1][1]) for fit in fits]
@@ -384,7 +383,7 @@ def _leading(result: UpdateResult) -> list[_Fit]:
 
 
 def _distance(result: UpdateResult, step: Iteration) -> float:
-    """Return the largest difference of a value from the answer's, relative to it or its start."""
+    """Return the largest difference of a value from the result, relative to value or start."""
     off = [0.0]
     for p in result.parameters:
         value = result.values[p.name]

@@ -1,4 +1,4 @@
-"""Measured and computed FRFs of a report, and their agreement, gathered once."""
+"""Measured and computed FRFs of a report and their agreement."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ __all__ = [
     "keep_lines",
 ]
 
-#: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few
+#: Lines x DOFs up to which the models are computed at every measured line: seconds to a few
 #: minutes.
 EVALUATION_BUDGET = 2_000_000
-#: The same where the user has stopped the run, and waits: about a second.
+#: The same after the user has stopped the run: about a second.
 _STOPPED_BUDGET = 50_000
 _MOST_LINES = 5_000
 _FEWEST_LINES = 100
 _LEAST_LINES = 8
-#: Further lines at which the curves of the models are computed: even ones, and at most so many
-#: about resonances; of models that are costly to solve fewer, so many lines x DOFs. Where a reduced
-#: model answers at any line at little cost, all are even ones.
+#: Numbers of additional lines for the curves of the models: evenly spaced ones, and at most so many
+#: near resonances; fewer for large models (budget in lines x DOFs). With a reduced model, which is
+#: cheap at any line, all additional lines are evenly spaced.
 _EVEN_LINES = 400
 _RESONANCE_LINES = 1_200
 _GRID_BUDGET = 500_000
@@ -45,50 +45,50 @@ _GRID_BUDGET = 500_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportData:
-    """Measured and computed FRFs, and their agreement.
+    """Measured and computed FRFs and their agreement.
 
     Attributes
     ----------
     freq : ndarray of float, shape (n_f,)
-        Lines at which measured and computed FRFs are compared, in Hz; 0 Hz left out.
+        Lines at which measured and computed FRFs are compared, in Hz, without 0 Hz.
     measured : ndarray of complex, shape (n_f, n_responses, n_references)
         The data, in the unit of `quantity`.
     before, after : ndarray of complex, same shape, or None
-        The start and the updated model; None where it could not be computed (`notes` says why).
+        FRFs of the start and the updated model; None if not computable (see `notes`).
     grid : ndarray of float, shape (n_g,)
-        Lines of the curves of the models, in Hz: those of `freq`, and further ones that resolve the
-        resonances.
+        Lines of the model curves, in Hz: `freq`, and additional lines that resolve the resonances.
     before_curve, after_curve : ndarray of complex, shape (n_g, n_responses, n_references), or None
-        The start and the updated model on `grid`.
+        FRFs of the start and the updated model on `grid`.
     coherence : ndarray of float, same shape, or None
         Ordinary coherence of the data.
     responses, references : tuple of str
         DOF labels.
     held_out : tuple of bool
-        By response, whether it was held out of the fit.
+        Whether each response was held out of the fit.
     quantity : str
         Receptance, mobility or accelerance.
     used : ndarray of bool, shape (n_f,)
-        Which of the lines were used in the fit.
+        Lines used in the fit.
     compared : ndarray of bool, shape (n_f,)
-        Lines over which FRAC and level differences are formed: all but those of a band held out.
+        Lines over which FRAC and level differences are computed: all lines outside the validation
+        band.
     frac_before, frac_after : ndarray of float, shape (n_responses, n_references), or None
         Frequency response assurance criterion of each channel over the lines `compared`.
     correlation_before, correlation_after : ndarray of float, same shape, or None
-        FRF correlation of each channel, with sign, over the same lines.
+        Signed FRF correlation of each channel over the same lines.
     residual_before, residual_after : ndarray of float, same shape, or None
         Relative residual of each channel over the same lines.
     csac_before, csac_after : ndarray of float, shape (n_f,), or None
-        Cross signature assurance criterion at each line; None too where there is one channel only
-        (it is 1 then).
+        Cross signature assurance criterion at each line; None also for a single channel, for which
+        it is always 1.
     notes : tuple of str
-        What was left out or thinned, in sentences for the reader.
+        Sentences on omitted models and thinned lines.
     fit_band, validation_band : (float, float) or None
-        First and last line of the fit, and the band that was held out of it, in Hz.
+        First and last line of the fit, and the band held out of it, in Hz.
     n_lines : int
-        How many lines the fit uses.
+        Number of lines used in the fit.
     fitted : bool
-        Whether there was a fit; else there is a start only.
+        Whether there was a fit; otherwise there is only a start model.
     """
 
     freq: NDArray[np.float64]
@@ -121,11 +121,11 @@ class ReportData:
 
 
 def gather(result: UpdateResult) -> ReportData:
-    """Compute both models and compare them with what was measured.
+    """Compute the start and the updated model and compare them with the data.
 
-    They are computed at the lines of the data, which figures of agreement are over, and on a finer
-    grid for their curves. Above `EVALUATION_BUDGET` (lines x DOFs) the lines are thinned, peaks
-    kept, and a note says so.
+    The agreement is computed at the measured lines, the curves on a finer grid. Above
+    `EVALUATION_BUDGET` (lines x DOFs), lines are thinned with their peaks kept, and a note reports
+    it.
     """
     gains = gains_of(result)
     made = _gathered(
@@ -145,18 +145,7 @@ def gather(result: UpdateResult) -> ReportData:
 
 
 def gather_start(start: Start) -> ReportData:
-    """Compute a model where its update would start, and compare it with what was measured.
-
-    Parameters
-    ----------
-    start : Start
-        Of a test that measured FRFs.
-
-    Returns
-    -------
-    ReportData
-        Without an updated model.
-    """
+    """Compute the start model of an FRF test, without an update, and compare it with the data."""
     assert isinstance(start.data, FRF)
     made = _gathered(
         start.data,
@@ -182,7 +171,7 @@ def _gathered(
     *,
     stopped: bool,
 ) -> ReportData:
-    """Return the data and the FRFs of the start and, where there is one, of the updated model."""
+    """Return the data and the FRFs of the start and, if present, of the updated model."""
     start, updated = models
     notes: list[str] = []
     used = _is_used(frf, lines)
@@ -208,7 +197,7 @@ def _gathered(
     fine = freq if stopped else fine_grid(drawn, freq, reduced=reduced)
     for grid in (fine, freq):
         refused: list[str] = []
-        # A reduced model would be built, and its error certified, for a look alone.
+        # Building and certifying a reduced model takes too long after a stop.
         if stopped and (reduced or len(grid) * start.n_dofs > _STOPPED_BUDGET):
             before_curve = after_curve = None
             refused.append(
@@ -219,7 +208,7 @@ def _gathered(
         after_curve = None
         if updated is not None:
             after_curve = computed(updated, frf, grid, "updated model", refused, options)
-        if not refused:  # else one of them is singular: it may be so between lines only
+        if not refused:  # else try the measured lines: a model may be singular at others
             break
     notes += refused
     if gains is not None and after_curve is not None:
@@ -262,17 +251,17 @@ def _gathered(
 def fine_grid(
     models: Sequence[Model], freq: NDArray[np.float64], *, reduced: bool
 ) -> NDArray[np.float64]:
-    """Return some lines and those that resolve the resonances of models, in Hz.
+    """Return the given lines together with lines that resolve the resonances of the models, in Hz.
 
     Parameters
     ----------
     models : sequence of Model
-        Those whose curves are drawn, of one size.
+        Models whose curves are drawn, all of the same size.
     freq : ndarray of float, shape (n,)
-        Lines that are among them, ascending, in Hz, above 0.
+        Ascending positive lines in Hz, contained in the result.
     reduced : bool
-        Whether they are computed in a reduced model, which answers at any line at little cost; the
-        modes of the whole model would take long.
+        Whether the FRFs are computed from a reduced model; if so, lines are evenly spaced, because
+        the modes of the full model would be expensive.
     """
     if freq.size < 2:
         return freq
@@ -295,7 +284,7 @@ def _is_used(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDArray[np.bool_]:
-    """Return which lines lie outside the band held out; all where that leaves none."""
+    """Return which lines lie outside the validation band; all lines if none does."""
     if band is not None:
         outside = (freq < band[0]) | (freq > band[1])
         if outside.any():
@@ -311,40 +300,41 @@ def computed(
     notes: list[str],
     options: Mapping[str, Any],
 ) -> NDArray[np.complex128] | None:
-    """Return the FRFs of a model at some lines; None, with a note, where they cannot be computed.
+    """Return the FRFs of a model; None, with a note, if they cannot be computed.
 
     Parameters
     ----------
     model : Model
         The model.
     frf : FRF
-        The data: channels and quantity.
+        The data that define channels and quantity.
     freq : ndarray of float, shape (n,)
         Lines in Hz.
     what : str
-        The name of the model in the note.
+        Name of the model in the note.
     notes : list of str
-        The note is appended to it.
+        List to which the note is appended.
     options : mapping
-        Options of the update, which say how a large model was solved.
+        Options of the update, which determine how a large model is solved.
 
     Returns
     -------
     ndarray of complex, shape (n, n_responses, n_references), or None
-        In the unit of the data.
+        FRFs in the unit of the data.
     """
     from updyn.dynamics.response import response
 
     if freq.size == 0:
         return None
-    # As the update solved it: a large model line by line would take longer than the update.
+    # Solve as the update did: a direct solution of a large model at every line could take longer
+    # than the update.
     how: dict[str, Any] = {}
     if options.get("tier") == "reduced":
         how = {key: options[key] for key in ("tier", "accuracy") if key in options}
     try:
         where = (freq, frf.responses, frf.references, frf.quantity)
         return response(model, *where, decay=frf.decay, **how).values
-    except UpdynError as error:  # a failed fit has a report too
+    except UpdynError as error:  # a failed fit also gets a report
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None
 
@@ -355,7 +345,7 @@ def _scores(
     computed: NDArray[np.complex128] | None,
     compared: NDArray[np.bool_],
 ) -> NDArray[np.float64] | None:
-    """Return a measure of agreement of each channel over some lines."""
+    """Return a measure of agreement per channel over the lines `compared`."""
     if computed is None:
         return None
     return measure(measured[compared], computed[compared])
@@ -372,7 +362,7 @@ def _csac(
 def keep_lines(
     values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int
 ) -> NDArray[np.intp]:
-    """Choose lines of too many: peaks first, then lines of the fit, then evenly spaced ones.
+    """Return positions of lines to keep: peaks, then lines of the fit, then evenly spaced lines.
 
     Parameters
     ----------
@@ -381,12 +371,12 @@ def keep_lines(
     used : ndarray of bool, shape (n_f,)
         Lines used in the fit.
     limit : int
-        How many lines may stay, at least 8.
+        Largest number of lines, at least 8.
 
     Returns
     -------
     ndarray of int
-        Positions, ascending, at most `limit`; first and last line included.
+        At most `limit` ascending positions, including the first and the last line.
     """
     n = len(values)
     if n <= limit:
@@ -398,10 +388,10 @@ def keep_lines(
     height = level[1:-1] - np.maximum(level[:-2], level[2:])
     depth = np.minimum(level[:-2], level[2:]) - level[1:-1]
     turns = inner[(height > 0) | (depth > 0)]
-    if turns.size > limit // 4:  # noise turns at every other line: keep the largest levels
+    if turns.size > limit // 4:  # noise peaks at every other line: keep the most extreme levels
         turns = turns[np.argsort(-np.abs(level[turns] - np.median(level)))[: limit // 4]]
     wanted = np.flatnonzero(used)
     room = limit - turns.size
-    fitted = wanted if wanted.size <= room // 2 else wanted[:0]  # all of them or none
+    fitted = wanted if wanted.size <= room // 2 else wanted[:0]  # all or none
     even = np.linspace(0, n - 1, room - fitted.size).round().astype(np.intp)
     return np.unique(np.concatenate([turns, fitted, even]))

@@ -1,4 +1,4 @@
-"""Numbers, units and names of quantities as plain text, for a reader."""
+"""Numbers, units and names of quantities as plain text."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ _QUANTITY_WORDS = {
     "calibration": "calibration factor",
     "force_calibration": "calibration factor of the force",
 }
-#: Terms of a combination of unknowns, and entries of a list, that are written out.
+#: Largest number of terms of a combination, and of entries of a list, that are written.
 _WRITTEN_TERMS = 16
 _WRITTEN_ENTRIES = 20
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Return a number with `digits` significant digits and a true minus; a dash for none."""
+    """Return a number with `digits` significant digits and a true minus sign; a dash if missing."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -74,7 +74,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def padded(value: float | None, digits: int) -> str:
-    """Return a number as `number` does, with its trailing zeros, for columns of a table."""
+    """Return a number as `number` does, but with trailing zeros, for table columns."""
     text = number(value, digits)
     if value is None or not math.isfinite(value) or "·" in text:
         return text
@@ -82,7 +82,7 @@ def padded(value: float | None, digits: int) -> str:
 
 
 def estimate(value: float, std: float) -> str:
-    """Return an estimate to two digits of its standard deviation; without one, to five digits."""
+    """Return an estimate rounded to two digits of its standard deviation, else to five digits."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return number(value, 5)
     decimals = 1 - math.floor(math.log10(std))
@@ -92,17 +92,17 @@ def estimate(value: float, std: float) -> str:
 
 
 def quantity_words(quantity: str) -> str:
-    """Return ``"loss factor"`` for ``"loss_factor"``, and so on."""
+    """Return a quantity in words: ``"loss factor"`` for ``"loss_factor"``."""
     return _QUANTITY_WORDS.get(quantity, quantity)
 
 
 def figure_name(quantity: str) -> str:
-    """Return ``"loss-factor"`` for ``"loss_factor"``: the name of a figure of a kind of unknown."""
+    """Return the figure name of a kind of unknown: ``"loss-factor"`` for ``"loss_factor"``."""
     return quantity.replace("_", "-")
 
 
 def axis_title(parameter: Parameter) -> str:
-    """Return the title of an axis of such values: the quantity and, in brackets, its unit."""
+    """Return the axis title for values of an unknown: quantity, and unit in brackets."""
     if parameter.value_of is None:
         return "value relative to the start"
     quantity = quantity_words(parameter.value_of)
@@ -112,7 +112,7 @@ def axis_title(parameter: Parameter) -> str:
 
 
 def unknown(name: str) -> str:
-    """Return ``"stiffness of shaft"`` for ``"shaft.stiffness"``."""
+    """Return an unknown in words: ``"stiffness of shaft"`` for ``"shaft.stiffness"``."""
     group, _, quantity = name.rpartition(".")
     if not group:
         return name
@@ -120,7 +120,7 @@ def unknown(name: str) -> str:
 
 
 def combination(direction: Mapping[str, float]) -> str:
-    """Return weights by unknown as words, the largest first: which go up or down, by how much."""
+    """Return the weights of unknowns in words, largest first, with direction and size."""
     shown, more = _largest(direction)
     terms = []
     for name, weight in shown:
@@ -130,7 +130,7 @@ def combination(direction: Mapping[str, float]) -> str:
 
 
 def weighted_sum(direction: Mapping[str, float]) -> str:
-    """Return weights by unknown as a sum: ``1 × mass of hub + 0.62 × stiffness of hub``."""
+    """Return weights as a sum, such as ``1 × mass of hub + 0.62 × stiffness of hub``."""
     shown, more = _largest(direction)
     text = ""
     for name, weight in shown:
@@ -140,7 +140,7 @@ def weighted_sum(direction: Mapping[str, float]) -> str:
 
 
 def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], str]:
-    """Return the terms to write out, the largest first, and a text on the rest of them."""
+    """Return the largest terms in descending order, and a text about the remaining terms."""
     ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
     rest = ordered[_WRITTEN_TERMS:]
     if not rest:
@@ -150,7 +150,7 @@ def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], s
 
 
 def change(parameter: Parameter, value: float) -> str:
-    """Return the change from the start: in percent, or as a difference where the start is zero."""
+    """Return the change from the start in percent, or from 0 to the value if the start is 0."""
     if math.isnan(value):
         return number(value)
     if parameter.start == 0.0:
@@ -165,7 +165,7 @@ def change(parameter: Parameter, value: float) -> str:
 def interval(
     parameter: Parameter, value: float, std: float, freedom: int | None = None
 ) -> tuple[float, float] | None:
-    """Return the 95 % interval; None where the data do not determine the unknown.
+    """Return the 95 % interval; None if the data do not determine the unknown.
 
     Parameters
     ----------
@@ -174,8 +174,7 @@ def interval(
     value, std : float
         Estimate and standard deviation.
     freedom : int, optional
-        Degrees of freedom of Student's distribution, where the noise was estimated from few
-        numbers.
+        Degrees of freedom of Student's t distribution, if the noise was estimated from few values.
     """
     if not math.isfinite(std) or not math.isfinite(value):
         return None
@@ -183,7 +182,7 @@ def interval(
 
 
 def figure_of_agreement(value: float) -> str:
-    """Return a FRAC or the like with two decimals, more where two would read as 1.00."""
+    """Return a criterion such as FRAC with two decimals, or three if two would round up to 1.00."""
     if math.isnan(value):
         return "unknown"
     if 0.9995 <= value < 1.0:
@@ -194,7 +193,7 @@ def figure_of_agreement(value: float) -> str:
 
 
 def percentage(share: float) -> str:
-    """Return a share in percent with two digits; what rounding leaves of zero is not spelt out."""
+    """Return a fraction in percent with two digits, or a limit if it is below 0.0001 %."""
     if math.isnan(share):
         return number(share)
     if 0.0 <= share < 1e-6:
@@ -205,7 +204,7 @@ def percentage(share: float) -> str:
 
 
 def extent(data: FRF | ModeSet) -> str:
-    """Return the numbers of channels and lines, or of modes and DOFs, and the frequency range."""
+    """Return the numbers of channels and lines (or of modes and DOFs), and the frequency range."""
     if isinstance(data, ModeSet) and not data.has_shapes:
         found = "frequencies" if len(data) > 1 else "frequency"
         return f"{len(data)} natural {found}, {_span(data.frequency, '')}"
@@ -220,7 +219,7 @@ def extent(data: FRF | ModeSet) -> str:
 
 
 def _span(freq: NDArray[np.float64], of_several: str, of_one: str = "") -> str:
-    """Return the first and the last of some frequencies, or the only one, after a word."""
+    """Return the first and last frequency after a prefix, or the only one."""
     first, last = number(float(freq[0])), number(float(freq[-1]))
     return f"{of_one}{first} Hz" if len(freq) == 1 else f"{of_several}{first} to {last} Hz"
 
@@ -236,19 +235,19 @@ def decibels(value: float) -> str:
 
 
 def noise_is_fitted(noise: Mapping[str, Any]) -> bool:
-    """Whether the noise is estimated from the residual: chi-square does not judge the fit then."""
+    """Whether the noise is estimated from the residual; if so, chi-square cannot assess the fit."""
     return str(noise.get("kind", "")).startswith(("estimated", "spread"))
 
 
 def chi_hint(noise: Mapping[str, Any]) -> str:
-    """Return what a reduced chi-square of 1 means."""
+    """Return the meaning of a reduced chi-square of 1."""
     if noise_is_fitted(noise):
         return "by construction: noise estimated from the residual"
     return "1: the residual is noise"
 
 
 def held_out(result: UpdateResult) -> str:
-    """Return the validation set in words; empty where nothing was held out of the fit."""
+    """Return the validation set in words; empty if no data were held out."""
     parts = []
     if result.validation_responses:
         names = result.validation_responses
@@ -284,5 +283,5 @@ def plain(value: Any) -> str:
 
 
 def agreement_name(key: str) -> str:
-    """Return the name of a figure of agreement in a table."""
+    """Return the table heading of a figure of agreement."""
     return FIGURE_NAMES.get(key, key.replace("_", " "))

@@ -1,4 +1,4 @@
-"""The head of the page of an update: title, verdict and key figures; the table of tests."""
+"""The head of the page of an update (title, verdict, key figures) and the table of tests."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FIGURES = {
     "residual_median": "residual, median",
     "db_error_median": "level, median",
 }
-#: Outcomes of the test of a residual, the worst first: the head shows the worst of all tests.
+#: Outcomes of the residual test, worst first; the head shows the worst of all tests.
 _GRAVITY = ("structure", "excess", "untested", "noise", "exact")
 
 
@@ -44,7 +44,7 @@ def _in_percent(value: float) -> str:
     return percentage(value / 100.0)
 
 
-#: Key figures: name, title, how it is said, the ideal, and whether more or less is better.
+#: Key figures: name, title, formatter, ideal value, and 1 if larger is better, else -1.
 _KEY_FIGURES: tuple[tuple[str, str, Callable[[float], str], str, float], ...] = (
     ("frac_median", "FRAC, median", figure_of_agreement, "1 is the same shape", 1.0),
     ("correlation_min", "Correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
@@ -60,14 +60,14 @@ _Figures = Mapping[str, Mapping[str, float]]
 
 
 def key_figure(name: str, value: float) -> tuple[str, str, str]:
-    """Return title, value and ideal of a figure of agreement of one model.
+    """Return title, value and ideal value of a figure of agreement of one model.
 
     Parameters
     ----------
     name : str
-        Such as ``"frac_median"``.
+        A name such as ``"frac_median"``.
     value : float
-        Its value.
+        The value.
     """
     title, say, ideal = next(
         (title, say, ideal) for known, title, say, ideal, _ in _KEY_FIGURES if known == name
@@ -85,7 +85,7 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
     figures : mapping of str to mapping of str to float
         Figures of agreement ``before``, ``after`` and of the ``validation`` set.
     data : str
-        The measured data in words; by default their channels and lines.
+        Description of the measured data; by default their channels and lines.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
 
 
 def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str, str]]:
-    """Return name, value and hint of each key figure."""
+    """Return (name, value, hint) of each key figure."""
     before, after = figures.get("before", {}), figures.get("after", {})
     out = []
     for name, title, say, ideal, sign in _KEY_FIGURES:
@@ -128,7 +128,7 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
         value = f"FRAC {figure_of_agreement(held['frac_median'])}"
         out.append((f"Held out: {held_out(result) or 'validation set'}", value, "median, after"))
     chi = result.noise.get("chi_square")
-    fitted = noise_is_fitted(result.noise)  # it is 1 by construction then
+    fitted = noise_is_fitted(result.noise)  # then it is 1 by construction
     judged = result.adequacy is not None and result.adequacy.verdict not in result.message
     if isinstance(chi, int | float) and math.isfinite(chi) and not (fitted or judged):
         out.append(("Reduced chi-square", number(float(chi), 3), chi_hint(result.noise)))
@@ -145,19 +145,19 @@ def _before_and_after(
     ideal: str,
     sign: float,
 ) -> tuple[str, str, str]:
-    """Return a figure before and after; `sign` is 1 where more is better, else -1."""
+    """Return a figure before and after the update; `sign` is 1 if larger is better, else -1."""
     if before is None:
         return title, say(after), ideal
     first, last = say(before), say(after)
     hint = f"start → updated; {ideal}"
-    if sign * after < sign * before and last != first:  # a difference that shows
+    if sign * after < sign * before and last != first:  # visible after rounding
         hint = f"worse than the start; {ideal}"
     return title, f"{first.removesuffix(' dB').removesuffix(' %')} → {last}", hint
 
 
 # -- several tests -------------------------------------------------------------------------------
 def joint_head(result: JointResult) -> str:
-    """Return the head of the page of several tests, with the agreement of the worst of them.
+    """Return the head of the page of several tests, with the agreement of the worst test.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def joint_head(result: JointResult) -> str:
 
 
 class Tests(Section):
-    """The tests that were fitted together, one row each."""
+    """The tests fitted together, one row each."""
 
     anchor = "tests"
     name = "Tests"
@@ -192,11 +192,11 @@ class Tests(Section):
     first_screen = True
 
     def applies(self, content: Content) -> bool:
-        """Whether the page is that of several tests."""
+        """Whether the page describes several tests."""
         return isinstance(content.update, JointResult)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return one row a test: link, data, agreement before and after, residual."""
+        """Return one row per test: link, data, agreement before and after, residual."""
         return {
             "head": ["test", "data", *_FIGURES.values(), "residual test"],
             "kinds": ("text", "text", *[""] * len(_FIGURES), "text"),
@@ -227,7 +227,7 @@ def agreement(result: UpdateResult) -> dict[str, dict[str, float]]:
 
 
 def _agreement(result: UpdateResult, when: str) -> dict[str, float]:
-    """Return figures of agreement before or after, or those after of the validation set."""
+    """Return the figures before or after the update, or those of the validation set after it."""
     found = result.correlation.get(when) or {}
     if when == "validation":
         found = found.get("after") or {}
@@ -237,16 +237,18 @@ def _agreement(result: UpdateResult, when: str) -> dict[str, float]:
 # -- verdict -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part of a verdict.
+    """One question of a verdict with its answer.
 
     Attributes
     ----------
     name : str
         The question, such as ``"Converged"``.
     truth : bool or None
-        Yes, no, or not known.
+        The answer; None if unknown.
     why : str
-        A sentence with the figure that it rests on.
+        A sentence with the figure that supports the answer.
+    asked : bool
+        Whether the question was examined.
     """
 
     name: str
@@ -256,27 +258,27 @@ class Part:
 
     @property
     def answer(self) -> str:
-        """The truth in a word."""
+        """The answer in one word."""
         return Claim(self.truth, self.why, self.asked).answer
 
     @property
     def kind(self) -> str:
-        """The class of the badge."""
+        """The CSS class of the badge."""
         return {True: "good", False: "bad", None: "warn"}[self.truth]
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether to believe the result, in words.
+    """Whether the result can be trusted, in words.
 
     Attributes
     ----------
     badge, kind : str
         Short word, and ``"good"``, ``"warn"`` or ``"bad"``.
     parts : tuple of Part
-        The questions that it answers.
+        The questions and their answers.
     rest : str
-        What the message of the result says beyond them.
+        Remainder of the result's message.
     """
 
     badge: str
@@ -286,7 +288,7 @@ class Verdict:
 
 
 def verdict(result: UpdateResult) -> Verdict:
-    """Return the verdict on a result, part by part; no sentence of its message is said twice.
+    """Return the verdict on a result; sentences of its message are not repeated.
 
     Parameters
     ----------
@@ -315,7 +317,7 @@ def verdict(result: UpdateResult) -> Verdict:
 
 
 def _judged(result: UpdateResult, trust: Trust) -> tuple[tuple[Part, ...], str]:
-    """Return the parts, and what the message says beyond them."""
+    """Return the parts of the verdict and the remainder of the message."""
     steps = f" After {counted(result.iterations, 'iteration')}."
     parts = []
     for name, belief in trust.items():
@@ -325,7 +327,7 @@ def _judged(result: UpdateResult, trust: Trust) -> tuple[tuple[Part, ...], str]:
 
 
 def _determined(result: UpdateResult) -> Part:
-    """Return whether the data determine all unknowns."""
+    """Return the part that states whether the data determine all unknowns."""
     n, rank = result.identifiability.n_parameters, result.identifiability.rank
     if result.is_ambiguous:
         said = (

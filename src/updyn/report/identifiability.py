@@ -1,4 +1,4 @@
-"""The section of the report about what the data determine."""
+"""The section of the report on identifiability."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class IdentifiabilitySection(OfUnknowns):
-    """Which unknowns, or combinations of them, the data determine."""
+    """The unknowns, and combinations of unknowns, that the data determine."""
 
     anchor = "identifiability"
     name = "Identifiability"
@@ -61,7 +61,7 @@ class IdentifiabilitySection(OfUnknowns):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the identifiability of the unknowns."""
-        if content.start is not None:  # the head says the advice
+        if content.start is not None:  # the head of the page shows the advice
             return {"ident": content.start.identifiability, "advice": "", "answers": None}
         result = content.result
         advice = result.identifiability.advice
@@ -73,7 +73,7 @@ class IdentifiabilitySection(OfUnknowns):
 
 
 def _answers(result: UpdateResult) -> dict[str, Any] | None:
-    """Return the table of the answers that fit equally well; None where there is one only."""
+    """Return the table of solutions that fit equally well; None if there is only one."""
     others = result.alternatives
     if not others:
         return None
@@ -108,9 +108,9 @@ IDENTIFIABILITY = IdentifiabilitySection()
 
 
 def singular_values(ident: Identifiability) -> Figure | None:
-    """Return the singular values of the scaled Jacobian, determined and undetermined ones apart.
+    """Return the singular values of the scaled Jacobian, determined and undetermined separately.
 
-    Zeros stand at the foot of the logarithmic axis.
+    Zeros are drawn at the lower end of the logarithmic axis.
     """
     values = np.array(ident.singular_values, dtype=np.float64)
     values = values[np.isfinite(values)]
@@ -168,17 +168,17 @@ def _singular_trace(
 
 
 def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return correlation coefficients from a covariance.
+    """Return the correlation coefficients of a covariance matrix.
 
     Parameters
     ----------
     covariance : ndarray of float, shape (n, n)
-        Of n unknowns.
+        Covariance of n unknowns.
 
     Returns
     -------
     ndarray of float, shape (n, n)
-        Between -1 and 1; NaN in rows that are not finite or have no variance.
+        Values from -1 to 1; NaN in rows that are not finite or have no variance.
     """
     variance = np.diag(covariance)
     known = np.isfinite(variance) & (variance > 0)
@@ -190,19 +190,19 @@ def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -> Figure | None:
-    """Return the correlation of the unknowns, blank where an unknown is not determined.
+    """Return the correlation map of the unknowns; cells of undetermined unknowns are blank.
 
     Parameters
     ----------
     parameters : ParameterSet
         The n unknowns.
     covariance : ndarray of float, shape (n, n)
-        Of them.
+        Their covariance.
 
     Returns
     -------
     Figure or None
-        None of a single unknown, and where no correlation is known.
+        None for a single unknown, and if no correlation is known.
     """
     names = names_of(tuple(parameters))
     if len(names) < 2 or covariance.shape != (len(names), len(names)):
@@ -219,12 +219,12 @@ def combinations_map(ident: Identifiability) -> Figure | None:
     Parameters
     ----------
     ident : Identifiability
-        With its undetermined combinations.
+        Identifiability with its undetermined combinations.
 
     Returns
     -------
     Figure or None
-        None where the data determine every unknown.
+        None if the data determine every unknown.
     """
     directions = ident.null_directions
     if not directions:
@@ -247,7 +247,7 @@ def _signed_map(
     what: str,
     say: Callable[[float], str],
 ) -> Figure:
-    """Return a heat map on the scale -1 to 1, with the values in its cells where these are few."""
+    """Return a heat map from -1 to 1; values are printed if there are few cells."""
     height = max(rows_height(len(rows), extra=220), 320)
     trace = {
         "type": "heatmap",
@@ -278,12 +278,12 @@ def _signed_map(
 
 
 def _weight(value: float) -> str:
-    """Return a weight as text, blank where there is none."""
+    """Return a weight as text; blank if not finite."""
     return number(value, 2) if np.isfinite(value) else ""
 
 
 def _coefficient(value: float) -> str:
-    """Return a correlation coefficient as text, blank where there is none."""
+    """Return a correlation coefficient as text; blank if not finite."""
     if not np.isfinite(value):
         return ""
     return f"{value:.2f}".replace("-0.00", "0.00").replace("-", "−")

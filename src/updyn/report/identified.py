@@ -1,4 +1,4 @@
-"""`write_modes_page`: modes of a measurement as one HTML page, in which they are picked."""
+"""`write_modes_page`: modes of a measurement as one HTML page with an interactive mode picker."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from updyn.report.templates import asset, render_template, write_page
 
 __all__ = ["write_modes_page"]
 
-#: Pairs of modes with nearly the same shape that are named.
+#: Largest number of pairs of similar modes that are listed.
 _NAMED = 8
 
 
@@ -44,15 +44,15 @@ def write_modes_page(
     Parameters
     ----------
     modes : ModeSet
-        From `updyn.identify_modes`.
+        Result of `updyn.identify_modes`.
     frf : FRF
         The measurement.
     path : str or path-like
-        The file; an existing one is replaced only once the new page is complete.
+        The file. An existing file is replaced only after the new page is complete.
     title : str
-        Of the page.
+        Title of the page.
     poles : sequence of float or None, optional
-        Of each mode the frequency in Hz of the pole that was picked; None: found without.
+        Frequency in Hz of the pole picked for each mode; None for modes found without a pole.
     left_out : ModeSet, optional
         Modes that were found but not picked. They can be picked in the page.
 
@@ -72,7 +72,7 @@ def render(
     poles: Sequence[float | None] | None = None,
     left_out: ModeSet | None = None,
 ) -> str:
-    """Return the page as text."""
+    """Return the page as HTML."""
     title = title or "Modes"
     found = Identified(modes, frf, [None] * len(modes) if poles is None else list(poles), left_out)
     head = render_template(
@@ -85,7 +85,7 @@ def render(
 
 
 def _verdict(modes: ModeSet) -> str:
-    """Return in words how many modes there are, and which is the least sure."""
+    """Return a sentence with the number of modes, the least certain mode, and unexplained peaks."""
     count = counted(len(modes), "mode")
     if not np.isfinite(modes.quality).any():
         return f"{count}."
@@ -102,7 +102,7 @@ def _verdict(modes: ModeSet) -> str:
 
 
 class DiagramSection(Section):
-    """The figure in which modes are picked: diagram and synthesised FRFs."""
+    """The figure for picking modes: stabilisation diagram and synthesised FRFs."""
 
     anchor = "diagram"
     name = "Stabilisation diagram and FRFs"
@@ -111,7 +111,7 @@ class DiagramSection(Section):
     template = "updyn.report/identified_diagram.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether there are modes, which is always so."""
+        """Return True: a page of modes always has this section."""
         return True
 
     def figures(self, content: Content) -> dict[str, Figure]:
@@ -123,7 +123,7 @@ class DiagramSection(Section):
         return {"channels_note": content.further["identified"].note}
 
     def embedded(self, content: Content) -> dict[str, Any]:
-        """Return the data of the script."""
+        """Return the data for the script."""
         return {"updyn-picks": picker_data(content.further["identified"])}
 
     def script(self) -> str:
@@ -132,7 +132,7 @@ class DiagramSection(Section):
 
 
 class ShapesSection(Section):
-    """AutoMAC of the modes, with the pairs that have nearly the same shape."""
+    """AutoMAC of the modes, with the pairs of nearly identical shapes."""
 
     anchor = "auto-mac"
     name = "AutoMAC"
@@ -141,17 +141,17 @@ class ShapesSection(Section):
     template = "updyn.report/identified_shapes.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether there are two modes."""
+        """Whether there are at least two modes."""
         return len(content.further["identified"].modes) > 1
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the map."""
+        """Return the AutoMAC map."""
         modes: ModeSet = content.further["identified"].modes
         values = auto_mac(modes.shapes)
         return {"identified-auto-mac": mode_map(values, modes, modes, ("mode", "mode"), "AutoMAC")}
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the pairs in words."""
+        """Return the pairs of similar modes in words."""
         modes: ModeSet = content.further["identified"].modes
         pairs = alike_pairs(modes)
         others = auto_mac(modes.shapes)[np.triu_indices(len(modes), 1)]
@@ -163,7 +163,7 @@ class ShapesSection(Section):
 
 
 def pair_in_words(pair: AlikePair) -> str:
-    """Return what a pair of modes with nearly the same shape may mean."""
+    """Return a sentence on a pair of modes with nearly identical shapes."""
     which = f"{number(pair.first, 5)} and {number(pair.second, 5)} Hz: MAC {pair.mac:.2f}"
     if pair.overlap:
         return (
@@ -183,11 +183,11 @@ class ModesSection(Section):
     template = "updyn.report/identified_modes.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether there are modes, which is always so."""
+        """Return True: a page of modes always has this section."""
         return True
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the rows."""
+        """Return the rows of the table."""
         modes: ModeSet = content.further["identified"].modes
         shape = _shape_errors(modes)
         rows = []
@@ -208,7 +208,7 @@ class ModesSection(Section):
 
 
 def _shape_errors(modes: ModeSet) -> np.ndarray[Any, Any]:
-    """Return the rms of the standard deviations of each shape as a share of the shape's."""
+    """Return the rms standard deviation of each shape relative to the rms of the shape."""
     if modes.std_shapes is None:
         return np.full(len(modes), np.nan)
     return np.asarray(

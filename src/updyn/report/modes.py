@@ -1,4 +1,4 @@
-"""The section on modes: test, start and updated; MAC, AutoMAC, COMAC and cross-orthogonality."""
+"""The section on modes of test, start and updated model: MAC, COMAC, cross-orthogonality."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from updyn.updating.judge.modal_table import ModalTable, ModeEntry
 
 __all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
 
-#: Marks along an axis of modes.
+#: Largest number of tick labels along the vertical axis of modes.
 _MARKS = 30
-#: Side by side, where a figure is 130 px wide on paper.
+#: The same along the horizontal axis, which is 130 px wide in print.
 _MARKS_ACROSS = 10
-#: Rows of the table that are not folded away.
+#: Number of table rows that are shown unfolded.
 SHOWN_ROWS = 20
-#: Sensors of which COMAC is drawn.
+#: Largest number of sensors in the COMAC figure.
 MOST_SENSORS = 100
-#: Smallest and largest height in pixels of a map of modes.
+#: Smallest and largest height in pixels of a MAC map.
 _HEIGHTS = 240, 560
-#: Height in pixels of a picture of the sensors, and lines of the geometry that it has at most.
+#: Height in pixels of a COMAC map, and the largest number of geometry lines drawn in it.
 _MAP_HEIGHT, _MOST_LINES = 380, 4_000
-#: Nodes up to which their numbers stand beside them.
+#: Largest number of nodes that are labelled with their number.
 _NAMED = 40
 
 
@@ -58,20 +58,20 @@ def mode_map(
     criterion: str,
     subspaces: Sequence[Subspace] = (),
 ) -> Figure:
-    """Return a heat map of modes against modes on the scale 0 to 1.
+    """Return a heat map of modes against modes on a scale from 0 to 1.
 
     Parameters
     ----------
     values : array_like, shape (n_rows, n_columns)
-        The criterion; of complex or signed values the modulus is shown.
+        The criterion; the modulus of complex or signed values is shown.
     rows, columns : Modes or ModeSet
-        The modes, the first of each at the top and on the left.
+        The modes; the first mode is at the top and on the left.
     names : tuple of str
-        Whose modes the rows and the columns are.
+        Owners of the modes of the rows and of the columns.
     criterion : str
-        Its name.
+        Name of the criterion.
     subspaces : sequence of Subspace
-        Close modes of rows and columns; they are framed, with their subspace MAC on the frame.
+        Groups of close modes, framed and labelled with their subspace MAC.
     """
     size = np.abs(np.asarray(values))
     hover = []
@@ -112,7 +112,7 @@ def mode_map(
 
 
 def _frames(subspaces: Sequence[Subspace]) -> dict[str, Any]:
-    """Return frames around close modes, with their subspace MAC in the middle."""
+    """Return frames around close modes, labelled with their subspace MAC."""
     frames, texts = [], []
     for one in subspaces:
         for top, bottom, left, right in one.blocks:
@@ -134,7 +134,7 @@ def _frames(subspaces: Sequence[Subspace]) -> dict[str, Any]:
 
 
 def _axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, Any]:
-    """Return an axis with a place for each mode, up to `most` marked by their frequency in Hz."""
+    """Return an axis with one place per mode, up to `most` labelled with the frequency in Hz."""
     every = -(-len(frequency) // most)
     at = list(range(0, len(frequency), every))
     return {
@@ -147,9 +147,9 @@ def _axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, An
 
 
 def comac_bars(table: ModalTable) -> Figure | None:
-    """Return COMAC by sensor before and after; None where no modes are paired.
+    """Return COMAC by sensor before and after the update; None without paired modes.
 
-    Of more than `MOST_SENSORS` those that agree least in the last of the models.
+    Of more than `MOST_SENSORS` sensors, those with the lowest COMAC in the last model are shown.
     """
     found = {}
     for name, correlation in table.correlations.items():
@@ -196,20 +196,20 @@ def comac_bars(table: ModalTable) -> Figure | None:
 
 
 def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure]:
-    """Return pictures of the geometry with COMAC at the sensors, by name of the figure.
+    """Return maps of the geometry with COMAC at the sensors, by name of the figure.
 
     Parameters
     ----------
     table : ModalTable
         The modes.
     geometry : Geometry, optional
-        Where the nodes stand. Sensors at others are left out.
+        Positions of the nodes. Sensors at other nodes are omitted.
 
     Returns
     -------
     dict of str to Figure
-        ``"comac-map-start"`` and ``"comac-map-updated"``, as far as known. A node with several
-        sensors has the lowest of their values.
+        Any of ``"comac-map-start"`` and ``"comac-map-updated"``. A node with several sensors shows
+        their lowest value.
     """
     made: dict[str, Figure] = {}
     if geometry is None or not len(geometry.nodes):
@@ -235,12 +235,12 @@ def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure
 def _comac_map(
     lines: NDArray[np.float64], at: NDArray[np.float64], found: Mapping[int, Mapping[str, float]]
 ) -> Figure:
-    """Return a picture of lines, with COMAC by node and direction at places of the picture."""
+    """Return a picture of the lines, coloured by COMAC at the sensor positions."""
     nodes, hover = list(map(str, found)), []
     for node, values in found.items():
         hover.append(f"{node}: " + ", ".join(f"{way} {v:.3f}" for way, v in values.items()))
     lowest = np.array([min(values.values()) for values in found.values()])
-    order = np.argsort(-lowest, kind="stable")  # the lowest are drawn last, over the others
+    order = np.argsort(-lowest, kind="stable")  # draw the lowest values on top
     structure = {
         "type": "scatter",
         "mode": "lines",
@@ -280,7 +280,7 @@ def _comac_map(
 
 
 def modal_rows(table: ModalTable, *, fitted: bool = True) -> list[tuple[list[str], str]]:
-    """Return the cells of each row of the table, and the class of the row.
+    """Return the cells and the CSS class of each table row.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def _mac(entry: ModeEntry | None) -> str:
 
 
 def _verdict(table: ModalTable) -> str:
-    """Return in words how well the updated model's modes agree with the test's."""
+    """Return a summary of the agreement between the modes of the model and of the test."""
     found = table.correlations.get("updated") or table.correlations["start"]
     which = "updated" if "updated" in table.correlations else "start"
     n, pairs = len(found.measured), found.pairs
@@ -335,7 +335,7 @@ def _verdict(table: ModalTable) -> str:
 
 
 def _pairs_in_words(found: ModeCorrelation) -> str:
-    """Return in words how well the modes of the pairs agree."""
+    """Return sentences on MAC and frequency differences of the paired modes."""
     figures = found.figures()
     mac, least = (figure_of_agreement(figures[f"mac_{name}"]) for name in ("median", "min"))
     change, most = (percentage(figures[f"frequency_change_{n}"] / 100.0) for n in ("median", "max"))
@@ -366,7 +366,7 @@ class ModesSection(Section):
     of_start = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return MAC before and after, AutoMAC, COMAC as bars and in place, cross-orthogonality."""
+        """Return MAC before and after, AutoMAC, COMAC as bars and maps, and cross-orthogonality."""
         table = content.modes
         made: dict[str, Figure | None] = {"comac": comac_bars(table)}
         for name, found in table.correlations.items():
@@ -388,7 +388,7 @@ class ModesSection(Section):
         return existing(made) | comac_maps(table, content.start_model.geometry)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the rows of the table, and what is said of them."""
+        """Return the table rows and the remarks on them."""
         table = content.modes
         rows = modal_rows(table, fitted=content.start is None)
         return {
@@ -407,14 +407,14 @@ class ModesSection(Section):
 
 
 def _before(content: Content) -> list[str]:
-    """Return how many modes had a counterpart before the search; nothing in an old record."""
+    """Return a note on the modes paired before the search; empty if the result has no count."""
     if content.update is None or content.result.counterparts is None:
         return []
     return [f"Before the search: {content.result.counterparts.statement}"]
 
 
 def _reduction_error(table: ModalTable) -> float | None:
-    """Return the largest off-diagonal entry of the updated model's own orthogonality."""
+    """Return the largest off-diagonal entry of the updated model's orthogonality matrix."""
     own = table.own_orthogonality
     if own is None or len(own) < 2:
         return None
@@ -424,7 +424,7 @@ def _reduction_error(table: ModalTable) -> float | None:
 
 
 def _alike(table: ModalTable) -> str:
-    """Return which two modes of the test the sensors tell apart least; empty where all are."""
+    """Return the two test modes that the sensors separate worst; empty if all are separated."""
     if not table.known or table.test is None or len(table.test) < 2:
         return ""
     auto = np.nan_to_num(next(iter(table.correlations.values())).auto_mac)

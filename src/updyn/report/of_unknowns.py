@@ -1,4 +1,4 @@
-"""What the sections of the report about the unknowns have in common."""
+"""Common parts of the report sections on unknowns."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ __all__ = ["OfUnknowns", "by_figure", "names_of"]
 
 
 class OfUnknowns(Section):
-    """A section about unknowns, which one test and several tests share."""
+    """A section on unknowns, shown for one or several tests."""
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows an update, or what is known before one."""
+        """Whether the page shows an update, or the state before one if the section supports it."""
         return content.update is not None or (self.of_start and content.start is not None)
 
 
 def by_figure(
     result: UpdateResult, factors: str, end: str, calibrations: str
 ) -> dict[str, list[Parameter]]:
-    """Return the unknowns of each figure, by its name: factors, each kind of value, sensors."""
+    """Return the unknowns by figure name: factors, each kind of value, sensor calibrations."""
     out: dict[str, list[Parameter]] = {factors: []}
     for kind in VALUES:
         out[figure_name(kind) + end] = []
@@ -41,5 +41,5 @@ def by_figure(
 
 
 def names_of(chosen: Sequence[Parameter]) -> list[str]:
-    """Return names of unknowns for the axis of a figure."""
+    """Return the names of unknowns for a figure axis."""
     return labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)

@@ -1,4 +1,4 @@
-"""The sections with measured and computed FRFs: all channels at once, and one with a picker."""
+"""Sections on measured and computed FRFs: all channels in one picture, and one selected channel."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from updyn.report.templates import asset
 
 __all__ = ["ALL_CHANNELS", "DRAWING_BUDGET", "FRFS", "MEASURED_SHARE", "overlay"]
 
-#: Bytes of FRFs that the page carries at most, before base64, and the share of what is measured:
-#: 100 channels of 2,000 lines with coherence are whole, in a page of less than 10 MB.
+#: Largest size in bytes of the FRFs on a page, before base64, and the fraction for measured data.
+#: 100 channels of 2,000 lines with coherence are complete in a page of less than 10 MB.
 DRAWING_BUDGET = 4_000_000
 MEASURED_SHARE = 0.62
 _FEWEST_LINES = 50
 
 
 class AllChannels(Section):
-    """The levels of all channels in one picture; its data are those of `Overlay`."""
+    """The levels of all channels in one picture, drawn from the data of `Overlay`."""
 
     anchor = "all-channels"
     name = "All channels"
@@ -36,13 +36,13 @@ class AllChannels(Section):
     first_screen = True
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows several channels of one test, at lines to draw curves through."""
+        """Whether the page shows several channels of one test, each with more than one line."""
         if not super().applies(content):
             return False
         return _n_channels(content.data) > 1 and len(content.data.freq) > 1
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the number of channels, the sets of curves and the units among them."""
+        """Return the number of channels, the sets of curves, and the units."""
         data = content.data
         sets = [("measured", "measured", True)]
         last = "before" if data.after_curve is None else "after"
@@ -60,7 +60,7 @@ ALL_CHANNELS = AllChannels()
 
 
 class Overlay(Section):
-    """Measured and computed FRFs, channel by channel."""
+    """Measured and computed FRFs of a selected channel."""
 
     anchor = "frfs"
     name = "FRFs"
@@ -71,7 +71,7 @@ class Overlay(Section):
     of_start = True
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the channels to pick from, the bands and the notes."""
+        """Return the selectable channels, the bands and the notes."""
         data = content.data
         thinned = _drawn_lines(data, DRAWING_BUDGET)[1]
         return {
@@ -89,7 +89,7 @@ class Overlay(Section):
         return {"updyn-frf": overlay(content.data)[0]}
 
     def script(self) -> str:
-        """Return the scripts of the channel picker and of the picture of all channels."""
+        """Return the scripts of the channel selection and of the picture of all channels."""
         return "\n".join(map(asset, ("channels.min.js", "curves.js", "overlay.js")))
 
 
@@ -97,24 +97,23 @@ FRFS = Overlay()
 
 
 def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, Any], str]:
-    """Return the arrays of the FRF overlay, and a note where lines were thinned.
+    """Return the arrays of the FRF overlay, and a note if lines were thinned.
 
     Parameters
     ----------
     data : ReportData
         Measured and computed FRFs, from `updyn.report.data.gather`.
     budget : int
-        Bytes of arrays at most.
+        Largest size of the arrays in bytes.
 
     Returns
     -------
     dict
         ``freq`` (Hz) and ``measured``, ``before``, ``after``, ``coherence`` as base64 of
-        little-endian float32, channel by channel (response, then reference), real and imaginary
-        parts in turn; ``grid`` (Hz), the lines of ``before`` and ``after``; labels, units and
-        bands.
+        little-endian float32, by channel (response, then reference), real and imaginary parts
+        interleaved; ``grid`` (Hz), the lines of ``before`` and ``after``; labels, units and bands.
     str
-        The note, or an empty text.
+        The note, or an empty string.
     """
     keep, note = _drawn_lines(data, budget)
     curves = _drawn_grid(data, budget)
@@ -145,7 +144,7 @@ def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, A
 
 
 def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
-    """Return which lines are drawn, and a note where these are not all."""
+    """Return the lines that are drawn, and a note if lines are omitted."""
     line_bytes = _n_channels(data) * (8 + 4 * (data.coherence is not None))
     keep = keep_lines(
         data.measured, data.used, max(int(MEASURED_SHARE * budget) // line_bytes, _FEWEST_LINES)
@@ -160,7 +159,7 @@ def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
 
 
 def _drawn_grid(data: ReportData, budget: int) -> NDArray[np.intp]:
-    """Return which lines of the curves of the models are drawn: within their share."""
+    """Return the lines at which the model curves are drawn, within their part of the budget."""
     curves = [values for values in (data.after_curve, data.before_curve) if values is not None]
     if not curves:
         return np.arange(0)
@@ -190,17 +189,17 @@ def _floats(band: tuple[float, float] | None) -> list[float] | None:
 def _figures(values: NDArray[np.float64] | None) -> Any:
     if values is None:
         return None
-    return numbers(np.round(values, 6), packed=False)  # as many digits as are shown, and more
+    return numbers(np.round(values, 6), packed=False)  # more digits than are displayed
 
 
 def _every_line(data: ReportData) -> bool:
-    """Whether the lines of the fit are all lines between the first and the last of them."""
+    """Whether the fit uses all lines between its first and last line."""
     at = np.flatnonzero(data.used)
     return bool(at.size > 1 and at[-1] - at[0] + 1 == at.size)
 
 
 def _channels(values: NDArray[Any] | None, keep: NDArray[np.intp], dtype: str) -> str | None:
-    """Return the lines to keep, channel by channel, as base64."""
+    """Return the kept lines, channel by channel, as base64."""
     if values is None:
         return None
     return _packed(values[keep].transpose(1, 2, 0), dtype)

@@ -1,4 +1,4 @@
-"""`write_report`: an update as one self-contained HTML page."""
+"""`write_report`: write an update as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ def write_report(
 ) -> Path:
     """Write an update as one HTML page that needs no network and no other file.
 
-    Its first screen shows the verdict, the structure in three dimensions where the model has a
-    geometry, the changes of the unknowns with their intervals, all channels in one picture, and the
-    worst and the median channel. Folded below it, and drawn when they are unfolded: measured FRFs
-    over those of the model before and after, the correlation channel by channel, a picture of the
-    structure where the model has a geometry, the unknowns with their uncertainty, their
-    identifiability, the convergence history, the validation, the residual, the noise and the
-    provenance. The models'
-    FRFs are computed for it at the lines of the data, and between them where a resonance needs it.
+    The first screen shows the verdict, the structure in three dimensions (if the model has a
+    geometry), the changes of the unknowns with their intervals, all channels in one picture, and
+    the worst and the median channel. Below it are folded sections, drawn when unfolded: measured
+    FRFs over those of the model before and after, the correlation by channel, a picture of the
+    structure (if the model has a geometry), the unknowns with their uncertainty, their
+    identifiability, the convergence history, validation, residual, noise and provenance. The FRFs
+    of the models are computed for the page at the lines of the data and at additional lines near
+    resonances.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
-        From `updyn.update`, whatever its status. The page of several tests shows what they have in
-        common, and links to the page of each, ``NAME/report.html`` beside it, which is written
-        from its own result.
+        Result of `updyn.update`, with any status. The page of several tests shows their common
+        results and links to the page of each test, ``NAME/report.html`` in the same folder, which
+        is written from the result of that test.
     path : str or path-like
-        The file; an existing one is replaced only once the new page is complete.
+        The file. An existing file is replaced only after the new page is complete.
     uncertainty : Draws or Profiles, optional
-        From `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, to be shown in a section of its
-        own.
+        Result of `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, shown in an additional
+        section.
     **further : object
-        Objects for sections of their own, by the names that `updyn.report.section.SECTIONS` lists:
+        Objects for additional sections, by the names that `updyn.report.section.SECTIONS` lists:
         ``plant``, the result of ``[plant]`` of a job.
 
     Returns
@@ -64,8 +64,8 @@ def write_report(
 
     Notes
     -----
-    A page takes 1.6 MB and, for each channel and line drawn, 32 bytes (38 with coherence); beyond
-    `updyn.report.overlay.DRAWING_BUDGET` lines are thinned, which the page says.
+    A page takes 1.6 MB and, for each channel and line drawn, 32 bytes (38 with coherence). Beyond
+    `updyn.report.overlay.DRAWING_BUDGET`, lines are thinned and the page says so.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def render(
     uncertainty: Draws | Profiles | None = None,
     **further: Any,
 ) -> str:
-    """Return the page of an update as text."""
+    """Return the page of an update as HTML."""
     if uncertainty is not None:
         further["uncertainty"] = uncertainty
     content = Content(result, further)
@@ -107,13 +107,13 @@ def assemble(content: Content, head: str, title: str, version: str, *, folds: bo
     Parameters
     ----------
     content : Content
-        The objects that it shows.
+        The objects shown on the page.
     head : str
-        Its head, HTML.
+        Head of the page, HTML.
     title, version : str
-        Title in the browser, and the version of updyn that made the page.
+        Title in the browser, and the version of updyn that wrote the page.
     folds : bool
-        Whether sections that do not belong to the first screen are folded.
+        Whether sections outside the first screen are folded.
 
     Returns
     -------

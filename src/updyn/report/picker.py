@@ -1,4 +1,4 @@
-"""The figure in which modes are picked: diagram over CMIF, measured and synthesised FRFs below."""
+"""Figure for picking modes: stabilisation diagram over CMIF, and FRFs measured and synthesised."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from updyn.report.plots import Figure, label, numbers
 
 __all__ = ["Identified", "picker_data", "picker_figure"]
 
-#: Heights of the panels as shares, from the top down, and the gap between them.
+#: Heights of the panels from top to bottom and the gap between them, as fractions.
 _DIAGRAM, _MAGNITUDE, _PHASE, _GAP = 0.46, 0.33, 0.13, 0.04
 #: Height of the figure in pixels.
 _HEIGHT = 660
-#: Singular values that are drawn at most.
+#: Largest number of singular values drawn.
 _CURVES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Modes and the measurement that they are of.
+    """Identified modes and the measurement they come from.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Identified:
     frf : FRF
         The measurement.
     poles : list of float or None
-        Of each mode the frequency in Hz of the pole that was picked; None: found without.
+        Frequency in Hz of the pole picked for each mode; None for modes found without a pole.
     left_out : ModeSet, optional
         Modes that were found but not picked.
     """
@@ -64,9 +64,9 @@ class Identified:
 
     @cached_property
     def frac(self) -> NDArray[np.float64] | None:
-        """FRAC of each channel in `band`; None where nothing can be synthesised.
+        """FRAC of each channel in `band`, shape (n_responses, n_references).
 
-        Shape (n_responses, n_references).
+        None if the FRFs cannot be synthesised.
         """
         try:
             values = synthesise(self.modes, self.frf).values
@@ -76,10 +76,10 @@ class Identified:
 
     @cached_property
     def channels(self) -> NDArray[np.intp]:
-        """Positions of the channels that are drawn, response by response, ascending.
+        """Ascending flat positions of the channels that are drawn.
 
-        All lines of a channel are kept, as synthesis needs them. Of too many channels those that
-        agree least are drawn. Channels that are zero at all lines are not.
+        All lines of a channel are kept, because the synthesis needs them. Of too many channels,
+        those with the lowest FRAC are drawn. Channels that are zero at all lines are omitted.
         """
         heard = np.flatnonzero(self.frf.values.any(axis=0))
         most = max(1, DRAWING_BUDGET // (8 * len(self.frf.freq)))
@@ -87,7 +87,7 @@ class Identified:
 
     @property
     def worst(self) -> int:
-        """Position of the drawn channel that agrees least."""
+        """Flat position of the drawn channel with the lowest FRAC."""
         return int(self._by_agreement(self.channels)[0])
 
     def _by_agreement(self, channels: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -98,7 +98,7 @@ class Identified:
 
     @property
     def note(self) -> str:
-        """Which channels are not drawn; empty if all are."""
+        """A note on the channels that are not drawn; empty if all are."""
         channels = self.frf.values.any(axis=0)
         parts = []
         if len(self.channels) < np.count_nonzero(channels):
@@ -113,12 +113,12 @@ class Identified:
 
 
 def picker_figure(found: Identified) -> Figure:
-    """Return the figure; curves and modes are added by ``picks.js``.
+    """Return the figure; ``picks.js`` adds curves and modes.
 
     Parameters
     ----------
     found : Identified
-        What it shows.
+        Modes and measurement.
     """
     diagram = found.modes.diagram
     highest = 2.0 if diagram is None else float(diagram.order.max(initial=0)) + 3.0
@@ -146,7 +146,7 @@ def picker_figure(found: Identified) -> Figure:
 
 
 def _poles(diagram: Diagram) -> list[dict[str, Any]]:
-    """Return the poles that are new in their order, and those that are stable."""
+    """Return the traces of new poles and of stable poles."""
     new = {"color": "@muted", "size": 4}
     stable = {"color": "@third", "size": 6}
     said = "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %<extra></extra>"
@@ -175,7 +175,7 @@ def _layout(unit_: str, highest: float) -> dict[str, Any]:
     Parameters
     ----------
     unit_ : str
-        Of the mode indicator function.
+        Unit of the mode indicator function.
     highest : float
         Order at which modes are marked.
     """
@@ -183,7 +183,7 @@ def _layout(unit_: str, highest: float) -> dict[str, Any]:
     log = {"type": "log", "exponentformat": "power", "fixedrange": True, "zeroline": False}
     return {
         "xaxis": {"title": {"text": "frequency (Hz)"}, "anchor": "y4", "zeroline": False},
-        # The indicator has the lower of two axes in one place, so that it is behind the poles.
+        # The indicator is on the lower of two overlaid axes, so that poles are drawn on top.
         "yaxis": {
             "title": {"text": f"CMIF ({unit_})"},
             "domain": [1.0 - _DIAGRAM, 1.0],
@@ -218,7 +218,7 @@ def _layout(unit_: str, highest: float) -> dict[str, Any]:
 
 
 def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> dict[str, Any]:
-    """Return a curve without points, whose trace is known by `meta`."""
+    """Return a curve without points; ``picks.js`` finds the trace by `meta`."""
     return {
         "type": "scatter",
         "mode": "lines",
@@ -234,7 +234,7 @@ def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> d
 
 
 def _marks(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
-    """Return marks without points, whose trace is known by `meta`."""
+    """Return markers without points; ``picks.js`` finds the trace by `meta`."""
     return {
         "type": "scatter",
         "mode": "markers",
@@ -249,19 +249,19 @@ def _marks(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
 
 
 def picker_data(found: Identified) -> dict[str, Any]:
-    """Return the data of ``picks.js``, ready for JSON.
+    """Return the data for ``picks.js``, ready for JSON.
 
     Parameters
     ----------
     found : Identified
-        What it shows.
+        Modes and measurement.
 
     Returns
     -------
     dict
-        ``freq`` (Hz), ``weights`` and ``cmif`` (singular value by singular value, 0 at 0 Hz), and
-        ``values`` of the channels that are drawn, real and imaginary parts in turn, as base64 of
-        little-endian floats; names and units of these channels; modes, peaks and poles.
+        ``freq`` (Hz), ``weights``, ``cmif`` (by singular value, 0 at 0 Hz) and ``values`` (by drawn
+        channel, real and imaginary parts interleaved), each as base64 of little-endian floats;
+        names and units of these channels; modes, peaks and poles.
     """
     frf, modes = found.frf, found.modes
     indicator = np.zeros((len(frf.freq), min(found.indicator.values.shape[1], _CURVES)))

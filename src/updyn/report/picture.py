@@ -1,4 +1,4 @@
-"""Picture of a structure from its geometry, coloured by part, with sensors and forces: SVG."""
+"""SVG picture of a structure from its geometry, coloured by part, with sensors and forces."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ __all__ = [
     "spread",
 ]
 
-#: Width and height of the picture, its margin above and below, and the columns of labels beside it.
+#: Width and height of the picture, margin above and below, width of each label column, in pixels.
 _WIDTH = 1130
 _HEIGHT = 660
 _MARGIN = 14.0
 _SIDE = 150.0
-#: Lines that are drawn at most, and beyond which they are drawn thin.
+#: Largest number of lines drawn, and the number above which they are drawn thin.
 _MOST_LINES = 8_000
 _DENSE = 3_000
-#: Nodes that a group without lines may have to be marked.
+#: Largest number of nodes for which a group without lines is drawn as squares.
 _LUMPED = 4
-#: Length of an arrow, in pixels; one that looks shorter than `_FLAT` of it is drawn as a dot.
+#: Length of an arrow in pixels; an arrow foreshortened below the fraction `_FLAT` becomes a dot.
 _ARROW = 0.055 * _HEIGHT
 _FLAT = 0.15
-#: Distance of the heads of a double arrow, length of a head, and distance between labels.
+#: Distance of the heads of a double arrow, length of a head, and label spacing, in pixels.
 _HEAD_GAP = 7.0
 _HEAD = 9.0
 _LABEL_GAP = 16.0
-#: Azimuth and elevation of the eye, in degrees.
+#: Azimuth and elevation of the viewpoint, in degrees.
 VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
 
 _Real = NDArray[np.float64]
@@ -65,22 +65,22 @@ def picture(
     model : Model
         The structure.
     responses, references : sequence of str
-        Labels of sensors and forces.
+        DOF labels of sensors and forces.
     parts : mapping of str to (str, str)
-        By group, its colour (a class of ``structure.css``) and its title.
+        Colour (a class of ``structure.css``) and title by group.
     about : str
-        What it shows.
+        Caption of the picture.
     scale : sequence of (str, str)
         Class and text of the steps of the colour scale.
     legend : sequence of (str, str)
-        Class and text of parts.
+        Class and text of the parts.
     note : str
-        What stands in the place of an empty legend.
+        Text shown in place of an empty legend.
 
     Returns
     -------
     str
-        HTML; empty where the model has no geometry to draw.
+        HTML; empty if the model has no geometry to draw.
     """
     if model.geometry is None or not len(model.geometry.nodes):
         return ""
@@ -113,24 +113,24 @@ def picture(
 # -- scene ---------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """The lines of a geometry with their groups, and how these are shown.
+    """The lines of a geometry with their groups, colours and titles.
 
     Attributes
     ----------
     xyz : ndarray of float, shape (n, 3)
         Positions of the nodes, in m.
     lines : ndarray of int, shape (m, 2)
-        Ends of the lines, as positions among the nodes.
+        Ends of the lines, as node positions.
     group : ndarray of int, shape (m,)
-        Group of each line; -1: not known.
+        Group of each line; -1 if unknown.
     lumps : mapping of int to ndarray of int
-        By group without lines, its nodes.
+        Nodes of each group without lines.
     names : sequence of str
-        The groups.
+        Names of the groups.
     parts : mapping of str to (str, str)
-        By group, its colour and its title; others have no unknown.
+        Colour and title by group; groups that are missing here have no unknown.
     notes : tuple of str
-        What the picture leaves out.
+        Remarks on omitted items.
     """
 
     xyz: _Real
@@ -158,7 +158,7 @@ class Scene:
         return cls(model.geometry.xyz, lines, group, lumps, names, parts, notes)
 
     def colour(self, group: int) -> str:
-        """Return the class of a group."""
+        """Return the CSS class of a group."""
         if group < 0 or self.names[group] not in self.parts:
             return "s-none"
         return self.parts[self.names[group]][0]
@@ -179,13 +179,13 @@ class Callout:
     Parameters
     ----------
     node : int
-        Its number.
+        Number of the node.
     xyz : ndarray of float, shape (3,)
-        Its position, in m.
+        Position of the node, in m.
     axes : ndarray of float, shape (3, 3)
-        Its X, Y and Z as rows, in global components.
+        Axes X, Y and Z of the node as rows, in global components.
     sensors, forces : tuple of str
-        Directions, with ``-`` where a sensor points the other way.
+        Directions, with ``-`` for a sensor in the negative direction.
     """
 
     node: int
@@ -233,20 +233,20 @@ def _callouts(
 
 
 def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) -> dict[str, Any]:
-    """Return an arrow as SVG paths; without a shaft where it points at the eye.
+    """Return an arrow as SVG paths; without a shaft if it points along the line of sight.
 
     Parameters
     ----------
     place : ndarray of float, shape (2,)
-        Where in the picture.
+        Position in the picture.
     direction : str
-        Such as ``"-RX"``.
+        A direction such as ``"-RX"``.
     axes : ndarray of float, shape (3, 3)
-        X, Y and Z of the node as rows, in the axes of the picture (right, down, depth).
+        Axes X, Y and Z of the node as rows, in picture axes (right, down, depth).
     length : float
-        Length of an arrow that lies in the plane of the picture.
+        Length of an arrow parallel to the picture plane.
     kind : str
-        ``"sensor"``, or ``"force"``, which ends at the place and has full heads.
+        ``"sensor"``, or ``"force"``, which ends at `place` and has filled heads.
     """
     number = DIRECTIONS.index(direction.lstrip("-"))
     vector = axes[number % 3][:2]
@@ -278,15 +278,15 @@ def _path(*points: _Real) -> str:
 
 
 def _labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
-    """Return labels in two columns, each beside the half of the picture that it belongs to.
+    """Return labels in two columns, left and right; empty if they do not fit.
 
-    Where there are more labels than fit there is none: the arrows have titles.
+    Each label is in the column nearest to its node. The arrows have titles in any case.
     """
     by_x = np.argsort(at[:, 0], kind="stable")
     half = (len(items) + 1) // 2
     if half * _LABEL_GAP > _HEIGHT - 2 * _LABEL_GAP:
         return []
-    # The axes stand at the lower left.
+    # Keep the lower left free for the axes.
     left = _column(items, at, by_x[:half], "end", _SIDE, _HEIGHT - 5 * _LABEL_GAP)
     right = _column(items, at, by_x[half:], "start", _WIDTH - _SIDE, _HEIGHT - _LABEL_GAP)
     return left + right
@@ -300,7 +300,7 @@ def _column(
     x: float,
     lowest: float,
 ) -> list[dict[str, Any]]:
-    """Return the labels of one column, from the top down."""
+    """Return the labels of one column, from top to bottom."""
     ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
     heights = spread(at[ordered, 1], _LABEL_GAP, _LABEL_GAP, lowest)
     gap = -4.0 if anchor == "end" else 4.0
@@ -320,19 +320,19 @@ def _column(
 
 
 def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
-    """Return heights at least `gap` apart, between `low` and `high`, near those wanted.
+    """Return ascending heights near `wanted`, at least `gap` apart, between `low` and `high`.
 
     Parameters
     ----------
     wanted : ndarray of float, shape (n,)
-        Ascending.
+        Ascending heights.
     gap, low, high : float
-        Smallest distance, and the limits; ``(n - 1) gap`` fits between them.
+        Smallest distance, and the limits; ``(n - 1) gap`` must fit between the limits.
 
     Returns
     -------
     ndarray of float, shape (n,)
-        Ascending: pushed down where crowded, then up from the lower limit.
+        Ascending heights: moved up to keep the gap, then down from the upper limit.
     """
     out = np.clip(np.asarray(wanted, dtype=np.float64), low, high)
     for i in range(1, len(out)):
@@ -346,9 +346,9 @@ def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> 
 def _view(
     scene: Scene, callouts: Sequence[Callout], name: str, *, labelled: bool
 ) -> dict[str, Any]:
-    """Return the elements of a picture from one side."""
+    """Return the elements of the picture from one viewpoint."""
     view = camera(*VIEWS[name])
-    seen = scene.xyz @ view.T  # right, up, towards the eye
+    seen = scene.xyz @ view.T  # columns: right, up, towards the viewer
     to_picture = _Projection(scene, seen)
     xy = to_picture(seen)
     at = to_picture(np.array([c.xyz for c in callouts]).reshape(-1, 3) @ view.T)
@@ -363,7 +363,7 @@ def _view(
 
 
 class _Projection:
-    """The map from the axes of a view, shape (n, 3), to the picture, shape (n, 2)."""
+    """The map from view axes, shape (n, 3), to picture coordinates, shape (n, 2)."""
 
     def __init__(self, scene: Scene, seen: _Real) -> None:
         used = np.arange(len(seen))
@@ -382,12 +382,12 @@ class _Projection:
 
 
 def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Return right, up and towards the eye as rows, for an eye at these angles in degrees.
+    """Return the right, up and towards-viewer axes of a viewpoint as rows.
 
     Parameters
     ----------
     azimuth, elevation : float
-        As of `VIEWS`.
+        Angles in degrees, as in `VIEWS`.
 
     Returns
     -------
@@ -400,7 +400,7 @@ def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
 
 
 def _layers(scene: Scene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]:
-    """Return one path for each group in each third of the depth, the farthest third first."""
+    """Return one path per group in each third of the depth, from back to front."""
     if not len(scene.lines):
         return []
     far = depth[scene.lines].mean(axis=1)
@@ -417,7 +417,7 @@ def _layers(scene: Scene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]
 
 
 def _squares(scene: Scene, xy: _Real) -> list[dict[str, Any]]:
-    """Return a square for each node of a part without lines; several at a node side by side."""
+    """Return squares at the nodes of groups without lines; several at a node are in a row."""
     out = []
     taken: dict[int, int] = {}
     for group, nodes in scene.lumps.items():
@@ -438,7 +438,7 @@ def _drawn(callout: Callout, place: _Real, camera: _Real) -> dict[str, Any]:
 
 
 def _axes(camera: _Real) -> list[dict[str, Any]]:
-    """Return the directions of X, Y and Z, at the lower left."""
+    """Return the directions of X, Y and Z, drawn at the lower left."""
     origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
     out = []
     for name, direction in zip("XYZ", camera.T, strict=True):

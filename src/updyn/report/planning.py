@@ -1,4 +1,4 @@
-"""`write_plan`: a test plan as one self-contained HTML page."""
+"""`write_plan`: write a test plan as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from updyn.report.templates import render_template, write_page
 
 __all__ = ["write_plan"]
 
-#: Steps of the colour scale of the picture.
+#: Number of colour steps in the picture.
 _STEPS = 4
-#: Standard deviations below this one, and above its inverse, have the colour of these.
+#: Standard deviations are clipped to this value and its inverse for colouring.
 _LEAST = 1e-12
-#: Quantities by which a part is coloured, the first that is an unknown.
+#: Quantities by which a group is coloured; the first one that is an unknown is used.
 _QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor", "mass_damping", "stiffness_damping")
 _ABOUT = (
     "Where the sensors and forces are, and how surely each part is expected to be known: its"
@@ -37,17 +37,17 @@ _ABOUT = (
 def write_plan(plan: Plan, path: str | PathLike[str], title: str = "") -> Path:
     """Write a test plan as one HTML page that needs no network and no other file.
 
-    The page shows the layout on the geometry, where the model has one, the expected standard
-    deviations, and what each sensor, force and part of the band is worth.
+    The page shows the layout on the geometry (if the model has one), the expected standard
+    deviations, and the information gained from each sensor, force and part of the band.
 
     Parameters
     ----------
     plan : Plan
-        From `updyn.plan`.
+        Result of `updyn.plan`.
     path : str or path-like
-        The file; an existing one is replaced only once the new page is complete.
+        The file. An existing file is replaced only after the new page is complete.
     title : str
-        Of the page.
+        Title of the page.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def write_plan(plan: Plan, path: str | PathLike[str], title: str = "") -> Path:
 
 
 def render(plan: Plan, title: str = "") -> str:
-    """Return the page as text."""
+    """Return the page as HTML."""
     title = title or "Test plan"
     return assemble(Content(further={"plan": plan}), _head(plan, title), title, __version__)
 
@@ -113,7 +113,7 @@ def _head(plan: Plan, title: str) -> str:
 
 
 def _key_figures(plan: Plan) -> list[tuple[str, str, str]]:
-    """Return name, value and hint of each key figure."""
+    """Return (name, value, hint) of each key figure."""
     out = [("Mean uncertainty", percentage(plan.radius), "geometric mean of the ellipsoid's axes")]
     if plan.further:
         gain = f"−{percentage(plan.further[0].gain)}"
@@ -128,13 +128,13 @@ def _key_figures(plan: Plan) -> list[tuple[str, str, str]]:
 
 
 def _relative(plan: Plan, name: str) -> float:
-    """Return a standard deviation in the optimiser's units: of a factor over its start."""
+    """Return a standard deviation, divided by the start value for a factor."""
     p = plan.parameters[plan.parameters.names.index(name)]
     return plan.std[name] / p.start if p.is_factor else plan.std[name]
 
 
 def _shown(plan: Plan, name: str) -> str:
-    """Return a standard deviation: of a factor in percent, else the number."""
+    """Return a standard deviation as text, in percent for a factor."""
     p = plan.parameters[plan.parameters.names.index(name)]
     return percentage(_relative(plan, name)) if p.is_factor else number(plan.std[name], 2)
 
@@ -144,12 +144,12 @@ class PlanSection(Section):
     """A section of the page of a plan."""
 
     def applies(self, content: Content) -> bool:
-        """Whether the page is that of a plan, not of an update."""
+        """Whether the page describes a plan and not an update."""
         return content.update is None
 
 
 class LayoutSection(PlanSection):
-    """The layout on the geometry."""
+    """The sensors and forces on the geometry."""
 
     anchor = "layout"
     name = "Layout"
@@ -158,7 +158,7 @@ class LayoutSection(PlanSection):
     template = "updyn.report/plan_layout.html"
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the picture and the table."""
+        """Return the picture and the table of sensors and forces."""
         plan: Plan = content.further["plan"]
         rows = []
         for kind, chosen, gains in (
@@ -180,7 +180,7 @@ class ExpectedSection(PlanSection):
     template = "updyn.report/plan_expected.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return bars by unknown, factors and other values apart."""
+        """Return bars by unknown, one figure for factors and one for other values."""
         plan: Plan = content.further["plan"]
         factors: dict[str, float] = {}
         others: dict[str, float] = {}
@@ -197,7 +197,7 @@ class ExpectedSection(PlanSection):
         )
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the table."""
+        """Return the table of standard deviations."""
         plan: Plan = content.further["plan"]
         head = ["unknown", "start", "standard deviation"]
         if plan.std_range:
@@ -212,7 +212,7 @@ class ExpectedSection(PlanSection):
 
 
 class WorthSection(PlanSection):
-    """What each sensor, force and part of the band is worth."""
+    """The information gained from each sensor, force and part of the band."""
 
     anchor = "worth"
     name = "What more is worth"
@@ -235,7 +235,7 @@ class WorthSection(PlanSection):
         )
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return name, heading and caption of the figures."""
+        """Return name, heading and caption of each figure."""
         filled = "Filled: chosen, each after those above it; hollow: the next ones."
         return {
             "bars": [
@@ -247,7 +247,7 @@ class WorthSection(PlanSection):
 
 
 class RivalsSection(PlanSection):
-    """Layouts of the other criteria."""
+    """Layouts by other criteria."""
 
     anchor = "criteria"
     name = "Other criteria"
@@ -256,11 +256,11 @@ class RivalsSection(PlanSection):
     template = "updyn.report/plan_criteria.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether others were asked for."""
+        """Whether other criteria were requested."""
         return content.update is None and bool(content.further["plan"].rivals)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the table."""
+        """Return the table of layouts by criterion."""
         plan: Plan = content.further["plan"]
         rows = [_row(plan.criterion, "1", plan.responses, plan.references)]
         for rival in plan.rivals:
@@ -282,7 +282,7 @@ RIVALS = RivalsSection()
 
 # -- picture -------------------------------------------------------------------------------------
 def _picture(plan: Plan) -> str:
-    """Return the picture of the structure, its parts coloured by what is expected of them."""
+    """Return the picture of the structure, groups coloured by their expected standard deviation."""
     known: dict[str, tuple[str, float]] = {}
     for quantity in _QUANTITIES:
         for p in plan.parameters:
@@ -320,13 +320,13 @@ def _picture(plan: Plan) -> str:
 def _worth(
     chosen: Sequence[str], gains: Sequence[float], further: Sequence[Any]
 ) -> dict[str, float]:
-    """Return gains by label: of what is chosen, without the first, then of the next ones."""
+    """Return gains by label: the chosen DOFs without the first, then the next candidates."""
     out = dict(zip(chosen[1:], gains[1:], strict=True))
     return out | {worth.label: worth.gain for worth in further}
 
 
 def _gain_bars(gains: Mapping[str, float], chosen: int) -> Figure | None:
-    """Return one horizontal bar for each gain, those that are not chosen hollow."""
+    """Return one horizontal bar per gain; candidates that are not chosen are hollow."""
     if not gains:
         return None
     values = 100.0 * np.array(list(gains.values()))

@@ -1,4 +1,4 @@
-"""Parts of plotly figures: arrays, labels and axes as data; panels over one frequency axis."""
+"""Building blocks of plotly figures as plain data: arrays, labels, axes, and stacked panels."""
 
 from __future__ import annotations
 
@@ -47,26 +47,26 @@ __all__ = [
     "wrapped_phase",
 ]
 
-#: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
+#: Keys ``data``, ``layout`` and ``height``, built from plain lists and ready for JSON.
 Figure = dict[str, Any]
 
-#: Bars of what is exactly 0 end here.
+#: Length of the bar for an exact 0 on a logarithmic axis.
 _FLOOR = 1e-16
-#: Gap between panels, as a share of the height.
+#: Gap between panels, as a fraction of the height.
 _GAP = 0.035
-#: Ticks as powers of 10, where plotly would write 2µ.
+#: Write tick labels as powers of 10 (plotly's default is SI prefixes such as 2µ).
 _POWERS = {"exponentformat": "power", "showexponent": "all"}
-#: Colours of the two models.
+#: Colours of the start and the updated model.
 MODEL_COLOURS = {name: f"@{style.STATES[name]}" for name in ("start", "updated")}
-#: Colours of a scale from -1 to 1, orange below zero and blue above, and of one from 0 to 1.
+#: Colour scale from -1 to 1, orange below zero and blue above, and colour scale from 0 to 1.
 DIVERGING = colour_scale(style.DIVERGING)
 SEQUENTIAL = colour_scale(style.SEQUENTIAL)
-#: Heat maps with up to this many cells have their values printed.
+#: Largest number of cells of a heat map whose values are printed.
 PRINTED_CELLS = 150
 
 
 def existing(made: Mapping[str, Figure | None]) -> dict[str, Figure]:
-    """Return the figures that have something to show, by name."""
+    """Return the figures that are not None, by name."""
     return {name: figure for name, figure in made.items() if figure is not None}
 
 
@@ -76,25 +76,12 @@ def label(text: str) -> str:
 
 
 def labels(texts: Iterable[str]) -> list[str]:
-    """Return each of `texts` as `label` does."""
+    """Return `texts` escaped for plotly."""
     return list(map(label, texts))
 
 
 def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
-    """Return an array for plotly.
-
-    Parameters
-    ----------
-    values : array_like of float
-        The numbers.
-    packed : bool
-        Whether a long array may be packed.
-
-    Returns
-    -------
-    list or dict
-        A list, with None for what is not finite; of a long array float32 as base64.
-    """
+    """Return an array for plotly: a list (None if not finite), or base64 float32 if long."""
     array = np.asarray(values, dtype=np.float64)
     if array.size <= 400 or not packed:
         listed = array.astype(object)
@@ -108,7 +95,7 @@ def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
 
 
 def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]:
-    """Return error bars along x, of different lengths either way."""
+    """Return asymmetric error bars along x."""
     return {
         "type": "data",
         "symmetric": False,
@@ -121,7 +108,7 @@ def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]
 
 
 def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any]:
-    """Return a colour bar beside the top of a heat map, of a readable length."""
+    """Return a colour bar at the top right of a heat map, with a length of 110 to 280 pixels."""
     return {
         "title": {"text": title, "side": "right", "font": {"size": style.FIGURE_TEXT}},
         "thickness": 12,
@@ -134,7 +121,7 @@ def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any
 
 
 def log_step(values: ArrayLike) -> int | str:
-    """Return the marks of a log axis: at most ten decades; over two or fewer, also 2 and 5."""
+    """Return the tick step of a log axis: decades, or 1, 2, 5 if it spans two decades or less."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array) & (array > 0)]
     if not array.size or array.max() <= 100.0 * array.min():
@@ -143,7 +130,7 @@ def log_step(values: ArrayLike) -> int | str:
 
 
 def rows_height(n: int, extra: int) -> int:
-    """Return the height in pixels of a figure with `n` rows, closer together when many."""
+    """Return the height in pixels of a figure with `n` rows; many rows are spaced more closely."""
     row = 34
     if n > 12:
         row = 22
@@ -153,12 +140,12 @@ def rows_height(n: int, extra: int) -> int:
 
 
 def names_font(names: Sequence[str]) -> dict[str, Any]:
-    """Return the font of names along an axis, smaller where there are many."""
+    """Return the font of the names along an axis; smaller for more than 40 names."""
     return {"size": 12 if len(names) <= 40 else 9}
 
 
 def categories(names: Sequence[str], title: str) -> dict[str, Any]:
-    """Return an axis with one named place for each of `names`, counted from 0."""
+    """Return an axis with one named tick for each of `names`, at 0, 1, 2, ..."""
     return {
         "title": {"text": title},
         "tickvals": list(range(len(names))),
@@ -174,20 +161,20 @@ def categories(names: Sequence[str], title: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One of the panels.
+    """One panel of a stacked figure.
 
     Attributes
     ----------
     title : str
-        Of its y axis, with the unit.
+        Title of the y axis, with the unit.
     traces : list of dict
-        What it shows.
+        Plotly traces.
     axis : dict
-        Further keys of its y axis.
+        Further settings of the y axis.
     share : float
-        Of the height, relative to the others.
+        Height relative to the other panels.
     marks : tuple of float
-        Where horizontal lines are drawn across it.
+        Positions of horizontal lines across the panel.
     """
 
     title: str
@@ -200,18 +187,18 @@ class Panel:
 def stacked(
     panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequence[float] = ()
 ) -> Figure:
-    """Return panels as one figure.
+    """Return a figure of panels over a common x axis.
 
     Parameters
     ----------
     panels : sequence of Panel
-        From the top down.
+        The panels, from top to bottom.
     x : dict
-        The x axis that they share.
+        The common x axis.
     height : int
-        In pixels.
+        Height of the figure in pixels.
     marks : sequence of float
-        Where vertical lines are drawn through all.
+        Positions of vertical lines through all panels.
     """
     total = sum(p.share for p in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
@@ -244,7 +231,7 @@ def stacked(
 
 
 def linear_frequency(freq: ArrayLike) -> dict[str, Any]:
-    """Return a frequency axis over some lines in Hz, with room for markers at both ends."""
+    """Return a linear frequency axis over lines in Hz, with a margin for markers at both ends."""
     lines = np.asarray(freq, dtype=np.float64)
     low, high = float(lines[0]), float(lines[-1])
     margin = 0.01 * (high - low) or 0.01 * high
@@ -256,7 +243,7 @@ def linear_frequency(freq: ArrayLike) -> dict[str, Any]:
 
 
 def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, Any]:
-    """Return a logarithmic frequency axis over some lines in Hz."""
+    """Return a logarithmic frequency axis over lines in Hz."""
     lines = np.asarray(freq, dtype=np.float64)
     lines = lines[lines > 0]
     low, high = float(np.log10(lines[0])), float(np.log10(lines[-1]))
@@ -274,7 +261,7 @@ def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, A
 
 
 def log_range(values: ArrayLike, decades: float = 9.0) -> dict[str, Any]:
-    """Return a logarithmic y axis for the values above 0, the largest `decades` of them at most."""
+    """Return a logarithmic y axis for the positive values, limited to the upper `decades`."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array) & (array > 0)]
     if not array.size:
@@ -306,10 +293,7 @@ def curve(
     legend: bool = True,
     width: float = 1.8,
 ) -> dict[str, Any]:
-    """Return a curve with name and values under the pointer; it has gaps where not finite.
-
-    Of a single line it is a point, as there is nothing to connect.
-    """
+    """Return the trace of a curve with gaps at non-finite values; a single line is a marker."""
     drawn: dict[str, Any] = {"mode": "lines"}
     if np.size(x) == 1:
         drawn = {"mode": "markers", "marker": {"color": colour, "size": 7}}
@@ -330,7 +314,7 @@ def curve(
 def band_traces(
     x: ArrayLike, low: ArrayLike, high: ArrayLike, name: str, *, legend: bool = True
 ) -> list[dict[str, Any]]:
-    """Return a band between two finite curves, kept off 0 for a logarithmic axis."""
+    """Return the traces of a band between two finite curves, with zeros replaced for log axes."""
     tiny = float(np.finfo(np.float32).tiny)
     edge: dict[str, Any] = {
         "type": "scatter",
@@ -357,19 +341,19 @@ def _off_zero(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
 
 
 def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
-    """Choose of many values the least and the greatest of each stretch, so that no peak is lost.
+    """Return the positions of the minimum and maximum of each interval, to keep the peaks.
 
     Parameters
     ----------
     values : array_like of float, shape (n,)
-        In order.
+        Values in the order of the axis.
     limit : int
-        How many at most.
+        Largest number of positions.
 
     Returns
     -------
     ndarray of int
-        Positions, ascending; all where they are not more.
+        Ascending positions; all of them if there are at most `limit` values.
     """
     array = np.asarray(values, dtype=np.float64)
     if len(array) <= limit:
@@ -384,7 +368,7 @@ def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
 def phases(
     first: NDArray[np.complex128], *others: NDArray[np.complex128]
 ) -> list[NDArray[np.float64]]:
-    """Return phases in degrees, without jumps along the lines.
+    """Return phases in degrees that do not jump along the lines.
 
     Parameters
     ----------
@@ -394,7 +378,7 @@ def phases(
     Returns
     -------
     list of ndarray of float, shape (n_f,)
-        Of the first one unwrapped, of the others those nearest to it.
+        The unwrapped phase of `first`; for the others, the phase nearest to it.
     """
     with np.errstate(invalid="ignore"):
         base = np.unwrap(np.angle(first))
@@ -407,7 +391,7 @@ def phases(
 def wrapped_phase(
     x: ArrayLike, H: NDArray[np.complex128]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lines and phase in -180 to 180 degrees, with gaps where it goes round and at zeros.
+    """Return lines and phase within ±180 degrees, with gaps at wraps and where the FRF is zero.
 
     Parameters
     ----------
@@ -418,7 +402,7 @@ def wrapped_phase(
 
     Returns
     -------
-    lines, degrees : ndarray of float, shape (n_f + number of gaps,)
+    lines, degrees : ndarray of float, shape (n_f + number of wraps,)
     """
     lines = np.asarray(x, dtype=np.float64)
     degrees = np.where(H == 0.0, np.nan, np.degrees(np.angle(H)))
@@ -427,7 +411,7 @@ def wrapped_phase(
 
 
 def level_line(x: ArrayLike, at: float, name: str) -> dict[str, Any]:
-    """Return a dashed line over all lines at one level."""
+    """Return a dashed horizontal line over all lines."""
     ends = np.asarray(x, dtype=np.float64)[[0, -1]]
     return curve(ends, [at, at], name, "@before", dash="dash", width=1.5)
 
@@ -464,21 +448,21 @@ def _through(at: float) -> dict[str, Any]:
 
 
 def log_bars(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
-    """Return one horizontal bar for each of some named values on a logarithmic axis.
+    """Return a chart with one horizontal bar per named value on a logarithmic axis.
 
     Parameters
     ----------
     values : mapping of str to float
-        By name, from the top down; those that are not finite are left out.
+        Values by name, from top to bottom; non-finite values are omitted.
     title : str
-        Of the axis.
+        Title of the axis.
     mark : float, optional
-        Where a line is drawn across.
+        Position of a vertical line across the bars.
 
     Returns
     -------
     Figure or None
-        None where there is no finite value.
+        None if no value is finite.
     """
     known = {name: v for name, v in values.items() if math.isfinite(v)}
     if not known:
@@ -491,7 +475,7 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
     span = max(high - low, 1.0)
     step: int | str = "D2"
     if span > 3.0:
-        step = math.ceil(span / 2.5)  # three or four labels: on paper there are 130 px
+        step = math.ceil(span / 2.5)  # three or four labels fit the 130 px in print
     elif span > 1.5:
         step = 1
     rows = list(range(len(known)))
@@ -532,7 +516,7 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
 
 
 def _bar_texts(values: Sequence[float]) -> list[str]:
-    """Return the values as texts, without decimals where all are whole."""
+    """Return the values as text, without decimals if all are integers."""
     if all(float(v).is_integer() for v in values):
         return [f"{v:.0f}" for v in values]
     return [number(v, 2) for v in values]

@@ -18,18 +18,20 @@ __all__ = ["PROVENANCE", "data_checksum", "model_checksum"]
 
 
 def data_checksum(data: FRF | ModeSet) -> str:
-    """Return the SHA-256 of the data: of FRFs quantity, labels, lines and values.
+    """Return the SHA-256 of the data.
+
+    FRFs: quantity, labels, lines (float64) and values (complex128), little-endian. Modes: labels,
+    frequencies, shapes and loss factors.
 
     Parameters
     ----------
     data : FRF or ModeSet
-        The data. Lines enter as float64, values as complex128, little-endian; of modes, labels,
-        frequencies, shapes, loss factors.
+        The data.
 
     Returns
     -------
     str
-        In hexadecimal digits.
+        Hexadecimal digits.
     """
     digest = hashlib.sha256()
     if isinstance(data, ModeSet):
@@ -46,17 +48,17 @@ def data_checksum(data: FRF | ModeSet) -> str:
 
 
 def model_checksum(model: Model) -> str:
-    """Return the SHA-256 of a model: labels, then of each group its name, damping and matrices.
+    """Return the SHA-256 of a model: labels, then name, damping and matrices of each group.
 
     Parameters
     ----------
     model : Model
-        The model. Its sparse matrices enter by their CSR arrays, little-endian.
+        The model. Sparse matrices are hashed as little-endian CSR arrays.
 
     Returns
     -------
     str
-        In hexadecimal digits.
+        Hexadecimal digits.
     """
     digest = hashlib.sha256()
     digest.update("\n".join(model.dofs.labels).encode())
@@ -93,7 +95,7 @@ class Provenance(Section):
     template = "updyn.report/provenance.html"
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return names and values of each table."""
+        """Return the names and values of each table."""
         result = content.result
         data, start = result.data, result.start
         kind, fitted = "modes", "modes fitted at"

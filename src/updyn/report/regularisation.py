@@ -1,4 +1,4 @@
-"""The section of the report on unknowns held before the fit: selection and regularisation."""
+"""The section of the report on parameter selection and regularisation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["HELD", "trade_off"]
 
-#: How the strength of the regularisation was chosen.
+#: Descriptions of the choice of the regularisation strength.
 _HOW = {
     "gcv": "chosen by generalised cross-validation",
     "l-curve": "chosen at the corner of the curve",
@@ -22,7 +22,7 @@ _HOW = {
 
 
 class Held(Section):
-    """Unknowns joined or left out before the fit, and the regularisation of the fit."""
+    """Unknowns joined or excluded before the fit, and the regularisation of the fit."""
 
     anchor = "held"
     name = "Selection and regularisation"
@@ -31,14 +31,14 @@ class Held(Section):
     template = "updyn.report/held.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows an update that did not leave all unknowns free."""
+        """Whether the page shows an update with a parameter selection or regularisation."""
         if content.update is None:
             return False
         options = content.result.options
         return bool(options.get("selection") or options.get("regularisation"))
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the trade-off of the regularisation."""
+        """Return the trade-off curve of the regularisation."""
         return existing({"trade-off": trade_off(content.result)})
 
     def context(self, content: Content) -> dict[str, Any]:
@@ -56,7 +56,7 @@ HELD = Held()
 
 
 def trade_off(result: UpdateResult) -> Figure | None:
-    """Return the distance from the start over the misfit, with the choice of the regularisation.
+    """Return the trade-off curve: distance from the start over misfit, with the chosen point.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def trade_off(result: UpdateResult) -> Figure | None:
     Returns
     -------
     Figure or None
-        None where nothing was regularised.
+        None without regularisation.
     """
     record = result.options.get("regularisation")
     if not record:

@@ -1,4 +1,4 @@
-"""The residual of a fit: noise or model error, level differences and misfit by channel."""
+"""Sections on the residual of a fit: noise or model error, level differences, misfit by channel."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
     "shown_channels",
 ]
 
-#: Value and hint of the key figure, by the outcome of the test of the residual.
+#: Value and hint of the key figure, by the outcome of the residual test.
 _TILES = {
     "noise": ("noise", "nothing speaks against the model"),
     "structure": ("model error", "the model cannot follow the data everywhere"),
@@ -45,25 +45,25 @@ _TILES = {
     "exact": ("none", "the model fits the data exactly"),
     "untested": ("not tested", "too few measured numbers"),
 }
-#: Channels that the map shows: of more, the worst.
+#: Largest number of channels in the map; the channels with the largest misfit are kept.
 MOST_ROWS = 60
-#: Range of the misfit over the noise on the colour scale of the map, and its marks.
+#: Colour range of the misfit over the noise, and the ticks of the colour bar.
 _BOTTOM = 0.3
 _TOP = 10.0
 _TICKS = (0.5, 1.0, 2.0, 5.0, _TOP)
-#: Channels that a figure names along its axis at most, and up to which it draws large points.
+#: Largest number of channels that an axis names, and that are drawn as large points.
 _NAMED_CHANNELS = 24
 _LARGE_POINTS = 60
 
 
 def residual_tile(found: Adequacy) -> tuple[str, str, str]:
-    """Return name, value and hint of the key figure on the residual."""
+    """Return (name, value, hint) of the key figure on the residual."""
     return ("Residual", *_TILES[found.outcome])
 
 
 # -- residual ------------------------------------------------------------------------------------
 class Residual(Section):
-    """The residual: its size, tests of it against noise, and what would explain it."""
+    """The residual: its size, tests of it against noise, and parameters that would explain it."""
 
     anchor = "residual"
     name = "Residual"
@@ -73,7 +73,7 @@ class Residual(Section):
     needs_frfs = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the map of the misfit, level differences and the residual by channel."""
+        """Return the misfit map, the level differences and the residual by channel."""
         return existing(
             {
                 "misfit-map": misfit_map(content.result.adequacy),
@@ -83,7 +83,7 @@ class Residual(Section):
         )
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the outcome of the tests, the worst places and the suspects."""
+        """Return the outcome of the tests, the worst channels and bands, and the suspects."""
         found = content.result.adequacy
         if found is None:
             return {"found": None}
@@ -102,7 +102,7 @@ RESIDUAL = Residual()
 
 
 def _place(place: Misfit) -> list[str]:
-    """Return the cells of a place that stands out."""
+    """Return the table cells of a channel and band with a suspicious residual."""
     correlated = "–"
     if place.kind == "structure":
         correlated = counted(round(place.correlation_length), "line")
@@ -122,7 +122,7 @@ def _p_value(value: float) -> str:
 
 
 def _suspect(suspect: Suspect) -> list[str]:
-    """Return the cells of a quantity that would explain the residual."""
+    """Return the table cells of a quantity that would explain the residual."""
     if suspect.quantity == "loss_factor":
         change = f"{suspect.change:+.2g}".replace("-", "−")
     else:
@@ -137,7 +137,7 @@ def _suspect(suspect: Suspect) -> list[str]:
 
 
 def shown_channels(found: Adequacy) -> NDArray[np.intp]:
-    """Return the channels of the map: positions of response and reference, shape (n, 2)."""
+    """Return the (response, reference) positions of the channels in the map, shape (n, 2)."""
     worst = np.nan_to_num(found.misfit).max(axis=2)
     at = np.argwhere(np.isfinite(found.misfit).any(axis=2))
     if len(at) > MOST_ROWS:
@@ -147,9 +147,9 @@ def shown_channels(found: Adequacy) -> NDArray[np.intp]:
 
 
 def misfit_map(found: Adequacy | None) -> Figure | None:
-    """Return a heat map of the rms misfit over the noise, channels down, bands across.
+    """Return a heat map of the rms misfit over the noise: channels down, bands across.
 
-    Channels and bands that a test finds suspect are marked.
+    Channels and bands that a test finds suspicious are marked.
     """
     if found is None:
         return None
@@ -199,7 +199,7 @@ def _colour_bar(found: Adequacy, height: int) -> dict[str, Any]:
 
 
 def _edges(bands: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the edges of the bands, half way between neighbouring bands, shape (n_bands + 1,)."""
+    """Return the edges of the bands, halfway between neighbouring bands, shape (n_bands + 1,)."""
     inner = 0.5 * (bands[:-1, 1] + bands[1:, 0])
     low, high = float(bands[0, 0]), float(bands[-1, 1])
     if low == high:  # a single line
@@ -208,7 +208,7 @@ def _edges(bands: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
-    """Return the texts that appear over the cells of a channel."""
+    """Return the hover texts of the cells of one channel."""
     where = f"response {label(found.responses[i])}<br>reference {label(found.references[j])}"
     unit = "noise" if found.absolute else "typical misfit"
     out = []
@@ -231,7 +231,7 @@ def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
 def _marks(
     found: Adequacy, at: NDArray[np.intp], edges: NDArray[np.float64]
 ) -> list[dict[str, Any]]:
-    """Return marks on the cells that the tests of correlation and of size find suspect."""
+    """Return marks on the cells that fail the test of correlation or the test of size."""
     correlated = found.whiteness_p[tuple(at.T)] <= found.level
     large = (found.chi_square_p[tuple(at.T)] <= found.level) & ~correlated
     marks = []
@@ -304,7 +304,7 @@ class Noise(Section):
     template = "updyn.report/noise.html"
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the noise model, and in sentences how it compares with the residual."""
+        """Return the noise model, and sentences that compare it with the residual."""
         noise = content.result.noise
         chi = noise.get("chi_square")
         sentences = []
@@ -323,7 +323,7 @@ NOISE = Noise()
 
 
 def _chi_sentence(chi: float, noise: Mapping[str, Any]) -> str:
-    """Say what the reduced chi-square tells."""
+    """Return a sentence that interprets the reduced chi-square."""
     start = f"Reduced chi-square {number(chi, 3)}"
     if noise_is_fitted(noise):
         return (
@@ -341,7 +341,7 @@ def _chi_sentence(chi: float, noise: Mapping[str, Any]) -> str:
 
 
 def _outlier_sentence(noise: Mapping[str, Any]) -> str:
-    """Say which values have next to no weight, as they do not fit the rest."""
+    """Return a sentence on the values that the robust weights nearly exclude."""
     share = float(noise["down_weighted"])
     if share == 0.0:
         return "No value stands out: all keep more than a tenth of their weight."
@@ -405,7 +405,7 @@ def _histogram(data: ReportData, computed: NDArray[np.complex128], name: str) ->
 
 
 def _histogram_range(traces: list[dict[str, Any]]) -> list[float]:
-    """Return the range that holds the middle 99 % of both histograms, at least -3 to 3 dB."""
+    """Return the range that contains the middle 99 % of each histogram, at least -3 to 3 dB."""
     reach = 3.0
     for trace in traces:
         x, share = np.array(trace["x"]), np.array(trace["y"])

@@ -1,4 +1,4 @@
-"""The structure as a scene of the viewer: modes and operating shapes, updated, start and test."""
+"""The structure as a scene of the viewer: modes and operating shapes of updated, start and test."""
 
 from __future__ import annotations
 
@@ -41,16 +41,17 @@ from updyn.viewer.scene import (
 
 __all__ = ["deviations", "scene_of", "sensors_of"]
 
-#: Displacements of the mode shapes of a page at most, but this many modes at least: 1.6 MB.
+#: Largest number of mode displacements on a page (1.6 MB), and the smallest number of modes.
 _MOST_DISPLACEMENTS = 600_000
 _FEWEST_ROWS = 4
-#: Values of the operating shapes of a page at most, but so many lines at least, and references.
+#: Largest number of operating-shape values on a page, smallest number of lines, and largest number
+#: of references.
 _MOST_VALUES = 200_000
 _FEWEST_LINES = 40
 _MOST_REFERENCES = 8
-#: Frequencies of one mode from two computations differ by less than this share.
+#: Largest relative difference between the frequencies of one mode from two computations.
 _SAME = 1e-6
-#: Layers: their colours, and how they are drawn; of a page before any fit.
+#: Colour and style of each layer, after a fit and before any fit.
 _LOOKS = {
     "updated": (STATES["updated"], "surface"),
     "start": (STATES["start"], "wire"),
@@ -68,20 +69,20 @@ def scene_of(
     *,
     moves: bool,
 ) -> Scene | None:
-    """Return the scene of a page; None where the model has no geometry.
+    """Return the scene of a page; None if the model has no geometry.
 
     Parameters
     ----------
     content : Content
-        What the page shows: its modal table and its FRFs where it is about one test.
+        Content of the page: modal table and FRFs, for a page on one test.
     models : mapping of str to Model
-        ``"start"`` and, where there was a fit, ``"updated"``.
+        ``"start"`` and, after a fit, ``"updated"``.
     data : sequence of FRF or ModeSet
-        The measurements of all tests: where sensors and forces are.
+        Measurements of all tests, which define sensors and forces.
     colourings : sequence of Colouring
-        Of the groups.
+        Colourings of the groups.
     title : str
-        Of the scene.
+        Title of the scene.
     moves : bool
         Whether modes and operating shapes are shown.
 
@@ -125,7 +126,7 @@ def scene_of(
 
 
 def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
-    """Return the labels of the sensors and of the forces of some measurements, each once."""
+    """Return the DOF labels of sensors and forces of some measurements, without duplicates."""
     responses: dict[str, None] = {}
     references: dict[str, None] = {}
     for one in data:
@@ -138,7 +139,7 @@ def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
 
 
 def _drawn_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
-    """Return the geometry of the model with the lines of the test, where it has some."""
+    """Return the geometry of the model, with the lines of the test geometry if it has any."""
     test = getattr(data, "geometry", None)
     if test is None or not len(test.lines) or not np.isin(test.lines, own.nodes).all():
         return own
@@ -146,7 +147,7 @@ def _drawn_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
 
 
 def deviations(result: UpdateResult) -> Colouring | None:
-    """Return colours by the largest standard deviation of the unknowns of each group."""
+    """Return a colouring by the largest relative standard deviation in each group."""
     names = list(result.start.groups)
     values = np.full(len(names), np.nan)
     for p in result.parameters:
@@ -175,7 +176,7 @@ class _Shapes:
 
     @classmethod
     def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _Shapes | None:
-        """Return the shapes; None where there are none."""
+        """Return the shapes; None if no modes are available."""
         n_dofs = models["start"].n_dofs
         if not table.known or table.test is None or n_dofs > LARGEST:
             return None
@@ -196,11 +197,11 @@ class _Shapes:
 
     @property
     def looks(self) -> Mapping[str, tuple[str, str]]:
-        """Colour and style of each layer by its name."""
+        """Colour and style of each layer, by name."""
         return _LOOKS if "updated" in self.models else _START_LOOKS
 
     def subspace(self, name: str, row: ModalRow) -> Subspace | None:
-        """Return the subspace of a model's mode; None for a single mode."""
+        """Return the subspace that contains a model's mode; None for a single mode."""
         entry: ModeEntry | None = getattr(row, name)
         if entry is None or not entry.in_subspace:
             return None
@@ -210,7 +211,7 @@ class _Shapes:
     def of_model(self, name: str, row: ModalRow) -> NDArray[Any] | None:
         """Return the shape of a model's mode; None without one.
 
-        Close modes of a model are combined to the shape that is nearest to the test's.
+        Close modes of a model are combined to the shape nearest to the test mode (least squares).
         """
         entry: ModeEntry | None = getattr(row, name)
         if entry is None or name not in self.full:
@@ -227,9 +228,10 @@ class _Shapes:
         return full.shapes[:, at] if away[at] <= _SAME * entry.frequency else None
 
     def of_test(self, row: ModalRow, close: Subspace | None, seen: NDArray[Any] | None) -> Any:
-        """Return the shape of a mode of the test, in the scale of a model's; None without one.
+        """Return the shape of a test mode, scaled to the model's shape; None without a test mode.
 
-        Close modes of the test that face separate ones are combined to the shape nearest to those.
+        Close modes of the test paired with separate model modes are combined to the shape nearest
+        to the model's.
         """
         if row.test is None:
             return None
@@ -242,7 +244,7 @@ class _Shapes:
         return _onto(shape, seen)
 
     def shown(self, body: Body, measured: Body) -> ModeShapes:
-        """Return the layers; those of a row are turned and scaled onto the first of them."""
+        """Return the layers; shapes of a row are scaled in size and phase to the first of them."""
         geometry = self.models["start"].geometry
         assert geometry is not None
         found: dict[str, list[NDArray[Any]]] = {name: [] for name in self.looks}
@@ -266,7 +268,7 @@ class _Shapes:
         return ModeShapes(layers, rows)
 
     def _aligned(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:
-        """Return the shapes of a row; those of the test are turned and scaled onto a model's."""
+        """Return the shapes of a row, those of the test scaled in size and phase to a model's."""
         out: dict[str, NDArray[Any] | None] = dict.fromkeys(self.looks)
         first: NDArray[Any] | None = None
         seen: NDArray[Any] | None = None
@@ -284,7 +286,7 @@ class _Shapes:
         return out
 
     def strain_energy(self) -> NDArray[np.float64]:
-        """Return the share of each group in the strain energy of each row, shape (r, g)."""
+        """Return the strain energy fraction of each group by row, shape (n_rows, n_groups)."""
         groups = self.models["start"].groups
         out = np.full((len(self.rows), len(groups)), np.nan)
         for number, row in enumerate(self.rows):
@@ -302,7 +304,7 @@ class _Shapes:
 
 
 def _onto(shape: NDArray[Any], target: NDArray[Any]) -> NDArray[Any]:
-    """Return a shape times the factor that brings it nearest to another (modal scale factor)."""
+    """Return a shape times its modal scale factor to the target."""
     size = np.vdot(shape, shape).real
     factor = np.vdot(shape, target) / size if size > 0.0 else 0.0
     return np.asarray(shape * (factor if factor != 0.0 else 1.0))
@@ -326,7 +328,7 @@ def _row_text(row: ModalRow) -> str:
 def _operating(
     data: ReportData, geometry: Geometry, measured: Body
 ) -> tuple[OperatingShapes | None, list[str]]:
-    """Return the shapes of the FRFs, and what is left out of them."""
+    """Return the operating shapes, and notes on omitted lines and references."""
     if not len(data.freq):
         return None, []
     states = {"measured": data.measured, "start": data.before, "updated": data.after}

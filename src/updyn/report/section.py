@@ -1,8 +1,8 @@
-"""Sections of a report page: their protocol, their content, and their registry.
+"""Sections of a report page: protocol, content, and registry.
 
-A page is assembled from the sections in `SECTIONS` that apply to its content, in the order of
-their `Section.place`. To add one, also from another package, derive a class from `Section` and
-register an instance, or where one is found (``"module:attribute"``); its template is
+A page consists of the sections in `SECTIONS` that apply to its content, in the order of
+`Section.place`. To add a section, also from another package, derive a class from `Section` and
+register an instance, or its location (``"module:attribute"``). The template is
 ``my_package/templates/mounts.html``, see `updyn.report.templates`::
 
     class Mounts(Section):
@@ -17,9 +17,9 @@ register an instance, or where one is found (``"module:attribute"``); its templa
     SECTIONS.register("mounts.table", "my_package.mounts:MOUNTS")
     updyn.write_report(result, "report.html", mounts=found)
 
-The text before the dot in the registered name is the name of the object that the section shows;
-the section is loaded only where there is such an object. A name without a dot is that of a section
-about the update itself. The group of entry points is ``updyn.report_sections``.
+The text before the dot in the registered name is the name of the object that the section shows. The
+section is loaded only if the page has such an object. A name without a dot belongs to a section
+about the update itself. The entry-point group is ``updyn.report_sections``.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ __all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """The objects that a page shows.
+    """The objects shown on a page.
 
     Attributes
     ----------
     update : UpdateResult, JointResult or None
-        The update of one test or of several tests; None on a page about something else.
+        The update of one or several tests; None on a page about another subject.
     further : mapping of str to object
-        Objects by name for sections of their own, such as ``"uncertainty"``, from `updyn.sample`.
+        Objects by name for additional sections, such as ``"uncertainty"`` from `updyn.sample`.
     """
 
     update: UpdateResult | JointResult | None = None
@@ -60,14 +60,14 @@ class Content:
 
     @property
     def tests(self) -> Mapping[str, UpdateResult]:
-        """Results by the name of their test; a single one has no name."""
+        """Results by name of the test; the name of a single test is empty."""
         if self.update is None:
             return {}
         return self.update.results
 
     @property
     def start(self) -> Start | None:
-        """The model and the test before any fit, on a page about these."""
+        """The model and test before any fit, if the page is about these; else None."""
         found = self.further.get("start")
         return found if isinstance(found, Start) else None
 
@@ -80,19 +80,19 @@ class Content:
 
     @property
     def has_frfs(self) -> bool:
-        """Whether the page shows one test that measured FRFs."""
+        """Whether the page shows a single test with FRFs."""
         if self.start is not None:
             return isinstance(self.start.data, FRF)
         return isinstance(self.update, UpdateResult) and isinstance(self.update.data, FRF)
 
     @property
     def of_one_test(self) -> bool:
-        """Whether the page shows the update of one test."""
+        """Whether the page shows the update of a single test."""
         return isinstance(self.update, UpdateResult)
 
     @cached_property
     def result(self) -> UpdateResult:
-        """The result; of several tests the first, with the title of all.
+        """The result; for several tests the first result, with the common title.
 
         Raises
         ------
@@ -107,39 +107,40 @@ class Content:
 
     @cached_property
     def data(self) -> ReportData:
-        """Measured and computed FRFs, computed when first asked for."""
+        """Measured and computed FRFs, computed at first use."""
         return gather(self.result) if self.start is None else gather_start(self.start)
 
     @cached_property
     def modes(self) -> ModalTable:
-        """Modal table, made when first asked for where the update has none."""
+        """Modal table, computed at first use if the result has none."""
         if self.start is not None:
             return start_table(self.start.model, self.start.data, self.start.modes)
         return self.result.modes or modal_table(self.result)
 
 
 class Section:
-    """One section of a page; derive from it, set its attributes and define `context`.
+    """One section of a page. Derive from it, set its attributes and define `context`.
 
     Attributes
     ----------
     anchor : str
-        Its id in the page, unique there.
+        Id of the section, unique in the page.
     name : str
-        Its entry in the list of contents.
+        Entry in the table of contents.
     heading : str
-        Its heading.
+        Heading.
     place : float
-        Sections are shown in ascending order of it. Those of the first screen have tens below 100,
-        the other built-in ones the hundreds 100 to 1200; ``provenance``, the last, has 9000.
+        Sort key. Sections of the first screen use multiples of ten below 100, the other built-in
+        sections hundreds from 100 to 1200, and ``provenance``, the last section, 9000.
     template : str
-        Package and file of its template, as `updyn.report.templates` has it.
+        Package and file of the template, as in `updyn.report.templates`.
     needs_frfs : bool
-        Whether it shows measured FRFs, so that a test that measured modes does not have it.
+        Whether the section shows measured FRFs; if so, it is omitted for a modal test.
     of_start : bool
-        Whether it belongs to the page about a model and a test before any fit, too.
+        Whether the section is also shown on the page about a model and a test before any fit.
     first_screen : bool
-        Whether it is open where the sections of a page are folded, as in the report of an update.
+        Whether the section is unfolded on pages with folded sections, such as the report of an
+        update.
     """
 
     anchor: ClassVar[str]
@@ -152,7 +153,7 @@ class Section:
     first_screen: ClassVar[bool] = False
 
     def applies(self, content: Content) -> bool:
-        """Whether a page with this content has the section; by default that of one test has."""
+        """Whether the section is shown; by default on pages about a single test."""
         if content.start is not None and not self.of_start:
             return False
         if self.needs_frfs:
@@ -160,7 +161,7 @@ class Section:
         return content.of_one_test or content.start is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return its figures as plotly data, by a name that is unique in the page."""
+        """Return the figures as plotly data, by a name that is unique in the page."""
         return {}
 
     def context(self, content: Content) -> dict[str, Any]:
@@ -168,45 +169,45 @@ class Section:
         return {}
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return the HTML below the heading, by default that of the template.
+        """Return the HTML below the heading, by default rendered from the template.
 
         Parameters
         ----------
         content : Content
-            The objects that the page shows.
+            The objects shown on the page.
         figures : mapping of str to Figure
             The figures of the section.
 
         Returns
         -------
         str
-            HTML. Where it is blank the section is left out.
+            HTML. If it is blank, the section is omitted.
         """
         context = self.context(content)
         fitted = content.start is None
         return render_template(self.template, figures=figures, fitted=fitted, **context)
 
     def embedded(self, content: Content) -> dict[str, Any]:
-        """Return data for its scripts, ready for JSON, by the id of the element that holds them."""
+        """Return data for the scripts, ready for JSON, by id of the element that holds them."""
         return {}
 
     def script(self) -> str:
-        """Return JavaScript that runs once the figures are drawn."""
+        """Return JavaScript that runs after the figures are drawn."""
         return ""
 
     def render(
         self, content: Content, figures: Mapping[str, Figure], *, folds: bool = False
     ) -> str:
-        """Return the section as HTML; empty where its body is blank.
+        """Return the section as HTML; empty if its body is blank.
 
         Parameters
         ----------
         content : Content
-            The objects that the page shows.
+            The objects shown on the page.
         figures : mapping of str to Figure
             The figures of the section.
         folds : bool
-            Whether the page folds what does not belong to the first screen.
+            Whether the page folds sections that do not belong to the first screen.
 
         Returns
         -------
@@ -219,7 +220,7 @@ class Section:
         return render_template("updyn.report/section.html", section=self, body=body, folded=folded)
 
 
-#: Sections by name, each loaded when a page needs it.
+#: Sections by name, loaded when a page needs them.
 SECTIONS: Registry[Section] = Registry(
     "report section",
     "updyn.report_sections",
@@ -264,7 +265,7 @@ SECTIONS: Registry[Section] = Registry(
 
 
 def sections_of(content: Content) -> list[Section]:
-    """Return the sections that apply to this content, in their order on the page."""
+    """Return the sections that apply to this content, in page order."""
     chosen = []
     for name in SECTIONS:
         shown = _object_of(name)
@@ -276,10 +277,10 @@ def sections_of(content: Content) -> list[Section]:
 
 
 def objects_shown() -> set[str]:
-    """Return the names of the objects beside an update that there are sections for."""
+    """Return the names of the additional objects for which sections exist."""
     return {_object_of(name) for name in SECTIONS} - {""}
 
 
 def _object_of(registered: str) -> str:
-    """Return the name of the object that a section shows; empty where it shows the update."""
+    """Return the name of the object that a section shows; empty for a section about the update."""
     return registered.rpartition(".")[0]

@@ -1,4 +1,4 @@
-"""`Start`: a model beside a test before any fit, as a page shows it."""
+"""`Start`: a model and a test before any fit, as shown on a page."""
 
 from __future__ import annotations
 
@@ -22,42 +22,43 @@ __all__ = ["Start"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """A model where its update would start, beside the measurement of a test.
+    """A model at the start of an update, with the measurement of a test.
 
     Attributes
     ----------
     model : Model
         The model.
     data : FRF or ModeSet
-        All data of the test, named as the model names its DOFs.
+        All data of the test, labelled with the DOFs of the model.
     parameters : ParameterSet
         The unknowns that would be fitted.
     identifiability : Identifiability
-        What the data of all tests could determine of them.
+        Identifiability of the unknowns from the data of all tests.
     covariance : ndarray of float, shape (n, n)
-        Expected of the unknowns from the noise of the data, at the start: of the logarithm of
-        factors, of loss factors themselves; rows of unknowns that are not determined are inf.
+        Expected covariance of the unknowns at the start, from the noise of the data: of the
+        logarithm of factors, and of the loss factors themselves. Rows of undetermined unknowns are
+        inf.
     findings : tuple of Finding
-        What seems to be wrong with data or model before any fit, the likeliest first.
+        Suspected faults of data or model before any fit, most likely first.
     matching : str
-        Who sits where, as text; empty where it is not shown.
+        Matching of sensors and DOFs as text; empty if not shown.
     title : str
-        Of the job.
+        Title of the job.
     lines : ndarray of float
-        Lines that the fit would use, in Hz; empty where they are chosen by the fit, and of modes.
+        Lines that the fit would use, in Hz; empty for modes, and if the fit chooses the lines.
     validation_responses : tuple of str
         Responses that would be held out.
     validation_band : (float, float) or None
         Band that would be held out, in Hz.
     modes : ModeSet or None
-        Modes of the test that are known beside its FRFs.
+        Modes of the test that are known in addition to its FRFs.
     options : mapping
-        Options of the method, which say how a large model is solved.
+        Options of the method, which determine how a large model is solved.
     figures : mapping of str to float
         Figures of agreement of the model with the data of the fit (`Correlation.figures`). If
-        empty, the page shows those of the FRFs that are computed for it.
+        empty, the page shows those of the FRFs computed for it.
     counterparts : Counterparts or None
-        How many modes of the test have a counterpart in the model; None where that was not asked.
+        Number of test modes with a counterpart in the model; None if not examined.
     """
 
     model: Model

@@ -1,4 +1,4 @@
-"""The sections of the structure: the viewer on the first screen, and a picture that is printed."""
+"""The sections on the structure: the interactive viewer, and a picture that can be printed."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ __all__ = [
     "structure_of",
 ]
 
-#: Steps of the colour scale to each side of no change.
+#: Number of steps of the colour scale on each side of no change.
 STEPS = 4
-#: Colours of the viewer by class of ``structure.css``.
+#: Colours of the viewer by CSS class of ``structure.css``.
 _TOKENS = {
     "s0": "same",
     "s-none": "none",
     **{f"s{-step}": f"less-{step}" for step in range(1, STEPS + 1)},
     **{f"s{step}": f"more-{step}" for step in range(1, STEPS + 1)},
 }
-#: The colour scale reaches at least this far, in the logarithm of the factor: rounding.
+#: Smallest range of the colour scale, in the logarithm of the factor; guards against rounding
+#: errors.
 _LEAST = 1e-9
 _ABOUT = (
     "Where the sensors and forces are, and how much each part changed: its stiffness, or where that"
@@ -48,7 +49,7 @@ _ABOUT = (
 
 
 class Viewer(Section):
-    """The structure in three dimensions: modes and operating shapes before and after."""
+    """The structure in three dimensions: modes and operating shapes before and after the update."""
 
     anchor = "viewer"
     name = "Viewer"
@@ -57,7 +58,7 @@ class Viewer(Section):
     first_screen = True
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows a model that has a geometry."""
+        """Whether the page shows a model with a geometry."""
         if content.start is not None:
             return _is_drawn(content.start.model)
         return _largest(list(content.tests.values())) is not None
@@ -77,7 +78,7 @@ class Viewer(Section):
         )
 
     def script(self) -> str:
-        """Return the viewer, and that it begins."""
+        """Return the script of the viewer, with the call that starts it."""
         return f"{script()}\nupdynViewer.start();"
 
 
@@ -85,7 +86,7 @@ VIEWER = Viewer()
 
 
 class Structure(Section):
-    """The structure as a picture, for one test or for all."""
+    """Picture of the structure, for one or several tests."""
 
     anchor = "structure"
     name = "Structure"
@@ -97,7 +98,7 @@ class Structure(Section):
         return content.update is not None or content.start is not None
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return picture and legend; empty where no model has a geometry to draw."""
+        """Return picture and legend; empty if no model has a geometry to draw."""
         if content.start is None:
             return structure_of(list(content.tests.values()))
         if not _is_drawn(content.start.model):
@@ -111,17 +112,17 @@ STRUCTURE = Structure()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
-    """Return picture and legend for the tests of one structure, with the sensors of all of them.
+    """Return picture and legend for the tests of one structure, with the sensors of all tests.
 
     Parameters
     ----------
     results : sequence of UpdateResult
-        Of one structure; that with the most degrees of freedom gives the model.
+        Results for one structure; the model with the most degrees of freedom is drawn.
 
     Returns
     -------
     str
-        HTML; empty where no model has a geometry to draw.
+        HTML; empty if no model has a geometry to draw.
     """
     result = _largest(results)
     if result is None:
@@ -141,7 +142,7 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
 
 
 def _largest(results: Sequence[UpdateResult]) -> UpdateResult | None:
-    """Return the result with the largest model that has a geometry."""
+    """Return the result with the largest model that has a geometry, or None."""
     drawn = [r for r in results if _is_drawn(r.start)]
     return max(drawn, key=lambda r: r.start.n_dofs, default=None)
 
@@ -151,7 +152,7 @@ def _is_drawn(model: Model) -> bool:
 
 
 def _scene(content: Content) -> Scene | None:
-    """Return the scene of the viewer; None where no model has a geometry to draw."""
+    """Return the scene of the viewer; None if no model has a geometry to draw."""
     if content.start is not None:
         model, data = content.start.model, content.start.data
         return scene_of(content, {"start": model}, [data], [], content.start.title, moves=True)
@@ -173,7 +174,7 @@ def _scene(content: Content) -> Scene | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Changes:
-    """How much each group changed, and how that is shown."""
+    """The change of each group with its remark and colour."""
 
     changes: Mapping[str, tuple[str, float]]
     remarks: Mapping[str, str]
@@ -186,11 +187,11 @@ class _Changes:
         return cls(changes, remarks, max([_LEAST, *logs]))
 
     def parts(self) -> dict[str, tuple[str, str]]:
-        """Return colour and title of each group that changed."""
+        """Return colour and title of each changed group."""
         return {name: (self._colour(name), self._title(name)) for name in self.changes}
 
     def _colour(self, name: str) -> str:
-        """Return the class of a group: s-4 to s4, s0 with a remark."""
+        """Return the CSS class of a group: s-4 to s4, or s0 for a group with a remark."""
         if self.remarks[name]:
             return "s0"
         return f"s{_step(math.log(self.changes[name][1]), self.reach)}"
@@ -204,7 +205,7 @@ class _Changes:
         return text
 
     def scale(self) -> list[tuple[str, str]]:
-        """Return class and text of each step of the colour scale."""
+        """Return CSS class and text of each step of the colour scale."""
         if not self.changes:
             return []
         out = [("s0", "not significant or not determined"), ("s-none", "no unknown")]
@@ -218,7 +219,7 @@ class _Changes:
         return steps + out
 
     def colouring(self, groups: Sequence[str]) -> Colouring:
-        """Return the same colours for the viewer."""
+        """Return the colouring of the groups for the viewer."""
         scale, parts = self.scale(), self.parts()
         steps = [(_TOKENS[colour], text) for colour, text in scale]
         number = {colour: i for i, (colour, _) in enumerate(scale)}
@@ -227,7 +228,7 @@ class _Changes:
         return Colouring("Change", "", steps, of_group, texts)
 
     def legend(self) -> list[tuple[str, str]]:
-        """Return class and text of each part, significant and large changes first."""
+        """Return CSS class and text of each group, significant and large changes first."""
 
         def rank(name: str) -> tuple[bool, float]:
             return bool(self.remarks[name]), -abs(math.log(self.changes[name][1]))
@@ -237,7 +238,7 @@ class _Changes:
 
 
 def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
-    """Return the change of each group that an unknown acts on: quantity and factor.
+    """Return the change of each group affected by an unknown: quantity and factor.
 
     Parameters
     ----------
@@ -247,8 +248,8 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
     Returns
     -------
     dict of str to (str, float)
-        By group, the factor on its stiffness; where that is no unknown, on its mass, then its
-        viscous damping. Loss factors have no factor and are left out.
+        By group, the factor on the first of stiffness, mass and viscous damping that is an unknown.
+        Loss factors are not factors and are omitted.
     """
     parameters = result.parameters
     changes = parameters.changes([result.values[name] for name in parameters.names])
@@ -262,9 +263,9 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
 
 
 def group_remarks(result: UpdateResult) -> dict[str, str]:
-    """Return by group of `group_changes` why its change is not to be believed; empty where it is.
+    """Return a remark on the change of each group in `group_changes`; empty if significant.
 
-    A change is significant where the 95 % interval of an unknown that makes it excludes the start.
+    A change is significant if the 95 % interval of an unknown that causes it excludes the start.
 
     Parameters
     ----------
@@ -274,7 +275,7 @@ def group_remarks(result: UpdateResult) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        ``"not significant"``, ``"not determined"`` or an empty text.
+        ``"not significant"``, ``"not determined"`` or an empty string.
     """
     changes = group_changes(result)
     out = dict.fromkeys(changes, "not significant")
@@ -290,7 +291,7 @@ def group_remarks(result: UpdateResult) -> dict[str, str]:
 
 
 def _step(log: float, reach: float) -> int:
-    """Return the step of the colour scale; a significant change is never shown as none."""
+    """Return the step of the colour scale, never 0 for a significant change."""
     step = int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
     return step or int(np.sign(log))
 
@@ -298,6 +299,6 @@ def _step(log: float, reach: float) -> int:
 def _percent(factor: float, digits: int = 3) -> str:
     percent = 100.0 * (factor - 1.0)
     text = f"{percent:+.{digits}g}"
-    if abs(percent) >= 10.0**digits:  # no powers of ten
+    if abs(percent) >= 10.0**digits:  # avoid powers of ten
         text = f"{percent:+.0f}"
     return f"{text} %".replace("-", "\u2212")

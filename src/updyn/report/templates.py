@@ -1,12 +1,12 @@
-"""HTML from Jinja2 templates: one environment for the templates of all packages.
+"""HTML from Jinja2 templates, in one environment for the templates of all packages.
 
-A template is named by its package and its file: ``"updyn.report/agreement.html"`` is
+A template is named by package and file: ``"updyn.report/agreement.html"`` is
 ``templates/agreement.html`` in `updyn.report`. It imports the macros that all sections share::
 
     {% from "updyn.report/macros.html" import figure, row, table with context %}
 
-Values are escaped where they are inserted, and a name that the context lacks is an error. The
-filters are the functions of `updyn.report.formats`.
+Inserted values are escaped, and a name missing in the context is an error. The filters are
+functions of `updyn.report.formats`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["asset", "render_template", "write_page"]
 
-#: Functions of `updyn.report.formats` that templates use as filters.
+#: Functions of `updyn.report.formats` used as template filters.
 _FILTERS = (
     "agreement_name",
     "combination",
@@ -68,14 +68,14 @@ def _source(name: str) -> str:
 
 
 def render_template(name: str, **context: Any) -> str:
-    """Return the HTML that a template makes of its context.
+    """Return a template rendered with a context.
 
     Parameters
     ----------
     name : str
         Package and file, such as ``"updyn.report/agreement.html"``.
     **context : object
-        The variables of the template.
+        Variables of the template.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def render_template(name: str, **context: Any) -> str:
 
 
 def asset(name: str) -> str:
-    """Return a script or style of the package, safe inside the element that holds it."""
+    """Return a script or style sheet of the package, escaped for embedding in an HTML element."""
     text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
     return (
         text.replace("</script", "<\\/script")
@@ -95,7 +95,7 @@ def asset(name: str) -> str:
 
 
 def write_page(page: str, path: str | PathLike[str]) -> Path:
-    """Write a page as a whole, which replaces an existing file; return the file."""
+    """Write a page atomically, replacing an existing file, and return its path."""
     target = Path(path)
     with atomic_path(target) as temporary:
         Path(temporary).write_text(page, encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""The section on uncertainty: intervals by profile, bootstrap or sampling beside Laplace's."""
+"""The section on uncertainty: intervals by profile, bootstrap or sampling next to Laplace's."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from updyn.updating.result import JointResult, UpdateResult, gains_of
 
 __all__ = ["UNCERTAINTY", "band_figure", "ends_of", "intervals_figure", "level_of"]
 
-#: Lines of the band on the page, and draws that it is computed from.
+#: Largest number of lines of the band, and number of draws from which it is computed.
 _LINES = 400
 _DRAWS = 200
-#: Lines x DOFs x solves beyond which the page has no band.
+#: Lines x DOFs x solves above which the page has no band.
 _AFFORDED = 20 * EVALUATION_BUDGET
-#: Intervals are drawn up to so many standard deviations.
+#: Intervals are clipped at this number of standard deviations.
 _SHOWN = 8.0
-#: Distance of the bars of an unknown from the middle of its row.
+#: Distance of the two bars of an unknown from the middle of its row.
 _OFFSET = 0.14
 
 
@@ -55,7 +55,7 @@ class Uncertainty(Section):
         return content.update is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the intervals and, of one test, the band of an FRF."""
+        """Return the intervals and, for a single test, the band of an FRF."""
         update, found = content.update, content.further["uncertainty"]
         assert update is not None
         out: dict[str, Figure] = {}
@@ -71,14 +71,14 @@ class Uncertainty(Section):
         return out
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the kind of the intervals and the rows of their table."""
+        """Return the kind of intervals and the rows of their table."""
         found: Draws | Profiles = content.further["uncertainty"]
         percent = f"{100 * level_of(found):g} %"
         diagnosed = isinstance(found, Draws) and "r_hat" in found.diagnostics
         diagnostics = ["R-hat", "effective draws"] if diagnosed else []
         head = ["unknown", "value", "std. dev.", f"{percent}, lower", "upper", *diagnostics, "note"]
         rows = _rows(content.result, found)
-        if not any(cells[-1] for cells in rows):  # no column of blanks
+        if not any(cells[-1] for cells in rows):  # omit an empty column
             head, rows = head[:-1], [cells[:-1] for cells in rows]
         return {
             "kind": _kind(found),
@@ -94,7 +94,7 @@ UNCERTAINTY = Uncertainty()
 
 
 def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
-    """Return the cells of each unknown, the note last."""
+    """Return the table cells of each unknown, the note last."""
     out = []
     for name, (low, high) in ends_of(found).items():
         value, std = result.values[name], result.std[name]
@@ -120,14 +120,14 @@ def _kind(found: Draws | Profiles) -> str:
 
 
 def level_of(found: Draws | Profiles) -> float:
-    """Return the level of the intervals that are shown, by default 0.95."""
+    """Return the level of the intervals, 0.95 by default."""
     if isinstance(found, Profiles):
         return found.level
     return float(found.options.get("level", 0.95))
 
 
 def ends_of(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
-    """Return the interval of each unknown; empty where there are too few draws."""
+    """Return the interval of each unknown; empty if there are fewer than two draws."""
     if isinstance(found, Profiles):
         return found.intervals()
     if len(found) < 2:
@@ -139,19 +139,19 @@ def ends_of(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
 def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles) -> Figure | None:
     """Return the intervals of the unknowns in standard deviations from the estimate.
 
-    Those of factors are shown in the logarithm.
+    Intervals of factors are shown on the logarithm.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
-        The estimates and standard deviations (Laplace).
+        Estimates and Laplace standard deviations.
     found : Draws or Profiles
         The intervals.
 
     Returns
     -------
     Figure or None
-        None where no unknown has both.
+        None if no unknown has both an interval and a standard deviation.
     """
     ends = ends_of(found)
     chosen = [p for p in result.parameters if p.name in ends and 0 < result.std[p.name] < np.inf]
@@ -230,12 +230,13 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     result : UpdateResult
         The result.
     found : Draws or Profiles
-        Its uncertainty. The band is that of the draws; with profiles that of Laplace.
+        Its uncertainty. The band is computed from draws, or by Laplace's approximation for
+        profiles.
 
     Returns
     -------
     Figure, str
-        The figure, and its channel; None where the band takes too long or cannot be computed.
+        The figure and its channel; None if the band is too expensive or not computable.
     """
     frf = result.frf
     lines = frf.freq[frf.freq > 0]
@@ -252,7 +253,7 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
             continue
         try:
             band = predict(source, freq, frf.responses, frf.references, level=level_of(found))
-        except UpdynError:  # it may be singular between the lines only
+        except UpdynError:  # the model may be singular at an added line only
             continue
         break
     else:
@@ -268,20 +269,20 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
 
 
 def _resolving(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return few lines with further ones in Hz, between which the curves have their peaks."""
+    """Return the lines together with further lines in Hz that resolve the peaks of the curves."""
     room = _LINES - len(lines)
     if room < 2 or len(lines) < 2:
         return lines
     low, high = float(lines[0]), float(lines[-1])
-    if result.options.get("tier") == "reduced":  # the modes of the whole model would take long
+    if result.options.get("tier") == "reduced":  # modes of the full model are expensive
         return np.union1d(lines, even_lines(low, high, room))
     return np.union1d(lines, resonance_lines(result.model, low, high, room))
 
 
 def _drawn(band: Band, result: UpdateResult, lines: NDArray[np.float64], i: int, j: int) -> Figure:
-    """Return the band of one channel, with the updated model and the data at some lines."""
+    """Return the band of one channel with the updated model and the data."""
     freq = band.frf.freq
-    gains = gains_of(result)  # the band is that of the structure, not of what its sensors read
+    gains = gains_of(result)  # the band is that of the structure, without sensor gains
     measured = np.abs(result.frf.select(lines=lines).values[:, i, j])
     if gains is not None:
         measured = measured / np.abs(gains[i, j])

@@ -1,4 +1,4 @@
-"""The section of the report about the values of the unknowns."""
+"""The section of the report on the values of the unknowns."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = ["UNKNOWNS", "estimates"]
 
 
 class Unknowns(OfUnknowns):
-    """The values of the unknowns, with their uncertainty."""
+    """The values of the unknowns with their uncertainty."""
 
     anchor = "unknowns"
     name = "Unknowns"
@@ -47,16 +47,16 @@ class Unknowns(OfUnknowns):
     template = "updyn.report/unknowns.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the estimates of each kind that the figure of the changes leaves out."""
+        """Return the estimates of the kinds of unknowns that the figure of changes omits."""
         result = content.result
         made = {}
         for name, chosen in by_figure(result, "factors", "s", "calibrations").items():
-            if any(p.start == 0.0 for p in chosen):  # no change in percent
+            if any(p.start == 0.0 for p in chosen):  # a start of zero has no change in percent
                 made[name] = estimates(result, chosen)
         return existing(made)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the rows of the tables, and the titles of the figures."""
+        """Return the rows of the tables and the titles of the figures."""
         parts: list[dict[str, Any]] = []
         sensors: list[dict[str, Any]] = []
         for parameter in content.result.parameters:
@@ -75,7 +75,7 @@ class Unknowns(OfUnknowns):
             "bounds",
             "note",
         ]
-        if not any(row["cells"][-1] for row in (*parts, *sensors)):  # no column of blanks
+        if not any(row["cells"][-1] for row in (*parts, *sensors)):  # omit an empty column
             head.pop()
             for row in (*parts, *sensors):
                 row["cells"].pop()
@@ -92,7 +92,7 @@ UNKNOWNS = Unknowns()
 
 
 def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]:
-    """Return the cells of an unknown, and the class of its row."""
+    """Return the table cells of an unknown and the CSS class of its row."""
     p = parameter
     value, std = result.values[p.name], result.std[p.name]
     determined = math.isfinite(std)
@@ -274,7 +274,7 @@ def _bound_trace(
 
 
 def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
-    """Return the range of the axis, with a margin; a logarithmic one is cut at 0.001 and 1000."""
+    """Return the axis range with a margin; a logarithmic range is limited to 0.001 to 1000."""
     finite = shown[np.isfinite(shown)]
     if log:
         finite = finite[finite > 0]
@@ -290,7 +290,7 @@ def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
 
 
 def _log_ticks(view: tuple[float, float]) -> list[float]:
-    """Return round values to mark on a logarithmic axis, about 5 to 12 of them."""
+    """Return about 5 to 12 round ticks for a logarithmic axis."""
     low, high = view
     if high / low < 2.0:  # nearly linear
         return _even_ticks(low, high)
@@ -309,7 +309,7 @@ def _log_ticks(view: tuple[float, float]) -> list[float]:
 
 
 def _even_ticks(low: float, high: float) -> list[float]:
-    """Return multiples of 1, 2 or 5 times a power of 10, about six of them."""
+    """Return about six ticks at multiples of 1, 2 or 5 times a power of 10."""
     rough = (high - low) / 6.0
     unit = 10.0 ** np.floor(np.log10(rough))
     step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
