@@ -1,1 +1,1 @@
-"""The judgement of a fit: identifiability, adequacy, localisation, rounding, verdict, advice."""
+"""Assessment of a fit: identifiability, adequacy, localisation, rounding, verdict, advice."""

@@ -20,34 +20,34 @@ from updyn.updating.problem.problem import Part, Problem
 __all__ = ["advise"]
 
 _CANDIDATE_LINES, _CANDIDATE_SENSORS = 60, 200
-#: Lines at which sensors are compared, and in large models.
+#: Number of lines at which candidate sensors are compared, and the least number for large models.
 _SENSOR_LINES, _FEW_LINES = 20, 4
-#: A candidate counts if the relative change of what it would measure, for an e-fold change along
-#: each undetermined direction, exceeds the noise, and in any case this: well above rounding, within
-#: what a good measurement sees after averaging.
+#: Least relative change of a candidate measurement by a change by a factor e along each
+#: undetermined direction; it must exceed the noise, too. This value is well above rounding and can
+#: be resolved by a good measurement after averaging.
 _VISIBLE = 1e-6
-#: Noise from which it is worth saying that less of it would help.
+#: Noise above which the advice recommends less noise.
 _NOISY = 1e-3
 
 
 def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
-    """Return the undetermined combinations and what would determine them, in sentences.
+    """Return sentences on the undetermined combinations and on measurements that determine them.
 
     Parameters
     ----------
     analysis : Analysis
-        At x.
+        Identifiability at x.
     problem : Problem
         Model, data and unknowns.
     x : ndarray of float, shape (n,)
-        In the optimiser's coordinates.
+        Point in the optimiser's coordinates.
     noise : float
-        Typical noise of the data as a share of |H|.
+        Typical noise of the data relative to |H|.
 
     Returns
     -------
     str
-        Empty where all unknowns are determined and well separated.
+        Empty if all unknowns are determined and well separated.
     """
     names = problem.coordinates.parameters.names
     if analysis.report.complete:
@@ -95,7 +95,7 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
 
 
 def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, float] | None:
-    """Return the best candidate of all tests, with the name of its test where there are several."""
+    """Return the best candidate of all tests, with the name of its test if there are several."""
     candidates = []
     for test, best in found:
         if best is not None:
@@ -107,7 +107,7 @@ def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, fl
 
 
 def _accuracy(seen: float) -> str:
-    """Return how well a candidate has to be measured to know each combination to 10 %."""
+    """Return the accuracy of a candidate measurement that determines each combination to 10 %."""
     if seen >= 1.0:
         return ""
     return f", to 10 % if it is measured to {10.0 * seen:.1g} %"
@@ -121,14 +121,14 @@ def _list(names: list[str]) -> str:
 
 
 def _sees(along: NDArray[np.complex128], H: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the least relative change that each candidate would see, shape (n_c,).
+    """Return the least relative change of each candidate measurement, shape (n_c,).
 
     Parameters
     ----------
     along : ndarray of complex, shape (k, n_c, ...)
-        Derivatives of what a candidate would measure along the null space.
+        Derivatives of the candidate measurements along the null space.
     H : ndarray of complex, shape (n_c, ...)
-        What it would measure.
+        The candidate measurements.
     """
     H = H.reshape(len(H), -1)
     size = np.abs(H)
@@ -141,7 +141,7 @@ def _sees(along: NDArray[np.complex128], H: NDArray[np.complex128]) -> NDArray[n
 
 
 def _candidate_lines(part: Part) -> Part:
-    """Return the part at lines that could be added."""
+    """Return the part at candidate lines."""
     freq = part.frf.freq
     low = float(freq[freq > 0].min(initial=np.inf))
     if np.isinf(low):
@@ -152,15 +152,16 @@ def _candidate_lines(part: Part) -> Part:
 
 
 def _candidate_sensors(part: Part) -> NDArray[np.intp]:
-    """Return the DOFs at which a sensor could be added."""
+    """Return the DOFs of candidate sensors."""
     others = part.solver.others(part.rows)
     return others[:: max(1, -(-len(others) // _CANDIDATE_SENSORS))]
 
 
 def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
-    """Return the best further line and the least relative change that it would see.
+    """Return the best additional line and its least relative change.
 
-    A reduced model that stands in for a large part finds it; the part says what it would see.
+    The line is found with a reduced model in place of a large one; its change is computed with the
+    full model.
     """
     candidates = _candidate_lines(part)
     lines, nearby = candidates.frf.freq, Nearby.of(candidates, x)
@@ -179,7 +180,7 @@ def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[
 def _seen_at(
     part: Part, x: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the least relative change that each line of a part would see, shape (n_f,)."""
+    """Return the least relative change at each line of a part, shape (n_f,)."""
     items = [(x, directions, block) for block in part.partition()]
     return np.concatenate(list(part.each(_seen_at_lines, items)))
 
@@ -196,14 +197,15 @@ def _seen_at_lines(
 def _best_sensor(
     analysis: Analysis, part: Part, x: NDArray[np.float64], others: NDArray[np.intp]
 ) -> tuple[str, float] | None:
-    """Return the best further sensor and the least relative change that it would see.
+    """Return the best additional sensor and its least relative change.
 
-    No reduced model stands in: its basis lacks the fields of forces where nothing is measured.
+    A reduced model is not used, because its basis lacks the fields of forces at DOFs without a
+    sensor.
     """
     if others.size == 0:
         return None
     freq = part.frf.freq[part.frf.freq > 0]
-    if not freq.size:  # a static test
+    if not freq.size:  # static test
         freq = part.frf.freq
     number = _SENSOR_LINES
     if part.solver.system.n > DOFS:
@@ -224,7 +226,7 @@ def _seen_by(
     others: NDArray[np.intp],
     directions: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the least relative change that a sensor at each of some DOFs would see."""
+    """Return the least relative change at a sensor at each of some DOFs."""
     n_columns = len(part.columns) * (1 + directions.shape[1])
     items = [(x, others, directions, lines) for lines in part.partition(n_columns)]
     answers, derivatives = zip(*part.each(_motion_elsewhere, items), strict=True)
@@ -253,7 +255,7 @@ def _motion_elsewhere(
 
 
 def _blank(part: Part, lines: NDArray[np.float64]) -> FRF:
-    """Return data of the part's channels at other lines; only lines, DOFs and quantity count."""
+    """Return data of the part's channels at other lines, with values of 1 as placeholders."""
     shape = (len(lines), len(part.rows), len(part.columns))
     return FRF(
         lines,

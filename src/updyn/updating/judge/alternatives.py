@@ -1,4 +1,4 @@
-"""Other answers that fit as well, and what would tell them apart."""
+"""Other solutions that fit equally well, and sensors that would distinguish them."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ __all__ = ["Alternative", "alternatives", "differences", "distinct"]
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: DOFs that are compared, and lines.
+#: Largest numbers of DOFs and lines at which solutions are compared.
 _PLACES, _LINES = 200, 20
-#: A sensor tells answers apart where their FRFs differ by this share.
+#: Least relative difference of FRFs at a sensor that distinguishes solutions.
 _CLEARLY = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """Another answer that fits the data as well.
+    """Another solution that fits the data equally well.
 
     Attributes
     ----------
     values : dict of str to float
-        By unknown.
+        Values by unknown.
     odds : float
-        Likelihood of the answer of the result over that of this one.
+        Likelihood of the solution of the result over that of this one.
     sensor : str
-        Where a further sensor would see the largest difference; empty where none would.
+        DOF at which an additional sensor would measure the largest difference; empty if none would.
     difference : float
         Median of that difference over lines and references, relative to the larger of the two FRFs;
-        2 where they have opposite signs.
+        2 for FRFs of opposite sign.
     """
 
     values: Mapping[str, float]
@@ -48,15 +48,7 @@ class Alternative:
 
 
 def alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
-    """Return the other answers of a fit.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was fitted.
-    fit : Fit
-        With its rivals.
-    """
+    """Return the other solutions of a fit, with the sensors that would distinguish them."""
     coordinates, found = problem.coordinates, []
     for rival in fit.rivals:
         values = coordinates.to_values(rival.x).tolist()
@@ -77,16 +69,10 @@ def alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
 def differences(
     values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
 ) -> list[tuple[str, list[float]]]:
-    """Return the unknowns in which answers differ by more than their deviations, with all values.
+    """Return the unknowns in which solutions differ significantly, with all values.
 
-    Those that differ most come first, by their own standard deviations.
-
-    Parameters
-    ----------
-    values, std : mapping of str to float
-        Of the result, by unknown.
-    others : sequence of Alternative
-        The other answers.
+    Unknowns are sorted by decreasing difference in standard deviations; `values` and `std` are
+    those of the result, by unknown.
     """
     found = []
     for name, value in values.items():
@@ -101,23 +87,19 @@ def differences(
 def distinct(
     values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
-    """Return the answers that differ from the result by more than its standard deviations.
+    """Return the solutions that differ significantly from the result.
 
-    Those are widened where the model does not explain the data, so that answers which a fit told
-    apart may be one.
-
-    Parameters
-    ----------
-    values, std, others
-        As for `differences`.
+    The standard deviations of the result are widened if the model does not explain the data, so
+    solutions that the fit distinguished may agree within them. The arguments are those of
+    `differences`.
     """
     return tuple(other for other in others if differences(values, std, [other]))
 
 
 def _clearest(part: Part, x: _Vector, there: Part, other: _Vector) -> tuple[float, str]:
-    """Return where two answers differ most among the DOFs without a sensor, and by how much.
+    """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF.
 
-    Each of the two has the part in whose model it is solved.
+    `part` and `there` are the parts whose models belong to the two solutions.
     """
     system = part.solver.system
     places = part.solver.others(part.rows)

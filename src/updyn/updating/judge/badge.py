@@ -1,4 +1,4 @@
-"""The badge of a result: one phrase and one of three colours."""
+"""Badge of a result: one phrase and one of three colours."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Badge:
     phrase : str
         Such as ``"Usable"``.
     colour : {"good", "warn", "bad"}
-        Green: use it. Amber: something is not known. Red: do not use it.
+        Green: the result can be used. Amber: a claim is unknown. Red: the result must not be used.
     """
 
     phrase: str
     colour: Colour
 
 
-#: How a fit ended that did not converge.
+#: Badges by status.
 _ENDED = {
     "converged": Badge("Converged", "good"),
     "not-credible": Badge("Not credible", "bad"),
@@ -46,11 +46,11 @@ def badge_of(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Ba
     Parameters
     ----------
     status : str
-        How the fit ended.
+        Status of the fit.
     trust : Trust or None
-        The verdict part by part.
+        The verdict by claims.
     ambiguous : bool
-        Whether several answers fit equally well, and each is determined.
+        Whether several solutions fit equally well, each of them determined.
     """
     ended = _ENDED.get(status, Badge(status, "warn"))
     if ambiguous:

@@ -1,4 +1,4 @@
-"""`Claim`: one part of the verdict, yes, no or not known, with its sentence."""
+"""Claim: one part of the verdict, which holds, does not hold or is unknown, with its reason."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ from dataclasses import dataclass
 
 __all__ = ["PARTS", "Claim"]
 
-#: The parts of a verdict, in their order.
+#: Names of the claims of a verdict, in order.
 PARTS = ("resembles", "converged", "determined", "validated", "plausible")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claim:
-    """One part of the verdict. It compares equal to True, False or None.
+    """One part of the verdict, which compares equal to True, False or None.
 
     Attributes
     ----------
     holds : bool or None
-        Yes, no, or not known.
+        Whether the claim holds; None if unknown.
     why : str
-        A sentence with the figure that it hangs on.
+        A sentence with the decisive figure.
     asked : bool
-        Whether the data were to answer it: what was not asked for counts neither way.
+        Whether the data were intended to answer it; a claim that was not asked does not affect the
+        verdict.
     """
 
     holds: bool | None

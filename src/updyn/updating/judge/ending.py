@@ -1,4 +1,4 @@
-"""Where a fit ended: what a further step would gain, and the bounds that the data press against."""
+"""Remaining decrease at the end of a fit, and bounds that exclude values required by the data."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from updyn.updating.problem.problem import Problem
 
 __all__ = ["Ending", "Pressed", "ending"]
 
-#: Last steps whose decrease is compared with the remaining one.
+#: Number of last steps whose decrease is compared with the remaining decrease.
 _LAST = 10
-#: A bound is named from this many standard deviations. Noise alone presses a loss factor against 0
-#: by up to two.
+#: Least number of standard deviations by which a reported bound is active. Noise alone can make the
+#: bound 0 of a loss factor active by up to two.
 _PRESSED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pressed:
-    """An unknown that the data press against a bound.
+    """An unknown at a bound that the data would exceed.
 
     Attributes
     ----------
@@ -33,10 +33,10 @@ class Pressed:
     side : {"lower", "upper"}
         The bound.
     limit : float
-        Its value.
+        Value of the bound.
     deviations : float
-        Square root of twice the fall of half the chi-square that the linear model promises without
-        the bound, in standard deviations.
+        Square root of twice the decrease of half the chi-square without the bound, predicted by the
+        linear model, in standard deviations.
     """
 
     name: str
@@ -47,21 +47,21 @@ class Pressed:
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """What is left to gain where a fit ended.
+    """Remaining decrease at the end of a fit.
 
     Attributes
     ----------
     deviations : float
-        How far, in standard deviations, the values are from those of a whole Gauss-Newton step.
+        Distance of the values from those after a full Gauss-Newton step, in standard deviations.
     share : float
-        Share of the misfit that this step would take away.
+        Share of the misfit that this step would remove.
     gained : float
-        Decrease of the cost by the last ten steps, over that of this step; inf where nothing is
-        left.
+        Decrease of the cost by the last ten steps over the decrease by this step; inf if no
+        decrease remains.
     leading : tuple of str
-        The unknowns that this step moves most.
+        The unknowns with the largest changes by this step.
     pressed : tuple of Pressed
-        Bounds that exclude what the data ask for.
+        Bounds that exclude values required by the data.
     """
 
     deviations: float
@@ -72,22 +72,15 @@ class Ending:
 
 
 def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> Ending | None:
-    """Return the remaining decrease at the estimate; None where the method has no reduced problem.
+    """Return the remaining decrease at the estimate; None if the method has no reduced problem.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was fitted.
-    fit : Fit
-        How it ended.
-    history : sequence of Iteration
-        The steps so far.
+    `history` holds the steps of the fit.
     """
     local, size = fit.local, float(np.linalg.norm(fit.R))
     if local is None or size == 0.0 or not np.isfinite(local.cost) or fit.pull is not None:
         return None
-    # From the units of the residual to those in which the fit counted data against priors: standard
-    # deviations, before a correlated residual widened them.
+    # Scale the residual to the standard deviations by which the fit weighted data against priors,
+    # before they were widened for a correlated residual.
     widened = _inflation(fit)
     scale = widened * size / float(np.linalg.norm(local.R))
     weight, home = problem.coordinates.prior[1], problem.coordinates.prior[0]
@@ -127,7 +120,7 @@ def _inflation(fit: Fit) -> float:
 
 
 def _whole(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Return the fall of half the chi-square by a Gauss-Newton step, and the step."""
+    """Return the decrease of half the chi-square by a Gauss-Newton step, and the step."""
     if R.shape[1] == 0:
         return 0.0, np.zeros(0)
     norms = np.linalg.norm(R, axis=0)
@@ -138,7 +131,7 @@ def _whole(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArr
 
 
 def _gained(history: Sequence[Iteration]) -> float:
-    """Return the decrease of the cost by the last steps, within the last stage."""
+    """Return the decrease of the cost by the last steps of the last stage."""
     last = [h for h in history if h.stage == history[-1].stage][-_LAST - 1 :]
     costs = [h.cost for h in last if h.accepted]
     return max(float(costs[0] - costs[-1]), 0.0) if costs else 0.0

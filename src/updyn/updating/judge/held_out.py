@@ -1,4 +1,4 @@
-"""What the posterior and the noise predict of data that were held out of a fit."""
+"""Predictive distribution, by posterior and noise, of data that were held out of a fit."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ _Real = NDArray[np.float64]
 def predictive_figures(
     part: Part, x: _Real, covariance: _Real, noise: NoiseModel, scale: float = 1.0
 ) -> dict[str, float]:
-    """Return how large the residual of held-out data should be, and how large it is.
+    """Return the predicted size of the residual of held-out data, and its actual size.
 
-    The predictive variance of a value is that of its noise plus J C J^T, J being the derivatives of
-    the model by the unknowns and C their covariance (Gelman et al., Bayesian Data Analysis, 3rd ed.
-    2013, section 6.3).
+    The predictive variance of a value is that of its noise plus J C J^T, with the derivatives J of
+    the model with respect to the unknowns and their covariance C (Gelman et al., Bayesian Data
+    Analysis, 3rd ed. 2013, section 6.3).
 
     Parameters
     ----------
     part : Part
-        The updated model on the held-out data.
+        The updated model with the held-out data.
     x : ndarray of float, shape (n,)
         The estimate.
     covariance : ndarray of float, shape (n, n)
-        Of x; inf along what the data leave open.
+        Covariance of x; inf for undetermined unknowns.
     noise : NoiseModel
-        Of the fitted data.
+        Noise model of the fitted data.
     scale : float
         Factor on its variance.
 
@@ -65,22 +65,22 @@ def predictive_figures(
 
 
 def _spread(dH: NDArray[np.complex128], covariance: _Real) -> _Real:
-    """Return the variance of a block of FRFs by that of the unknowns, shape (n_f, n_i, n_j)."""
+    """Return the variance of a block of FRFs due to that of the unknowns, shape (n_f, n_i, n_j)."""
     flat = dH.reshape(len(dH), -1)
     is_open = ~np.isfinite(np.diag(covariance))
     known = np.where(is_open[:, None] | is_open[None], 0.0, covariance)
     squared = np.sum(flat.conj() * (known @ flat), axis=0).real
-    # Along an open unknown anything is possible, wherever the data depend on it.
+    # The variance is infinite for all values that depend on an undetermined unknown.
     squared[np.any(flat[is_open] != 0.0, axis=0)] = np.inf
     return np.asarray(squared.reshape(dH.shape[1:]))
 
 
 def _elsewhere(noise: NoiseModel, frf: FRF) -> NoiseModel:
-    """Return the noise model of fitted data for data of other channels."""
+    """Return the noise model of the fitted data for data of other channels."""
     known = noise.bulk
     if not isinstance(known, EstimatedByChannel) or known.relative is None or known.floor is None:
         return known
     if known.names == tuple(frf.responses.labels):
         return known
-    # Of a sensor that was not fitted the noise is taken for that of a typical one.
+    # Sensors without fitted data are assumed to have the median noise.
     return Stated(float(np.median(known.relative)), float(np.median(known.floor)))

@@ -20,25 +20,26 @@ __all__ = [
 
 _Matrix = NDArray[np.float64]
 
-#: Combinations of each kind that the text lists.
+#: Largest number of listed combinations of each kind.
 _SHOWN = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """Identifiability together with the numbers behind it.
+    """Identifiability with the matrices from which it was computed.
 
     Attributes
     ----------
     report : Identifiability
-        For the user.
+        Summary for the user.
     null_space : ndarray of float, shape (n, k)
         Orthonormal basis of the undetermined directions, in the optimiser's coordinates.
     covariance : ndarray of float, shape (n, n)
-        Of the optimiser's coordinates, over the directions that are not open by arithmetic.
+        Covariance of the optimiser's coordinates, without the directions that the Jacobian leaves
+        undetermined.
     involved : ndarray of bool, shape (n,)
-        Undetermined unknowns: they take part in a direction that arithmetic does not determine,
-        or lead one that noise does not.
+        Undetermined unknowns: they take part in a direction that the Jacobian leaves undetermined,
+        or have the largest weight in a direction that is undetermined because of noise.
     """
 
     report: Identifiability
@@ -60,15 +61,16 @@ def analyse(
     Parameters
     ----------
     R : ndarray of float, shape (k, n)
-        Reduced Jacobian by the optimiser's coordinates (logarithm of a factor, loss factor).
+        Reduced Jacobian with respect to the optimiser's coordinates (logarithm of a factor, loss
+        factor).
     names : list of str
         The unknowns.
     inflation : float
         Factor on the standard deviations.
     advice : str
-        What to say if all is well.
+        Advice stored in the report.
     even : ndarray of float, shape (k, n), optional
-        One of the same null space, whose rows are of one size (`Levelled`).
+        Reduced Jacobian of the same null space with rows of equal size (`Levelled`).
 
     Returns
     -------
@@ -76,8 +78,8 @@ def analyse(
 
     Notes
     -----
-    A direction is undetermined by arithmetic (a singular value of the Jacobian with unit columns
-    below `RANK_TOLERANCE`) or by noise (a standard deviation along it above `WIDEST`). The
+    A direction is undetermined by rank (a singular value of the Jacobian with unit columns below
+    `RANK_TOLERANCE`) or because of noise (a standard deviation along it above `WIDEST`). The
     collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
     all unknowns together.
     """
@@ -100,12 +102,12 @@ def analyse(
 def _numbered(
     kind: str, directions: Sequence[Mapping[str, float]]
 ) -> dict[str, Mapping[str, float]]:
-    """Return the first combinations by their heading."""
+    """Return the first combinations by their column heading."""
     return {f"{kind} {i}": weights for i, weights in enumerate(directions[:_SHOWN], 1)}
 
 
 def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
-    """Return a basis of the same space with many zeros, each direction led by another unknown."""
+    """Return a sparse basis of the same space, each direction led by another unknown."""
     k = basis.shape[1]
     if k == 0:
         return []
@@ -141,7 +143,7 @@ def _determined(
 
 @dataclass(frozen=True, slots=True)
 class Identifiability:
-    """What the data can determine.
+    """Combinations of the unknowns that the data determine.
 
     Attributes
     ----------
@@ -150,22 +152,19 @@ class Identifiability:
     n_parameters : int
         Number of unknowns.
     condition : float
-        Condition number of the Jacobian with columns scaled to unit norm (inf where the rank is
-        short by arithmetic).
+        Condition number of the Jacobian with columns scaled to unit norm; inf if rank-deficient.
     singular_values : tuple of float
-        Of the Jacobian with columns scaled to unit norm, falling.
+        Singular values of the Jacobian with columns scaled to unit norm, in descending order.
     null_directions : list of dict of str to float
-        Each undetermined combination, as weights by unknown: moving all of them
-        together by these weights changes nothing that was measured. Largest weight 1; weights below
-        1e-3 left out.
+        Undetermined combinations, as weights by unknown: a joint change by these weights does not
+        change the measured quantities. The largest weight is 1; weights below 1e-3 are omitted.
     determined_directions : list of dict of str to float
-        Among the unknowns that take part in an undetermined combination, the combinations that the
-        data do determine.
+        Determined combinations of the unknowns that take part in an undetermined combination.
     collinearity : float
         Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
         practice).
     advice : str
-        What to do about it, in a sentence or two.
+        Advice in one or two sentences.
     """
 
     rank: int

@@ -1,4 +1,4 @@
-"""Figures of agreement of a model with measured modes."""
+"""Figures of agreement between a model and measured modes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["modal_correlation"]
 
 
 def modal_correlation(part: ModalPart, x: NDArray[np.float64], split: ModalSplit) -> dict[str, Any]:
-    """Return the figures before and after a fit, of what was held out, too.
+    """Return the figures of agreement before and after a fit, of fitted and held-out modes.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def modal_correlation(part: ModalPart, x: NDArray[np.float64], split: ModalSplit
     Returns
     -------
     dict
-        ``before``, ``after`` and, where modes were held out, ``validation`` with both: see
-        `updyn.correlation.figures.FIGURE_NAMES`. Empty where modes cannot be computed.
+        ``before``, ``after`` and, with held-out modes, ``validation`` with both: see
+        `updyn.correlation.figures.FIGURE_NAMES`. Empty figures if modes cannot be computed.
     """
     home = part.coordinates.home
     out: dict[str, Any] = {}
@@ -47,7 +47,7 @@ def modal_correlation(part: ModalPart, x: NDArray[np.float64], split: ModalSplit
 
 
 def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[str, float]:
-    """Return the figures of some modes; of frequencies and damping over those that are paired."""
+    """Return the figures of some modes; frequency and damping errors are over the paired modes."""
     modes = informative(modes, part.noise)
     own = replace(part, target=Target.of(part.system, modes))
     try:
@@ -79,10 +79,10 @@ def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[st
 def _with_subspaces(
     part: ModalPart, x: NDArray[np.float64], macs: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], dict[int, float]]:
-    """Return the MAC of measured modes, of close ones that of their subspaces.
+    """Return the MAC of the measured modes, for close modes that of their subspaces.
 
-    The shapes of close modes are an arbitrary basis, in the test and in the model. The logarithm of
-    computed over measured frequency of the close modes is returned, too, by measured mode.
+    The shapes of close modes are an arbitrary basis, in the test and in the model. The second value
+    is the logarithm of computed over measured frequency of the close modes, by measured mode.
     """
     target = part.target
     if not target.tells_apart:

@@ -1,6 +1,6 @@
-"""What modes say of an answer: whether it is plausible, and whether it predicts held-out modes.
+"""Claims on a result from modes: whether it is plausible and predicts held-out modes.
 
-The rules, and why they are as they are, stand in docs/verdict.md.
+docs/verdict.md gives the rules and the reasons for them.
 """
 
 from __future__ import annotations
@@ -16,27 +16,21 @@ __all__ = ["BAD", "HARM", "SMALL", "modes_plausible", "modes_predicted", "modes_
 
 _Figures = Mapping[str, float]
 
-#: Share of the measured modes that the model has to have.
+#: Least share of the measured modes with a counterpart in the model.
 _MOST = 0.5
-#: Typical error of frequencies, in %, from which no answer is plausible: modes of structures are
-#: often as near to each other.
+#: Rms frequency error in % above which no result is plausible; neighbouring modes of structures are
+#: often this close.
 _GROSS = 10.0
-#: Error of frequencies after over error before from which an update did harm, unless it is small
-#: (in %) anyway.
+#: Ratio of the frequency error after to that before, above which an update did harm; and largest
+#: error in % to which this does not apply.
 HARM, SMALL = 1.1, 1.0
-#: Error of held-out frequencies over that of the fitted ones that is far worse, and one that is bad
-#: by itself, in %.
+#: Ratio of the frequency error of held-out to fitted modes, and error of held-out modes in %, which
+#: must both be exceeded for a failed prediction.
 FAR_WORSE, BAD = 3.0, 3.0
 
 
 def modes_said(after: _Figures) -> str:
-    """Return how near the model's modes are to the measured ones, in a sentence.
-
-    Parameters
-    ----------
-    after : mapping of str to float
-        Figures of agreement after the fit.
-    """
+    """Return a sentence on the agreement of modes of model and test after the fit."""
     paired, measured = int(after["modes_paired"]), int(after["modes_measured"])
     if "mac_min" not in after:
         off = after["frequency_error_rms"]
@@ -56,7 +50,7 @@ def modes_said(after: _Figures) -> str:
 
 
 def modes_plausible(before: _Figures, after: _Figures) -> Claim:
-    """Return whether the residual of modes allows an answer.
+    """Return whether the residual of modes permits a result.
 
     Parameters
     ----------
@@ -77,12 +71,12 @@ def modes_plausible(before: _Figures, after: _Figures) -> Claim:
 
 
 def modes_predicted(one: Mapping[str, Any]) -> Claim:
-    """Return whether an updated model predicts modes that were held out.
+    """Return whether an updated model predicts held-out modes.
 
     Parameters
     ----------
     one : mapping
-        Of a test, the figures ``after`` and ``validation``.
+        Figures of a test, with ``after`` and ``validation``.
     """
     held, fitted = one["validation"]["after"], one.get("after", {})
     said = f"Of the held-out modes, {modes_said(held)}"

@@ -1,4 +1,4 @@
-"""A reduced model about an estimate, so that judging a large one takes less than fitting it."""
+"""Reduced models about an estimate, with which large models are assessed at low cost."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["DOFS", "Nearby"]
 
 _Vector = NDArray[np.float64]
 
-#: Smaller models are judged as they are.
+#: Number of DOFs up to which models are not reduced.
 DOFS = 400
-#: Error at the estimate, as a share of the largest receptance of a line; and the number of lines
-#: whose fields choose among the vectors of the basis.
+#: Error at the estimate relative to the largest receptance of a line; and number of lines whose
+#: fields are used to compress the basis.
 _ACCURACY, _LINES = 1e-4, 24
-#: Root of the share of the energy of fields that may be dropped where it holds about many states.
+#: Square root of the share of the energy of the fields that a basis for many states may neglect.
 _DROPPED = 1e-3
 
 
@@ -33,9 +33,9 @@ class Nearby:
     Attributes
     ----------
     part : Part
-        With the reduced model.
+        The part with the reduced model.
     reduction : Reduction
-        Its basis, not compressed.
+        The reduction with the uncompressed basis.
     """
 
     part: Part
@@ -43,20 +43,7 @@ class Nearby:
 
     @classmethod
     def of(cls, part: Part, x: _Vector) -> Nearby | None:
-        """Return the reduced model of a part about a point; None where it would not pay.
-
-        Parameters
-        ----------
-        part : Part
-            Model and data.
-        x : ndarray of float, shape (n,)
-            The point.
-
-        Returns
-        -------
-        Nearby or None
-            None for a small model, one that is reduced already, or that cannot be reduced.
-        """
+        """Return the reduced model of a part about x; None if small, reduced or not reducible."""
         solver, freq = part.solver, part.frf.freq
         if solver.tier != "sparse" or solver.system.n <= DOFS:
             return None
@@ -77,16 +64,13 @@ class Nearby:
         except (SolverError, np.linalg.LinAlgError):
             return None
         reduced = replace(part, solver=reduction.solver("reduced, judged"))
-        reduction.basis = whole  # what further states add is orthogonal to it as it was built
+        reduction.basis = whole  # further states are orthogonalised against the full basis
         return cls(reduced, reduction)
 
     def holding(self, states: Sequence[State]) -> Part:
-        """Return the part with a basis that holds about further states of its model, too.
+        """Return the part with a basis that is accurate about further states of its model, too.
 
-        Parameters
-        ----------
-        states : sequence of State
-            At least one, the first that of the point. One that cannot be solved adds nothing.
+        The first state is that of the point. States that cannot be solved are ignored.
         """
         self.reduction.extend(states)
         freq = self.part.frf.freq

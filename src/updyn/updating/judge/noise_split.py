@@ -1,4 +1,4 @@
-"""Covariance from few data, which do not tell relative noise and a floor apart."""
+"""Covariance from few data, which do not determine the ratio of relative noise and noise floor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["covariance_over_ratios"]
 
 _Real = NDArray[np.float64]
 
-#: Number of ratios, and how far the last ones are from where the two are alike, in logarithm: a
-#: part below a tenth of the other adds less than 1 % to the variance.
+#: Number of ratios; and extension of their range, as a logarithm: a part below a tenth of the other
+#: adds less than 1 % to the variance.
 _RATIOS, _FAR = 41, float(np.log(10.0))
-#: Largest deficit of the log-likelihood of a ratio that counts. Of a normal likelihood that is 1.4
-#: standard deviations to both sides; in linear models of 5 to 20 spare numbers, 95 % intervals then
-#: cover at least 92 % whatever the noise (`benchmarks/discrepancy.py few`).
+#: Largest deficit of the log-likelihood of an admissible ratio. For a normal likelihood this is 1.4
+#: standard deviations on both sides; in linear models with 5 to 20 degrees of freedom, 95 %
+#: intervals then cover at least 92 % for any noise (`benchmarks/discrepancy.py few`).
 _ADMISSIBLE = 1.0
 
 
@@ -34,26 +34,28 @@ def covariance_over_ratios(
     Parameters
     ----------
     problem : Problem
-        What was fitted, with few data.
+        The problem that was fitted, with few data.
     x : ndarray of float, shape (n,)
         The estimate.
     floors : sequence of float
-        Of each part, the floor that was estimated: it sets the parts' noises against each other.
+        Estimated noise floor of each part, which scales the noise of the parts relative to each
+        other.
     within : ndarray of float, shape (n, k)
-        Orthonormal basis of the directions that are determined.
+        Orthonormal basis of the determined directions.
 
     Returns
     -------
     ndarray of float, shape (n, n), or None
-        Mean square error of the optimiser's coordinates; None without spare numbers.
+        Mean square error of the optimiser's coordinates; None without degrees of freedom.
 
     Notes
     -----
-    At each ratio the data have a best fit, a step d from x in the linear model, of covariance
-    s^2 (J^T W J)^-1, and a restricted likelihood |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2), with S the
-    weighted sum of squares, nu the spare numbers and s^2 = S / nu (Harville, Biometrika 61 (1974)
-    383). The mean square error at a ratio is d d^T + s^2 (J^T W J)^-1. Each unknown has the largest
-    of all ratios that are likely; correlations are those of the likeliest.
+    At each ratio, the linear model gives a best fit, which is a step d from x with the covariance
+    s^2 (J^T W J)^-1, and a restricted likelihood |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2), with the
+    weighted sum of squares S, nu degrees of freedom and s^2 = S / nu (Harville, Biometrika 61
+    (1974) 383). The mean square error at a ratio is d d^T + s^2 (J^T W J)^-1. The variance of each
+    unknown is the largest over all admissible ratios; the correlations are those at the most likely
+    ratio.
     """
     found = [_numbers(part, x, floor) for part, floor in zip(problem.parts, floors, strict=True)]
     J, r, size, level = (np.concatenate(rows) for rows in zip(*found, strict=True))
@@ -92,9 +94,9 @@ def covariance_over_ratios(
 
 
 def _numbers(part: Part, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
-    """Return derivatives, residual, |H| and level times the floor, of values that are seen.
+    """Return derivatives, residual, and |H| and level times the floor, of values above rounding.
 
-    Real numbers: real parts first, then imaginary parts.
+    All are real: the real parts first, then the imaginary parts.
     """
     blocks = list(part.blocks(x))
     H = np.concatenate([block.H for block in blocks])

@@ -1,4 +1,4 @@
-"""Rounding errors of the model's answers, which limit any fit."""
+"""Rounding errors of the model's responses, which limit the accuracy of a fit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["REMEDY", "Rounding", "worst_rounding"]
 
-#: Lines that are looked at: of a model of more than so many DOFs one in twenty at most, and of one
-#: of more than so many the lowest alone.
+#: Number of lines to check; number of DOFs above which at most one line in `_SHARE` is checked; and
+#: number of DOFs above which only the lowest line is checked.
 _LINES, _LARGE, _SHARE, _MANY = 3, 400, 20, 20_000
-#: Shares of an answer, and of the channel's misfit, below which rounding is of no concern.
+#: Shares of the response and of the channel's misfit below which rounding is negligible.
 _FINE, _SMALL = 1e-6, 0.1
 
-#: What to do about it.
+#: Remedy for rounding errors.
 REMEDY = (
     "Leave out such channels and lines; or condense the model, coarsen its mesh, merge what is far"
     " stiffer."
@@ -29,18 +29,18 @@ REMEDY = (
 
 @dataclass(frozen=True, slots=True)
 class Rounding:
-    """Where rounding moves the model's answer by what matters beside the misfit.
+    """Rounding error of the model's response that is not small compared with the misfit.
 
     Attributes
     ----------
     share : float
-        Of the answer.
+        Rounding error relative to the response.
     freq : float
-        In Hz.
+        Frequency in Hz.
     response, reference : str
         The channel.
     test : str
-        Which test, where there are several.
+        Name of the test, if there are several.
     """
 
     share: float
@@ -51,7 +51,7 @@ class Rounding:
 
     @property
     def message(self) -> str:
-        """What it means, in words."""
+        """Description of the error in two sentences."""
         at = f"{self.response} (force {self.reference})" + (
             f" of test {self.test!r}" if self.test else ""
         )
@@ -63,13 +63,13 @@ class Rounding:
 
 
 def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | None:
-    """Look for lines at which the answer of a model is moved by rounding more than a fit can bear.
+    """Return the largest rounding error of the model's responses; None if negligible.
 
-    A few lines are solved twice: with Z, and with 3 Z, whose entries are all rounded anew. What the
-    answers differ by is a sample of the forward error, which a backward error (that of a stable
-    solver is always small) does not show: Higham, Accuracy and Stability of Numerical Algorithms
-    (2002), section 1.6. Reduced models are not looked at: they are there to spare the complex
-    factorisation that it takes, and their own error is proved.
+    A few lines are solved twice: with Z, and with 3 Z, whose entries are all rounded differently.
+    The difference of the solutions is a sample of the forward error. The backward error is always
+    small for a stable solver and does not show it (Higham, Accuracy and Stability of Numerical
+    Algorithms (2002), section 1.6). Reduced models are not checked: they avoid the complex
+    factorisation that the check requires, and their error is bounded otherwise.
 
     Parameters
     ----------
@@ -77,11 +77,6 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
         Models and data of the tests.
     x : ndarray of float, shape (n,)
         The estimate.
-
-    Returns
-    -------
-    Rounding or None
-        The worst of them; None where rounding is small, or small beside the residual of the fit.
     """
     found = []
     for part in parts:
@@ -107,7 +102,7 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
 
 
 def _few(part: Part) -> int:
-    """Return the number of lines that are looked at, which take two solutions each."""
+    """Return the number of lines to check; each takes two solutions."""
     n = part.solver.system.n
     if n > _MANY:
         return 1
@@ -124,5 +119,5 @@ def _shares(part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]) -> ND
         for times in (1.0, 3.0)
     )
     size = np.abs(X)
-    # A motion that is exactly zero is not rounded.
+    # A response that is exactly zero has no rounding error.
     return np.asarray(np.abs(3.0 * Y - X) / np.where(size > 0.0, size, np.inf)).transpose(1, 0, 2)

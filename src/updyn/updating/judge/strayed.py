@@ -1,4 +1,4 @@
-"""Stiffnesses and masses that ended farther from their start than models are usually off."""
+"""Stiffnesses and masses that ended farther from their start than the usual error of models."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ __all__ = ["Strayed", "strayed"]
 #: Standard deviation of the logarithm of a stiffness or mass without a prior: a factor of 1.5, as
 #: in the search for causes.
 _USUAL = math.log(1.5)
-#: Standard deviations from which a value is far off its start: a factor of 3.4 without a prior.
+#: Number of standard deviations above which a value is far from its start: a factor of 3.4 without
+#: a prior.
 _FAR = 3.0
 
 
@@ -28,7 +29,8 @@ class Strayed:
     factor : float
         Its value over its start.
     deviations : float
-        The distance in standard deviations of its prior, or of those usual of models.
+        Distance from the start in standard deviations of the prior, or of the usual error of
+        models.
     """
 
     name: str
@@ -37,21 +39,16 @@ class Strayed:
 
     @property
     def statement(self) -> str:
-        """The distance in words."""
+        """The distance as text."""
         if self.factor >= 1.0:
             return f"{self.name} ended at {self.factor:.3g} times its start"
         return f"{self.name} ended at 1/{1.0 / self.factor:.3g} of its start"
 
 
 def strayed(parameters: ParameterSet, values: Mapping[str, float]) -> tuple[Strayed, ...]:
-    """Return the stiffnesses and masses that are far off their start, the farthest first.
+    """Return the stiffnesses and masses that are far from their start, the farthest first.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The unknowns; a loss factor or a calibration factor is not looked at.
-    values : mapping of str to float
-        The estimate by unknown.
+    `values` holds the estimate by unknown; loss factors and calibration factors are ignored.
     """
     found = []
     for p in parameters:

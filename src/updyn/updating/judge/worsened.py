@@ -1,4 +1,4 @@
-"""Natural frequencies and shapes that an update moved away from the test."""
+"""Natural frequencies and shapes whose agreement with the test an update reduced."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from updyn.updating.problem.modal import LIKE
 
 __all__ = ["Worsened", "judge_modes", "worsened_modes"]
 
-#: Loss of MAC that is worse, and the MAC below which shapes are said not to agree.
+#: Decrease of the MAC that is reported, and MAC below which shapes do not agree.
 _LOSS, _ALIKE = 0.05, 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class Worsened:
-    """A measured mode from which the updated model is farther than the start.
+    """A measured mode that agrees less with the updated model than with the start model.
 
     Attributes
     ----------
     frequency : float
-        Of the measured mode in Hz.
+        Measured natural frequency in Hz.
     statement : str
-        What became worse, in words.
+        Description of the change.
     error : float
-        Of the updated frequency, in %, where it is that; else 0.
+        Error of the updated frequency in %, if the frequency is worse; otherwise 0.
     """
 
     frequency: float
@@ -37,13 +37,7 @@ class Worsened:
 
 
 def worsened_modes(table: ModalTable) -> tuple[Worsened, ...]:
-    """Return the modes that an update made worse, the largest error of frequency first.
-
-    Parameters
-    ----------
-    table : ModalTable
-        Modes of the test, at the start and updated.
-    """
+    """Return the modes that an update made worse, in order of decreasing frequency error."""
     found: list[Worsened] = []
     for row in table.rows:
         found += _worsened(row)
@@ -51,10 +45,10 @@ def worsened_modes(table: ModalTable) -> tuple[Worsened, ...]:
 
 
 def _worsened(row: ModalRow) -> list[Worsened]:
-    """Return what is worse of a mode that the start and the updated model have."""
+    """Return the changes for the worse of a mode that is in the start and the updated model."""
     if row.test is None or row.start is None or row.updated is None:
         return []
-    # A shape of close modes is arbitrary, and a poor pair may be one by chance.
+    # The shapes of close modes are arbitrary, and a poor pair may be due to chance.
     if row.start.in_subspace or row.updated.in_subspace:
         return []
     hertz, found = row.test.frequency, []
@@ -75,19 +69,9 @@ def _worsened(row: ModalRow) -> list[Worsened]:
 def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     """Return a verdict that takes account of the modes which the update made worse.
 
-    Parameters
-    ----------
-    trust : Trust
-        The verdict without modes.
-    tables : sequence of ModalTable
-        Of all tests.
-
-    Returns
-    -------
-    Trust
-        Not plausible where the frequency of a mode is worse than at the start and more than 3 %
-        off, unless held-out data speak against the answer already; else the largest change is
-        named.
+    The result is not plausible if a natural frequency is worse than at the start and in error by
+    more than 3 %, unless the held-out data already contradict it. Otherwise, the largest change is
+    added to the sentence.
     """
     worse = [one for table in tables for one in worsened_modes(table)]
     if not worse or trust.plausible.holds is False:
