@@ -1,8 +1,8 @@
-"""`BeforeSearch`: whether models and tests of a run have modes in common, and what follows if not.
+"""Modes that models and tests of a run have in common, and the consequences if there are few.
 
-A model that has no more counterparts of the measured modes than that of another structure is the
-wrong model, or far from the right one. Then the search ends after its first tries, unless one of
-these explains the data, and an answer with as few counterparts is not plausible.
+If a model has no more counterparts of the measured modes than a model of another structure has, it
+is the wrong model or far from the right one. Then the search ends after its first tries, unless one
+of these explains the data, and an answer with as few counterparts is not plausible.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["REMEDY", "BeforeSearch"]
 
-#: What to do about a model that has few modes or none in common with the test.
+#: Advice on a model that has few modes or none in common with the test.
 REMEDY = (
     "Compare model and test first: orientation and axes of the sections, supports, units, and where"
     " the sensors are on the model (updyn check, updyn correlate)."
@@ -31,16 +31,16 @@ REMEDY = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeforeSearch:
-    """What is known of the modes of models and tests before a search.
+    """Modes of models and tests before a search.
 
     Attributes
     ----------
     tests : tuple of Test
-        The tests, with the models where the update starts.
+        The tests, with the models at the start of the update.
     modes : tuple of (ModeSet or None)
-        The modes of each test that are known beside its FRFs.
+        Modes of each test that are given in addition to its FRFs.
     found : tuple of Counterparts
-        Of each test.
+        Counterparts of each test.
     """
 
     tests: tuple[Test, ...]
@@ -58,9 +58,9 @@ class BeforeSearch:
         tests : sequence of Test
             The tests.
         unknowns : ParameterSet
-            Those of the fit.
+            Unknowns of the fit.
         options : mapping of str to object
-            Of the method: ``modes`` are those of the tests.
+            Options of the method; ``modes`` holds the modes of the tests.
         """
         given = options.get("modes")
         by_test = given if isinstance(given, Mapping) else {}
@@ -74,12 +74,12 @@ class BeforeSearch:
 
     @property
     def few(self) -> bool:
-        """Whether it is known of every test that it has few modes or none in common."""
+        """Whether every test is known to have few modes or none in common with its model."""
         return all(one.few for one in self.found)
 
     @property
     def remedy(self) -> str:
-        """What to do about models with few modes or none in common with their tests."""
+        """Advice on models with few modes or none in common with their tests."""
         return " ".join(dict.fromkeys(one.remedy or REMEDY for one in self.found))
 
     def warn(self) -> None:
@@ -92,24 +92,21 @@ class BeforeSearch:
                 )
 
     def overruling(self, overrule: Callable[[], bool]) -> Callable[[], bool]:
-        """Return what ends a search whose first tries found no answer.
+        """Return the function that decides whether to end a search after its first tries.
 
-        Parameters
-        ----------
-        overrule : callable
-            Looks for a fault of the data that explains them.
+        `overrule` searches for a fault of the data that explains them.
         """
         if not self.few:
             return overrule
 
         def without_counterparts() -> bool:
-            overrule()  # its findings are part of the result
+            overrule()  # for its findings, which are part of the result
             return True
 
         return without_counterparts
 
     def concluded(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
-        """Return the entries of a result that change by what is known of the modes.
+        """Return the entries of a result that the comparison of modes changes.
 
         Parameters
         ----------
@@ -146,7 +143,7 @@ class BeforeSearch:
 
 
 def _resembles(found: Sequence[Counterparts]) -> Claim:
-    """Return whether the models have modes of their tests, before the search."""
+    """Return the claim that the models have modes of their tests, before the search."""
     claims = [one.claim for one in found]
     said = " ".join(dict.fromkeys(claim.why for claim in claims))
     if not all(claim.asked for claim in claims):

@@ -1,4 +1,4 @@
-"""`diagnose`: what is wrong with measured data, told by a model that is nearly right."""
+"""`diagnose`: faults of measured data, found with a model that is nearly right."""
 
 from __future__ import annotations
 
@@ -28,38 +28,38 @@ def diagnose(
     tier: str | None = None,
     backend: str | None = None,
 ) -> tuple[Finding, ...]:
-    """Look for faults of the data that explain them better than the unknowns of the model can.
+    """Search for faults of the data that explain them better than the unknowns of the model can.
 
-    Wrong quantity or unit, wrong sign, exchanged or misplaced sensors, calibration, delay, and so
-    on (docs/verdict.md). Each is tried against the model, all unknowns adapting, and the likeliest
-    are confirmed by a short fit. The data are left as they are: `Finding.repair` returns them
-    without the fault.
+    Faults are a wrong quantity or unit, a wrong sign, exchanged or misplaced sensors, calibration,
+    delay, and others (docs/verdict.md). Each is tested against the model while all unknowns adapt,
+    and the likeliest are confirmed by a short fit. The data are not changed: `Finding.repair`
+    returns them without the fault.
 
     Parameters
     ----------
     model : Model
-        Before any update; off by some tens of per cent.
+        The model before any update, with errors up to some tens of per cent.
     frf : FRF
         The measurement. Every response and reference has to be a DOF of the model.
     unknowns : ParameterSet or Selection, optional
-        What of the model may be wrong; by default stiffness, mass and loss factor of all groups.
+        Quantities of the model that may be wrong; by default stiffness, mass and loss factor of all
+        groups.
     noise : None, str or mapping
         As for `update`.
     tier, backend : str, optional
-        As for `update`. Models of more than some hundred degrees of freedom are reduced for it
-        in any case.
+        As for `update`. Models with more than some hundred degrees of freedom are always reduced.
 
     Returns
     -------
     tuple of Finding
-        The likeliest first; empty where nothing is found at odds of 100 to 1.
+        The likeliest first; empty if no fault is found at odds of 100 to 1.
 
     Raises
     ------
     InputError
         If model, data, unknowns or options do not fit together.
     SolverError
-        If the model is to be reduced, and cannot be solved at its start.
+        If the model has to be reduced and cannot be solved at its start.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""`modal_table`: the modes of the test beside those of the model before and after its update."""
+"""`modal_table`: modes of the test compared with those of the model before and after its update."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from updyn.updating.result import UpdateResult, gains_of
 
 __all__ = ["LARGEST", "judge_by_modes", "modal_table", "modes_like", "start_table"]
 
-#: Size in DOFs up to which the modes of models are computed without being asked for: seconds.
+#: Largest number of DOFs for which the modes of a model are computed by default (seconds).
 LARGEST = 20_000
 
 
@@ -31,27 +31,27 @@ def modal_table(
     Parameters
     ----------
     result : UpdateResult
-        From `updyn.update`.
+        Result of `updyn.update`.
     modes : ModeSet, optional
-        The modes of the test. None: those that the update was given, or else identified from its
-        FRFs (`updyn.identify_modes`).
+        The modes of the test; by default those given to the update, otherwise those identified from
+        its FRFs (`updyn.identify_modes`).
     largest : int
-        Most DOFs of a model whose modes are computed.
+        Largest number of DOFs for which the modes of a model are computed.
 
     Returns
     -------
     ModalTable
-        `ModalTable.known` says whether there is one; where modes cannot be identified or computed,
-        `ModalTable.notes` say why.
+        `ModalTable.known` is True if the table has modes; otherwise `ModalTable.notes` give the
+        reason why modes cannot be identified or computed.
 
     Raises
     ------
     OptionError
-        If `result` is not that of one test.
+        If `result` is not the result of one test.
 
     Notes
     -----
-    Where calibration factors of sensors were among the unknowns, the FRFs are divided by them.
+    If calibration factors of sensors are among the unknowns, the FRFs are divided by them.
 
     Examples
     --------
@@ -80,20 +80,20 @@ def modal_table(
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
     """Return a result whose verdict takes account of the modes that the update made worse.
 
-    Where the residual of FRFs is noise, the model reproduces them, resonances included; what the
-    modes that were identified from them say else is an error of their identification.
+    If the residual of FRFs is noise, the model reproduces them, including their resonances. A
+    contradiction by modes identified from them is then an error of the identification.
 
     Parameters
     ----------
     result : UpdateResult
         The result of one test.
     tables : sequence of ModalTable
-        Of all tests that were fitted together and whose residual is not noise.
+        Tables of all tests that were fitted together and whose residual is not noise.
 
     Returns
     -------
     UpdateResult
-        With the status ``"not-credible"`` where the modes speak against the answer.
+        With the status ``"not-credible"`` if the modes contradict the answer.
     """
     if result.trust is None:
         return result
@@ -112,18 +112,18 @@ def start_table(
     Parameters
     ----------
     model : Model
-        Where an update would start.
+        The model at the start of an update.
     data : FRF or ModeSet
         The measurement.
     modes : ModeSet, optional
-        The modes of the test, where they are known beside FRFs.
+        The modes of the test, if known in addition to FRFs.
     largest : int
-        Most DOFs of a model whose modes are computed.
+        Largest number of DOFs for which the modes of a model are computed.
 
     Returns
     -------
     ModalTable
-        As `modal_table`, without an updated model.
+        As for `modal_table`, without an updated model.
     """
     return _table(model, None, modes or data, (), largest)
 
@@ -135,7 +135,7 @@ def _table(
     notes: tuple[str, ...],
     largest: int,
 ) -> ModalTable:
-    """Return the table with the modes of a test, those of FRFs identified."""
+    """Return the table for a test; modes are identified from FRFs."""
     if start.n_dofs > largest:
         note = (
             f"The modes of a model of {start.n_dofs} DOFs are computed when asked for:"
@@ -154,7 +154,7 @@ def _table(
 
 
 def _measured(result: UpdateResult) -> tuple[FRF, tuple[str, ...]]:
-    """Return the FRFs that modes are identified from, and what has to be known of them."""
+    """Return the FRFs for the identification of modes, and notes on them."""
     frf, gains = result.frf, gains_of(result)
     if gains is None:
         return frf, ()

@@ -1,11 +1,11 @@
-"""The noise of each sensor by itself, where sensors turn out to differ.
+"""Continuation of a fit with separate noise for each sensor, if sensors differ.
 
-Noise that is estimated from the residual is taken for the same at all sensors at first. Where the
-residual says otherwise, the fit goes on from its end with two numbers for each sensor, and that
-counts if the residual is noise then. A sensor that the model cannot follow leaves more than noise,
-however little it weighs; then nothing changes. Nor does it where noise could not be told from what
-a wrong sensor leaves: on lines so far apart that the response itself is no smooth course, or where
-the noise is a third of the response.
+Noise estimated from the residual is first assumed to be the same at all sensors. If the residual
+contradicts this, the fit continues from its end with two noise parameters for each sensor, and the
+new fit is kept if its residual is noise. A sensor that the model cannot follow leaves more than
+noise, however small its weight; then the first fit is kept. It is also kept if noise cannot be
+distinguished from the residual of a wrong sensor: on lines so far apart that the response itself is
+not smooth, or if the noise is a third of the response.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ __all__ = ["OwnNoise"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnNoise:
-    """Goes on with a fit by the noise of each sensor.
+    """Continues a fit with separate noise for each sensor.
 
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The fitted problem.
     strategy : Method
-        By what.
+        The method of the fit.
     noises : sequence of NoiseModel
-        Of each part, for all sensors.
+        Noise model of each part, common to all sensors.
     chosen : sequence
-        What the user said of each.
+        Noise option of the user for each part.
     monitor : Monitor
-        Watches the fit.
+        Records the steps.
     reduced : Reducing or None
         The reduced models.
     """
@@ -70,14 +70,14 @@ class OwnNoise:
     def tried(
         self, found: Judgement, judged: Callable[[Fit, Sequence[NoiseModel]], Judgement]
     ) -> Judgement:
-        """Return what is judged of the fit that goes on; `found` where that is no better.
+        """Return the judgement of the continued fit; `found` if that is not better.
 
         Parameters
         ----------
         found : Judgement
-            Of the fit so far.
+            Judgement of the fit so far.
         judged : callable
-            Judges a fit by noise models.
+            Returns the judgement of a fit with given noise models.
         """
         noises = self._own(found)
         if noises is None:
@@ -94,11 +94,11 @@ class OwnNoise:
                     return replace(again, adequacy=(*told, *again.adequacy[len(parts) :]))
         except (SolverError, Stopped):
             pass
-        del self.monitor.history[begun:]  # they led nowhere
+        del self.monitor.history[begun:]  # discard the steps of the rejected fit
         return found
 
     def _own(self, found: Judgement) -> list[NoiseModel] | None:
-        """Return noise models with numbers for each sensor; None where there is no reason."""
+        """Return noise models with separate noise for each sensor, or None if not indicated."""
         fit = found.fit
         if fit.reason not in ("converged", "unsettled") or fit.rivals or self.monitor.stopped:
             return None
@@ -116,7 +116,7 @@ class OwnNoise:
         return out if differ else None
 
     def _is_told_apart(self, x: NDArray[np.float64], noises: Sequence[NoiseModel]) -> bool:
-        """Return whether what sensors leave is noise, and not what a wrong sensor leaves."""
+        """Return whether noise can be distinguished from the residual of a wrong sensor."""
         for i, (part, own) in enumerate(zip(self.problem.parts, noises, strict=True)):
             if own is self.noises[i]:
                 continue
@@ -137,7 +137,7 @@ class OwnNoise:
     def _told(
         self, i: int, x: NDArray[np.float64], own: NoiseModel, adequacy: Adequacy
     ) -> Adequacy:
-        """Return the assessment of a part with the sensors whose noise is larger than of most."""
+        """Return the assessment of a part with the sensors of larger noise than most."""
         if own is self.noises[i]:
             return adequacy
         part = self.problem.parts[i]
@@ -150,12 +150,12 @@ class OwnNoise:
 
 
 def _is_open(chosen: NoiseChoice) -> bool:
-    """Return whether the user left it open where the noise comes from."""
+    """Return whether the user did not specify the source of the noise."""
     return chosen is None or (isinstance(chosen, Mapping) and set(chosen) == {"robust"})
 
 
 def _by_sensor(noise: NoiseModel, part: Part) -> NoiseModel:
-    """Return a noise model with numbers for each sensor; the same where it is not estimated."""
+    """Return a noise model with separate noise for each sensor; unchanged if not estimated."""
     if isinstance(noise, Robust):
         return replace(noise, base=_by_sensor(noise.base, part))
     if not isinstance(noise, Estimated):

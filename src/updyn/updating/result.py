@@ -1,4 +1,4 @@
-"""Results of updates: `UpdateResult` for a test, `JointResult` for several. Pure data."""
+"""Results of updates: `UpdateResult` for one test, `JointResult` for several."""
 
 from __future__ import annotations
 
@@ -52,83 +52,84 @@ STATUSES = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UpdateResult:
-    """The outcome of an update.
+    """Result of an update.
 
     Attributes
     ----------
     status : str
         One of `STATUSES`.
     message : str
-        The cause, in a sentence.
+        Explanation of the status, in a sentence.
     remedy : str
-        The next action that is advised; empty if none is needed.
+        Advised next action; empty if none is needed.
     method : str
         Name of the method.
     options : dict
-        Options as they were used.
+        Options of the run.
     start : Model
-        The model to which factors are relative. The fit begins at ``parameters.at_start(start)``,
-        where tables and figures of the start are computed.
+        The model to which factors are relative. The fit begins at ``parameters.at_start(start)``;
+        tables and figures of the start are computed there.
     model : Model
         The updated model.
     data : FRF or ModeSet
         All data of the test, neither converted nor selected.
     lines : ndarray of float
-        Lines used in the fit, in Hz; none of modes.
+        Frequency lines of the fit, in Hz; empty for modes.
     fitted_responses, validation_responses : tuple of str
-        Labels of the responses, or of the DOFs of the modes, used in the fit and of those held out.
+        Labels of the responses, or of the DOFs of the modes, that were fitted and held out.
     validation_band : tuple of (float, float) or None
         Band held out of the fit, in Hz.
     parameters : ParameterSet
         The unknowns with their start and bounds.
     values, std : dict of str to float
-        Estimate and standard deviation by unknown (same unit; inf where the data leave it open).
+        Estimate and standard deviation of each unknown, in its unit; the standard deviation is inf
+        for undetermined unknowns.
     covariance : ndarray of float, shape (n, n)
-        Of the values; rows of undetermined unknowns are inf.
+        Covariance of the values; rows of undetermined unknowns are inf.
     at_bound : dict of str to str
-        ``"lower"`` or ``"upper"`` for the unknowns that ended on a bound.
+        ``"lower"`` or ``"upper"`` for each unknown that ended at a bound.
     identifiability : Identifiability
-        At the estimate.
+        Identifiability at the estimate.
     history : tuple of Iteration
-        Every step.
+        All steps.
     noise : dict
-        The noise model used: ``kind`` (how known), ``relative``, ``floor`` where they apply,
-        ``chi_square`` (reduced; 1 where the noise explains the residual), ``inflation`` (factor on
-        the standard deviations), ``degrees_of_freedom`` (of the intervals, where the noise was
+        Noise model: ``kind`` (its source), ``relative`` and ``floor`` if applicable,
+        ``chi_square`` (reduced; 1 if the noise explains the residual), ``inflation`` (factor on
+        the standard deviations), ``degrees_of_freedom`` (of the intervals, if the noise was
         estimated from few numbers).
     correlation : dict
-        ``before``, ``after`` and, where something was held out, ``validation`` (itself with
-        ``before``, ``after``): each a flat dict of figures (``frac_median``, ``db_error_median``,
+        ``before``, ``after`` and, with held-out data, ``validation`` (itself with ``before``,
+        ``after``): each a flat dict of figures (``frac_median``, ``db_error_median``,
         ``csac_mean``, ...).
     timing_s : dict of str to float
-        Seconds by stage, and ``total``.
+        Duration of each stage and ``total``, in seconds.
     versions : dict of str to str
-        updyn, numpy, scipy, Python, platform.
+        Versions of updyn, numpy, scipy and Python, and the platform.
     title : str
-        For the record.
+        Title of the update.
     adequacy : Adequacy or None
         Whether the residual is noise or a structural error of the model, and the errors that would
-        explain it; None where it was not tested: the fit did not settle, rounding dominates, or the
-        record is an old one.
+        explain it; None if it was not tested: the fit did not settle, rounding dominates, or the
+        record is old.
     alternatives : tuple of Alternative
-        Other answers that fit the data as well; empty where none was found, and of methods other
-        than ``"maximum-likelihood"``, which do not look for any.
+        Other answers that fit the data equally well. Only ``"maximum-likelihood"`` searches for
+        them.
     trust : Trust or None
         Whether the answer is ``"converged"``, ``"determined"``, ``"validated"`` and
         ``"plausible"``, each True, False or None (not known) with a sentence (``.why``); None in an
         old record.
     findings : tuple of Finding
-        Causes of the residual of the fit, the likeliest first; empty where none was found,
-        and where none was looked for: the residual is noise, or there are few lines.
+        Causes of the residual of the fit, the likeliest first; empty if none was found. No causes
+        are sought if the residual is noise or there are few lines.
     modes : ModalTable or None
-        Modes of the test, of the start and of the updated model; None where they were not looked
-        for: `updyn.modal_table` does so, and a run of a job.
+        Modes of the test, of the start and of the updated model; None unless computed by
+        `updyn.modal_table` or by the run of a job.
     counterparts : Counterparts or None
-        How many modes of the test had a counterpart in the model before the search; None in an old
-        record.
+        Number of modes of the test with a counterpart in the model before the search; None in an
+        old record.
     kept_basis : KeptBasis or None
-        Where the reduced models of what follows in this process begin: the basis with which a fit
-        of the reduced tier ended. It is neither saved nor pickled; without it they begin anew.
+        Final basis of a fit in the reduced tier, from which later computations in this process
+        build their reduced models. It is neither saved nor pickled.
 
     Examples
     --------
@@ -187,12 +188,12 @@ class UpdateResult:
 
     @property
     def results(self) -> Mapping[str, UpdateResult]:
-        """The results by test, as `JointResult` has them: this one, of the only test."""
+        """The results by test, as in `JointResult`: this result, with the test name ""."""
         return {"": self}
 
     @property
     def first(self) -> UpdateResult:
-        """The result of the first test: this one."""
+        """The result of the first test: this result."""
         return self
 
     @property
@@ -213,16 +214,16 @@ class UpdateResult:
 
     @property
     def usable(self) -> bool:
-        """Whether the fit converged and the verdict holds in all parts that were asked for."""
+        """Whether the fit converged and all requested parts of the verdict hold."""
         return self.ok and (self.trust is None or self.trust.holds)
 
     @property
     def iterations(self) -> int:
-        """Number of accepted steps, those of all tries of the search for a start included."""
+        """Number of accepted steps, including those of all tries of the search for a start."""
         return sum(h.counts for h in self.history)
 
     def why_open(self, name: str) -> str:
-        """Return why an unknown has no interval, in a phrase.
+        """Return the reason, as a phrase, for the missing interval of an unknown.
 
         Parameters
         ----------
@@ -238,11 +239,11 @@ class UpdateResult:
         return "not determined by the data"
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Return the confidence interval of each unknown that the data determine, in its unit.
+        """Return the confidence interval of each determined unknown, in its unit.
 
-        Symmetric in the logarithm for a factor (it is estimated there, and stays positive),
-        symmetric and cut at 0 for a value. The quantile is Gaussian; where the noise is estimated
-        from few numbers (``noise["degrees_of_freedom"]``), it is Student's.
+        The interval of a factor is symmetric in the logarithm, in which it is estimated, and stays
+        positive; that of a value is symmetric and cut off at 0. The quantile is Gaussian, or
+        Student's if the noise is estimated from few numbers (``noise["degrees_of_freedom"]``).
 
         Parameters
         ----------
@@ -272,8 +273,8 @@ class UpdateResult:
         -------
         pandas.DataFrame
             Index: ``unknown``. Columns: ``group``, ``quantity``, ``start``, ``value``, ``std``,
-            ``low`` and ``high`` (ends of the interval, nan where the data leave it open), ``unit``
-            and ``at_bound``.
+            ``low`` and ``high`` (ends of the interval, nan for undetermined unknowns), ``unit`` and
+            ``at_bound``.
         """
         import pandas as pd
 
@@ -306,7 +307,7 @@ class UpdateResult:
         )
 
     def _verdict_lines(self) -> list[str]:
-        """Return the verdict in its parts, what else there is to say, and what to do next."""
+        """Return the lines of the verdict: its parts, further remarks and the next action."""
         if self.trust is None:
             return [f"{self.message} {self.remedy}".removesuffix(" ")]
         lines = []
@@ -322,7 +323,7 @@ class UpdateResult:
         return lines
 
     def summary(self) -> str:
-        """Return the outcome as text: verdict, unknowns and identifiability."""
+        """Return the result as text: verdict, unknowns and identifiability."""
         width = max(28, 2 + max(map(len, self.parameters.names)))
         title = self.title or "Update"
         lines = [
@@ -352,7 +353,7 @@ class UpdateResult:
         if advice in self.remedy:
             advice = ""
         determined = f"The data determine {ident.rank} of {counted(ident.n_parameters, 'unknown')}."
-        if self.trust is not None and self.trust.determined:  # that part has said it
+        if self.trust is not None and self.trust.determined:  # stated by that part of the verdict
             determined = ""
         lines += ["", f"{determined} {advice}".strip()]
         for number, direction in enumerate(ident.null_directions, 1):
@@ -379,21 +380,21 @@ class UpdateResult:
         agreement = _agreement(self.correlation)
         if agreement:
             lines += ["", agreement]
-        # What a paragraph has nothing to say on leaves no gap.
+        # Remove the gaps of empty paragraphs.
         return re.sub(r"\n{3,}", "\n\n", "\n".join(lines))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointResult:
-    """The outcome of an update to several tests at once.
+    """Result of a joint update to several tests.
 
     Parameters
     ----------
     results : mapping of str to UpdateResult
-        By test, each with its model, data and agreement. What belongs to the unknowns (values,
-        deviations, history, status) is the same in all of them.
+        Result of each test, with its model, data and agreement. The entries on the unknowns
+        (values, standard deviations, history, status) are the same in all of them.
     title : str
-        For the record.
+        Title of the update.
 
     Examples
     --------
@@ -416,7 +417,7 @@ class JointResult:
 
     @property
     def first(self) -> UpdateResult:
-        """The result of the first test, for the entries that are the same in all."""
+        """The result of the first test, for the entries that all tests share."""
         return next(iter(self.results.values()))
 
     @property
@@ -436,7 +437,7 @@ class JointResult:
 
     @property
     def usable(self) -> bool:
-        """Whether the fit converged and the verdict holds in all parts that were asked for."""
+        """Whether the fit converged and all requested parts of the verdict hold."""
         return self.first.usable
 
     @property
@@ -451,11 +452,11 @@ class JointResult:
 
     @property
     def std(self) -> Mapping[str, float]:
-        """Standard deviation by unknown; inf where the data leave it open."""
+        """Standard deviation by unknown; inf for undetermined unknowns."""
         return self.first.std
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Return the confidence interval of each unknown that the data determine, in its unit.
+        """Return the confidence interval of each determined unknown, in its unit.
 
         Parameters
         ----------
@@ -489,7 +490,7 @@ class JointResult:
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """Other answers that fit the data of all tests as well."""
+        """Other answers that fit the data of all tests equally well."""
         return self.first.alternatives
 
     @property
@@ -499,7 +500,7 @@ class JointResult:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Causes that were found, each with its test."""
+        """Causes of the residual that were found, each with its test."""
         return self.first.findings
 
     def _repr_html_(self) -> str:
@@ -510,7 +511,7 @@ class JointResult:
         return f"JointResult({self.status}, {tests}, {counted(len(self.values), 'unknown')})"
 
     def summary(self) -> str:
-        """Return the outcome as text: unknowns once, agreement test by test."""
+        """Return the result as text: the unknowns once, and the agreement of each test."""
         of_first = _residual_lines(self.first.adequacy, self.first.message)
         agreement = _agreement(self.first.correlation)
         lines = []
@@ -561,7 +562,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         "FRAC, median": " → ".join(agreement) if all(agreement) else "",
     }
     header = ["unknown", "start", "value", "std. dev.", "95 % interval", "note"]
-    if not any(row[-1] for row in rows):  # no column of blanks
+    if not any(row[-1] for row in rows):  # no empty column
         header.pop()
         rows = [row[:-1] for row in rows]
     return card(
@@ -574,7 +575,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
 
 
 def _rounded(value: float, std: float) -> str:
-    """Return a number to two digits of its standard deviation; without one, to five digits."""
+    """Return a number with two digits of its standard deviation, or five digits without one."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return f"{value:.5g}"
     decimals = 1 - math.floor(math.log10(std))
@@ -595,7 +596,7 @@ def interval(
     level : float
         Probability that the interval covers the true value.
     freedom : int, optional
-        Degrees of freedom of Student's distribution; Gaussian where not given.
+        Degrees of freedom of Student's distribution; by default the distribution is Gaussian.
     """
     upper = 0.5 * (1.0 + level)
     wide = float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
@@ -612,13 +613,13 @@ def _combination(direction: Mapping[str, float]) -> str:
 
 
 def _answer(other: Alternative, result: UpdateResult) -> str:
-    """Return what another answer has different, as text."""
+    """Return the unknowns in which another answer differs, as text."""
     different = differences(result.values, result.std, [other])
     return ", ".join(f"{name} {values[1]:.6g}" for name, values in different)
 
 
 def _agreement(correlation: Mapping[str, Any]) -> str:
-    """Return figures of agreement before and after, of what was held out, too, as a table."""
+    """Return the figures of agreement before and after, also on held-out data, as a table."""
     held = correlation.get("validation") or {}
     return agreement_table(
         {
@@ -631,7 +632,7 @@ def _agreement(correlation: Mapping[str, Any]) -> str:
 
 
 def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
-    """Return the lines of the summary on the residual; the verdict unless `message` has it."""
+    """Return the summary lines on the residual; no verdict if `message` contains it."""
     if found is None:
         return []
     lines = []
@@ -664,7 +665,7 @@ def result_of_test(result: UpdateResult | JointResult, test: str | None) -> Upda
     result : UpdateResult or JointResult
         The result.
     test : str or None
-        Name of the test; None where the update has one test.
+        Name of the test; None for an update with one test.
 
     Returns
     -------
@@ -673,7 +674,7 @@ def result_of_test(result: UpdateResult | JointResult, test: str | None) -> Upda
     Raises
     ------
     OptionError
-        If `result` is none, or has no test of that name; the nearest is named.
+        If `result` is not a result, or has no test of that name; the message names the nearest.
     """
     if not isinstance(result, UpdateResult | JointResult):
         raise OptionError(f"expected the result of an update, found {type(result).__name__}")
@@ -688,13 +689,7 @@ def result_of_test(result: UpdateResult | JointResult, test: str | None) -> Upda
 
 
 def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:
-    """Return the estimated calibration factor of each channel, shape (n_i, n_j), or None.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    """
+    """Return the estimated calibration factor of each channel, shape (n_i, n_j), or None."""
     if isinstance(result.data, ModeSet):
         return None
     gains = Gains.find(result.parameters, result.data)

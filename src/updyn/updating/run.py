@@ -1,4 +1,4 @@
-"""The run of an update, from tests and unknowns to one result for each test."""
+"""Run of an update, from tests and unknowns to one result for each test."""
 
 from __future__ import annotations
 
@@ -72,13 +72,13 @@ if TYPE_CHECKING:
 
 __all__ = ["RunOptions", "run"]
 
-#: How far the start is moved, relative to each unknown, where the model is singular there.
+#: Relative change of each unknown at the start if the model is singular there.
 _ASIDE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How an update is run; most fields are the arguments of `updyn.update` of the same name.
+    """Options of the run of an update; most are the arguments of `updyn.update` of the same name.
 
     Attributes
     ----------
@@ -87,25 +87,25 @@ class RunOptions:
     method_options : mapping of str to object
         Options of the method.
     engine : None, int, dask.distributed Client or Engine
-        Where lines, and the tries of the search, are worked on.
+        Engine that evaluates lines and tries of the search.
     callback : callable or None
         Called with a `Progress` after every step and between blocks of lines.
     title : str
-        For the record.
+        Title of the update.
     tier : {"dense", "sparse", "reduced"} or None
         How the model is solved.
     backend : str or None
         Sparse factorisation.
     accuracy : float
-        Of the reduced tier.
+        Accuracy of the reduced tier.
     checkpoint : path or None
         File that receives every evaluation.
     resume : bool
-        Whether the run that `checkpoint` holds goes on.
+        Whether to continue the run in `checkpoint`.
     regularise : None, str or float
-        How the unknowns are regularised.
+        Regularisation of the unknowns.
     seek_causes : bool
-        Whether the causes of the residual are sought after the fit.
+        Whether to search for causes of the residual after the fit.
     """
 
     method: str = "maximum-likelihood"
@@ -134,19 +134,19 @@ def run(
     parameters : ParameterSet or Selection
         The unknowns.
     options : RunOptions
-        How the update is run.
+        Options of the run.
 
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of
-        another run.
+        If models, data, unknowns or options do not fit together, or the checkpoint to resume
+        belongs to another run.
     SolverError
-        If a model cannot be solved at a line where it starts.
+        If a model cannot be solved at its start, at one of the lines.
     """
     begun = time.perf_counter()
     _check_kinds(options)
-    if isinstance(options.regularise, np.generic):  # for the record and the fingerprint
+    if isinstance(options.regularise, np.generic):  # plain type, for the record and the fingerprint
         options = replace(options, regularise=options.regularise.item())
     strategy = make_method(options.method, options.method_options)
     driver = regularised(strategy, options.method, options.regularise)
@@ -242,7 +242,7 @@ def run(
     common = _common(problem, found, causes, selection, options, monitor)
     common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
     values = np.array(list(common["values"].values()))
-    # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
+    # The unbounded plain iteration can end at a negative loss factor, which no model accepts.
     changes = unknowns.changes(np.where(unknowns.is_factor, values, np.maximum(values, 0.0)))
     fit = found.fit
     more = _more(selection, fit, options)
@@ -277,7 +277,7 @@ def run(
 
 
 def _check_kinds(options: RunOptions) -> None:
-    """Check the kinds of what is only used once the run is under way."""
+    """Check the types of options that are first used during the run."""
     if options.callback is not None and not callable(options.callback):
         raise OptionError(f"callback = {options.callback!r}: expected a function, or None")
     if not isinstance(options.title, str):
@@ -294,7 +294,7 @@ def _check_kinds(options: RunOptions) -> None:
 
 
 def _check_without_lines(options: RunOptions) -> None:
-    """Check that nothing is asked for that belongs to the solution line by line."""
+    """Refuse options of the line-by-line solution for an update to modes."""
     for key in ("tier", "backend"):
         if getattr(options, key) is not None:
             raise OptionError(f"{key}: modes are computed by one way; leave it out", key=(key,))
@@ -306,7 +306,7 @@ def _modal_parts(
     unknowns: ParameterSet,
     session: Session,
 ) -> list[ModalPart]:
-    """Return the parts of the tests that measured modes."""
+    """Return the parts of the tests with modal data."""
     own = [test for test in tests if isinstance(test.data, ModeSet)]
     return [
         ModalPart.build(
@@ -322,13 +322,13 @@ def _modal_parts(
 
 
 def _places(tests: Sequence[Test]) -> list[int]:
-    """Return where each test stands among parts, those that measured modes after all others."""
+    """Return the position of each test among the parts; modal tests follow all others."""
     order = sorted(range(len(tests)), key=lambda i: isinstance(tests[i].data, ModeSet))
     return [order.index(i) for i in range(len(tests))]
 
 
 def _of_data(problem: Problem, splits: Sequence[Split | ModalSplit], i: int) -> dict[str, Any]:
-    """Return, for the record, what of a test's data is fitted and what is held out."""
+    """Return the fitted and the held-out data of a test, for the record."""
     split = splits[i]
     if isinstance(split, Split):
         return {
@@ -353,7 +353,7 @@ def _used(
     *,
     reducing: bool,
 ) -> list[dict[str, Any]]:
-    """Return the options as they are used for each test, in the order of the parts."""
+    """Return the options used for each test, in the order of the parts."""
     common = {key: getattr(strategy, key) for key in options_of(options.method)}
     found = []
     of_frfs = [test for test in tests if isinstance(test.data, FRF)]
@@ -372,7 +372,7 @@ def _used(
 def _decisive(
     tests: Sequence[Test], used: Mapping[str, Any], options: RunOptions
 ) -> dict[str, object]:
-    """Return the options that change the answer, which a run to be resumed has to share."""
+    """Return the options that change the answer, which a resumed run has to share."""
     decisive: dict[str, object] = dict(used)
     decisive.pop("max_iterations", None)
     decisive |= {"method": options.method, "accuracy": options.accuracy}
@@ -392,7 +392,7 @@ def _common(
     options: RunOptions,
     monitor: Monitor,
 ) -> dict[str, Any]:
-    """Return what the results of all tests have in common, apart from the time that it took."""
+    """Return the entries that the results of all tests share, except for the durations."""
     fit, names = found.fit, selection.parameters.names
     tests = [part.name for part in problem.all]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
@@ -407,7 +407,7 @@ def _common(
         found.rounding,
         end,
     )
-    x = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
+    x = problem.coordinates.to_values(fit.x) + 0.0  # + 0.0 turns -0.0 into 0.0
     values = dict(zip(names, x.tolist(), strict=True))
     std = dict(zip(names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
     others = distinct(values, std, found.alternatives)
@@ -467,16 +467,16 @@ def _common(
 
 
 def _pressed(parameters: ParameterSet, at_bound: Mapping[str, str]) -> tuple[list[str], int]:
-    """Return the stiffnesses and masses at a bound, and how many of them are unknown.
+    """Return the stiffnesses and masses at a bound, and the number of unknown ones.
 
-    A loss factor of zero is an ordinary value.
+    Loss factors do not count, because zero is an ordinary value of theirs.
     """
     factors = [p.name for p in parameters if p.is_factor and not p.is_channel]
     return [name for name in factors if name in at_bound], len(factors)
 
 
 def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]:
-    """Return, for the record, what was selected before the fit and how it was regularised."""
+    """Return the selection before the fit and the regularisation, for the record."""
     more = dict(selection.option)
     if fit.pull is not None:
         more["regularisation"] = dict(fit.pull.record)
@@ -493,7 +493,7 @@ def _title(title: str, test: str) -> str:
 
 
 def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
-    """Return the changes of the groups that a model has: a configuration may lack one."""
+    """Return the changes of the groups in a model; a configuration may lack some groups."""
     own: dict[str, dict[str, float]] = {}
     for group, change in changes.items():
         for quantity, value in change.items():
@@ -509,14 +509,14 @@ def _listed(lines: Lines) -> object:
 
 
 def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
-    """Return, for the record, the certificate of a reduced model or the use of another backend."""
+    """Return the certificate of a reduced model or the use of another backend, for the record."""
     if reduced is not None:
         return reduced.record
     return fallback(part.solver.used, part.solver.backend)
 
 
 def _left_out(part: Part) -> dict[str, list[str]]:
-    """Return, for the record, the channels that are rounding."""
+    """Return the channels that are rounding, for the record."""
     at = np.argwhere(part.sign == 0.0)
     names = [f"{part.frf.responses[i]} / {part.frf.references[j]}" for i, j in at]
     return {"rounding": names} if names else {}
@@ -530,10 +530,10 @@ def _fitted(
     monitor: Monitor,
     reduced: Reducing | None,
 ) -> tuple[Problem, Fit]:
-    """Choose the lines and fit; return the problem on these lines, too.
+    """Choose the lines and fit; return the problem on these lines and the fit.
 
-    Where the model is singular at the start, because a line is a natural frequency of an undamped
-    model, the fit starts beside it.
+    If the model is singular at the start, because a line is a natural frequency of an undamped
+    model, the fit starts from slightly changed unknowns.
     """
     try:
         return _fitted_from_start(whole, lines, strategy, noises, monitor, reduced)
@@ -544,14 +544,14 @@ def _fitted(
         try:
             found = _fitted_from_start(beside, lines, strategy, noises, monitor, reduced)
         except SolverError:
-            raise error from None  # no unknown changes that
+            raise error from None  # no unknown affects the singularity
         text = f"{error}. The fit starts 0.1 % beside the unknowns' start, where it is not"
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return found
 
 
 def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
-    """Return a fit that has not arrived with the cause, as far as the method knows it."""
+    """Return a fit with the cause of its failure, as far as the method knows it."""
     if fit.reason not in ("failed", "stalled", "unsolvable", "max-iterations"):
         return fit
     try:
@@ -562,9 +562,9 @@ def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
 
 
 def _beside_start(whole: Problem) -> Problem:
-    """Return the problem with its start moved a little, each unknown by another amount.
+    """Return the problem with a slightly changed start, each unknown by a different amount.
 
-    Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
+    Stiffnesses increase and masses decrease, which changes natural frequencies; damping increases.
     """
     coordinates = whole.coordinates
     x, (lower, upper) = coordinates.home, coordinates.bounds
@@ -584,12 +584,12 @@ def _fitted_from_start(
     monitor: Monitor,
     reduced: Reducing | None,
 ) -> tuple[Problem, Fit]:
-    """Choose the lines and fit.
+    """Choose the lines and fit from the start.
 
     Raises
     ------
     SolverError
-        If the model cannot be solved at a line where it starts.
+        If the model cannot be solved at its start, at one of the lines.
     """
     x, problem = whole.coordinates.home, whole
     try:

@@ -67,62 +67,59 @@ def update(
     Parameters
     ----------
     model : Model
-        The model to start from.
+        The model before the update.
     frf : FRF or ModeSet
         The measurement, FRFs or modes. Every response and reference, or every DOF of the modes, has
-        to be one of the model. Of modes, frequencies, shapes and, where the damping of a group is
-        unknown, loss factors are fitted, by the methods maximum-likelihood and modal.
+        to be a DOF of the model. With modes, the frequencies and shapes are fitted, and the loss
+        factors if the damping of a group is unknown, by the methods maximum-likelihood and modal.
     parameters : ParameterSet or Selection
-        The unknowns, from `updyn.parameters`; or what `updyn.select` or `updyn.cluster` made of
-        them.
+        The unknowns, from `updyn.parameters`, `updyn.select` or `updyn.cluster`.
     method : str
         ``"maximum-likelihood"`` (default), ``"log"``, ``"output-error"`` or ``"equation-error"``
-        (the paper's); or one of the field's, for comparison (docs/methods.md).
+        (the paper's); or a published method, for comparison (docs/methods.md).
     lines : None, str or array_like of float
         Lines to fit: all, ``"d-optimal:40"``, ``"a-optimal:40"`` or, for some unknowns,
         ``"a-optimal:40:shaft.*"``, or a list in Hz.
     noise : None, str or mapping
-        None: from the data's variance, else coherence, else estimated from the residual, sensor by
-        sensor where they differ. A mapping with ``relative`` and/or ``floor`` states E|dH|^2 =
-        (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``, ``"estimated"``,
-        ``"estimated-by-channel"`` force one source, as does ``source`` in a mapping.
-        ``robust="student-t"`` in a mapping gives outliers less weight, whatever the source. Of
-        modes: None takes the standard deviations that come with them, and estimates what there is
-        beyond; a mapping with ``frequency``, ``shape``, ``loss_factor`` states them, as shares, and
-        with ``scale`` how exact shapes are in size that are scaled to unit modal mass, which else
-        does not count.
+        For FRFs, None takes the variance of the data, otherwise the coherence, otherwise an
+        estimate from the residual, for each sensor if sensors differ. A mapping with ``relative``
+        and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2. ``"variance"``,
+        ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"`` force one source, as does
+        ``source`` in a mapping. ``robust="student-t"`` in a mapping gives outliers less weight,
+        for any source. For modes, None takes their standard deviations and estimates the noise in
+        excess of them. A mapping with ``frequency``, ``shape``, ``loss_factor`` states relative
+        standard deviations; ``scale`` states that of the size of shapes scaled to unit modal mass,
+        which is otherwise not fitted.
     engine : None, int, dask.distributed Client or Engine
-        Where lines, and the tries of the search, are worked on: here one after the other, in so
-        many processes on this machine, or on a cluster. The result does not depend on it.
+        Where lines and tries of the search are evaluated: in this process, in a number of
+        processes on this machine, or on a cluster. The result does not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every step and between blocks of lines; returning True stops
-        the run, with status ``"stopped"`` and the best values so far.
+        Called with a `Progress` after every step and between blocks of lines; a return value of
+        True stops the run, with status ``"stopped"`` and the best values so far.
     validation : iterable of str or Dof, or (float, float), optional
-        Responses, or a band in Hz, held out of the fit and scored afterwards. Of modes, a band.
+        Responses, or a band in Hz, held out of the fit and scored afterwards. With modes, a band.
     title : str
-        For the record.
+        Title of the update.
     tier : {"dense", "sparse", "reduced"}, optional
         How the model is solved; by default chosen by size. ``"reduced"`` (above 600 DOFs) fits
-        inside a reduced model whose error is bounded where the fit ends.
+        in a reduced model whose error is bounded at the estimate.
     backend : str, optional
         Sparse factorisation.
     accuracy : float
-        Of the reduced tier: the largest error of a receptance, as a share of the largest of its
-        line.
+        Largest error of a receptance in the reduced tier, relative to the largest of its line.
     checkpoint : path, optional
-        File that receives every evaluation as it is made (read `resume`). It stays; remove it once
-        the result is safe.
+        File that receives every evaluation (see `resume`). It is not deleted after the run.
     resume : bool
-        Go on with the run that `checkpoint` holds, however it ended: with the same answer, to the
-        last bit, as if it had not been interrupted. Everything has to be as it was but `engine` and
-        ``max_iterations``. Where the file is not there, the run begins anew, with a warning.
+        Whether to continue the run in `checkpoint`, however it ended. The answer is the same, to
+        the last bit, as without the interruption. Only `engine` and ``max_iterations`` may differ
+        from the first run. If the file does not exist, the run begins anew, with a warning.
     regularise : None, str or float, optional
-        Pull the unknowns without a prior to their start, by a common strength: ``"gcv"``,
+        Pull the unknowns without a prior to their start, with a common strength: ``"gcv"``,
         ``"l-curve"`` or ``"discrepancy"`` choose it, a number states it (1 / standard deviation of
         a prior). ``"tsvd"`` fits only along the directions that the data determine, ``"tsvd:12"``
         along 12. Methods maximum-likelihood, log, output-error and equation-error.
     progress : bool
-        Whether to show a bar on a terminal or in a notebook, and plain lines elsewhere (on
+        Whether to show a progress bar on a terminal or in a notebook, and plain lines elsewhere (on
         stderr).
     **options
         Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed``
@@ -131,15 +128,15 @@ def update(
     Returns
     -------
     UpdateResult
-        The status states whether the fit failed; no error is raised for that.
+        Its status states whether the fit failed; a failed fit raises no error.
 
     Raises
     ------
     InputError
-        If model, data, unknowns or options do not fit together, or the checkpoint to resume is of
-        another run.
+        If model, data, unknowns or options do not fit together, or the checkpoint to resume belongs
+        to another run.
     SolverError
-        If the model cannot be solved at a line where it starts.
+        If the model cannot be solved at its start, at one of the lines.
 
     Warns
     -----
@@ -194,15 +191,16 @@ def update_jointly(
     """Fit the unknowns of several models to the FRFs and modes of several tests of one structure.
 
     The same structure is tested in several configurations: rotor locked and free, dish up and down,
-    with and without an added mass. Each has its model, with the same group names, its data and its
-    noise; there is one set of unknowns. FRFs of one test and modes of another count by their
-    likelihoods; modes that were identified from FRFs that are fitted, too, would count twice.
+    with and without an added mass. Each configuration has its model, with the same group names, its
+    data and its noise; all share one set of unknowns. FRFs of one test and modes of another are
+    combined by their likelihoods. Do not fit FRFs together with modes identified from them, because
+    the same data would count twice.
 
     Parameters
     ----------
     tests : sequence of Test
-        At least one; names differ. What an unknown acts on has to be in the model of one of them,
-        not of all.
+        At least one, with different names. The group of an unknown has to be in the model of at
+        least one test.
     parameters : ParameterSet or Selection
         The unknowns.
     method, engine, callback, title
@@ -218,10 +216,10 @@ def update_jointly(
     Raises
     ------
     InputError
-        If models, data, unknowns or options do not fit together, or the checkpoint to resume is of
-        another run.
+        If models, data, unknowns or options do not fit together, or the checkpoint to resume
+        belongs to another run.
     SolverError
-        If a model cannot be solved at a line where it starts.
+        If a model cannot be solved at its start, at one of the lines.
 
     Examples
     --------
@@ -267,7 +265,7 @@ def _watched(
     method: str,
     options: Mapping[str, Any],
 ) -> Iterator[Callable[[Progress], bool | None] | None]:
-    """Return the callback of a run: that of the caller, and what shows the progress."""
+    """Yield the callback of a run, which combines that of the caller with the progress display."""
     if not progress:
         yield callback
         return
@@ -288,14 +286,14 @@ def identifiability(
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float | str] | str | None = None,
 ) -> Identifiability:
-    """Return what a measurement could determine, at the start of the unknowns and before any fit.
+    """Return the identifiability of the unknowns from a measurement, at their start.
 
     Parameters
     ----------
     model, frf, parameters, lines, noise
-        As for `update`. Where neither `noise` nor the data state the noise, 5 % of |H| and a floor
-        of 0.1 % of the rms are assumed; of modes 1 % of a frequency, 10 % of a shape, 20 % of a
-        loss factor.
+        As for `update`. If neither `noise` nor the data state the noise, 5 % of |H| and a floor of
+        0.1 % of the rms are assumed; for modes 1 % of a frequency, 10 % of a shape, 20 % of a loss
+        factor.
 
     Returns
     -------
@@ -314,12 +312,12 @@ def identifiability(
 def joint_identifiability(
     tests: Sequence[Test], parameters: ParameterSet | Selection
 ) -> Identifiability:
-    """Return what several tests together could determine, at the start of the unknowns.
+    """Return the identifiability of the unknowns from several tests together, at their start.
 
     Parameters
     ----------
     tests : sequence of Test
-        At least one; what they hold out counts as data here.
+        At least one; held-out data count as data here.
     parameters : ParameterSet or Selection
         The unknowns.
 
@@ -338,7 +336,7 @@ def joint_identifiability(
 
 
 def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) -> Analysis:
-    """Return `joint_identifiability` with the numbers behind it.
+    """Return the analysis on which `joint_identifiability` is based.
 
     Parameters
     ----------
@@ -352,7 +350,7 @@ def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) 
     Raises
     ------
     InputError, SolverError
-        As `joint_identifiability`.
+        As for `joint_identifiability`.
     """
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
