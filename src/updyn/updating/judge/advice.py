@@ -22,9 +22,9 @@ __all__ = ["advise"]
 _CANDIDATE_LINES, _CANDIDATE_SENSORS = 60, 200
 #: Number of lines at which candidate sensors are compared, and the least number for large models.
 _SENSOR_LINES, _FEW_LINES = 20, 4
-#: Least relative change of a candidate measurement by a change by a factor e along each
-#: undetermined direction; it must exceed the noise, too. This value is well above rounding and can
-#: be resolved by a good measurement after averaging.
+#: Least relative change of a candidate measurement for a change by a factor e along each
+#: undetermined direction; the noise is the limit if it is larger. The value is well above rounding,
+#: and a good measurement can resolve it after averaging.
 _VISIBLE = 1e-6
 #: Noise above which the advice recommends less noise.
 _NOISY = 1e-3

@@ -425,7 +425,8 @@ def _typical_misfit(
 ) -> float:
     """Return the median of |H - H_X| / |H_X| over the values that are clear of the noise.
 
-    nan if no value is. Without FRFs, the median of the relative errors of natural frequencies.
+    It is nan without such values. Without FRFs, it is the median of the relative errors of natural
+    frequencies.
     """
     misfits = []
     for part, noise in zip(problem.parts, noises, strict=True):

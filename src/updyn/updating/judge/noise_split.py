@@ -17,8 +17,8 @@ __all__ = ["covariance_over_ratios"]
 
 _Real = NDArray[np.float64]
 
-#: Number of ratios; and extension of their range, as a logarithm: a part below a tenth of the other
-#: adds less than 1 % to the variance.
+#: Number of ratios; and logarithm of the ratio of the two parts at the ends of their range, where a
+#: part below a tenth of the other adds less than 1 % to the variance.
 _RATIOS, _FAR = 41, float(np.log(10.0))
 #: Largest deficit of the log-likelihood of an admissible ratio. For a normal likelihood this is 1.4
 #: standard deviations on both sides; in linear models with 5 to 20 degrees of freedom, 95 %

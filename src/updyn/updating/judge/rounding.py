@@ -69,7 +69,7 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
     The difference of the solutions is a sample of the forward error. The backward error is always
     small for a stable solver and does not show it (Higham, Accuracy and Stability of Numerical
     Algorithms (2002), section 1.6). Reduced models are not checked: they avoid the complex
-    factorisation that the check requires, and their error is bounded otherwise.
+    factorisation that the check requires, and their error is bounded separately.
 
     Parameters
     ----------
