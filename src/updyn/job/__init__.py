@@ -1,4 +1,4 @@
-"""The job file: its schema, and the steps from it to a finished folder of results."""
+"""The job file: its schema, and the steps from a job to a folder of results."""
 
 from updyn.job.findings import job_findings
 from updyn.job.folder import check_out, default_out

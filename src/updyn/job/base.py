@@ -1,4 +1,4 @@
-"""`Table` and `Document`: the bases of the tables of a job file, and of a whole one."""
+"""`Table` and `Document`: base classes of the tables of a job file, and of a whole job file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Texts = Annotated[tuple[str, ...], Strict(False)]
 
 
 def tables_of(name: str) -> Callable[[Any], Any]:
-    """Return a check that an array of tables of this name is one, not a single table."""
+    """Return a validator that rejects a single table in place of an array of tables."""
 
     def several(given: Any) -> Any:
         if isinstance(given, dict):
@@ -30,7 +30,7 @@ def tables_of(name: str) -> Callable[[Any], Any]:
 
 
 def is_number(given: Any) -> bool:
-    """Whether something is a number, truth values left out."""
+    """Return whether a value is a number and not a boolean."""
     return isinstance(given, int | float) and not isinstance(given, bool)
 
 
@@ -51,47 +51,20 @@ class Document(Table):
 
     @property
     def path(self) -> Path:
-        """Where the job was read."""
+        """The job file."""
         return self._path
 
     def place(self, *place: str | int) -> int | None:
-        """Return where something stands in the file.
-
-        Parameters
-        ----------
-        *place : str or int
-            Keys and positions in arrays, from the root.
-
-        Returns
-        -------
-        int or None
-            The line of it, or of the nearest thing around it that is there.
-        """
+        """Return the line of a place (keys and positions from the root), or of its parent."""
         return line_of(place, self._lines)
 
     def beside(self, file: str) -> Path:
-        """Return the path of a file that the job names.
-
-        Parameters
-        ----------
-        file : str
-            As the job says it, relative to the job file.
-
-        Returns
-        -------
-        Path
-        """
+        """Return the path of a file that the job names relative to the job file."""
         return self.path.parent / file
 
     @contextmanager
     def located(self) -> Iterator[None]:
-        """Give an `InputError` that is raised inside the file, and the line of its key.
-
-        Raises
-        ------
-        JobError
-            In its place; one that has a file already stays as it is.
-        """
+        """Add the job file and the line of the key to an `InputError`, as a `JobError`."""
         try:
             yield
         except InputError as error:
@@ -100,20 +73,7 @@ class Document(Table):
             raise JobError(str(error), self.path, self.place(*error.key)) from error
 
     def at(self: AnyDocument, path: Path, lines: dict[Place, int]) -> AnyDocument:
-        """Return this document with its place.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        lines : dict of Place to int
-            Its lines.
-
-        Returns
-        -------
-        Document
-            A copy.
-        """
+        """Return a copy of this document with its file and the line of each key."""
         out = self.model_copy()
         out._path, out._lines = path, lines
         return out

@@ -38,7 +38,7 @@ __all__ = [
     "read_truth",
 ]
 
-#: What a comparison writes.
+#: Files that a comparison writes.
 COMPARED = ("compare.html", "compare.json")
 
 
@@ -53,17 +53,18 @@ def compare_job(
     engine: int | Client | Engine | None = None,
     **options: Any,
 ) -> Comparison:
-    """Run every method on the inputs of a job and write what comes of it.
+    """Run every method on the inputs of a job and write the comparison.
 
-    Model, data, unknowns, lines, noise and what is held out are those of the job; its method's own
-    options go to that method, measured modes to every method that takes them.
+    Model, data, unknowns, lines, noise and validation set are those of the job. The options in
+    ``[method]`` apply to that method only; measured modes are passed to every method that fits
+    modes.
 
     Parameters
     ----------
     job : Job
         From `load_job`.
     out : path, optional
-        The folder; by default the job's stem with ``-compare``, beside it.
+        The folder; by default the job's stem with ``-compare``, next to the job.
     callback : callable, optional
         As for `updyn.compare`.
     methods : iterable of str, optional
@@ -71,7 +72,7 @@ def compare_job(
     truth : path, optional
         File with true values, as `read_truth` takes it.
     prepared : Prepared, optional
-        From `prepare`, where it was called before.
+        From `prepare`, if already called.
     engine : None, int, dask.distributed Client or Engine
         As for `updyn.update`.
     **options
@@ -80,15 +81,15 @@ def compare_job(
     Returns
     -------
     Comparison
-        In `out`: ``compare.json`` and ``compare.html``, replaced together; of a comparison
-        that was stopped with the rows so far.
+        Written to `out` as ``compare.json`` and ``compare.html``, replaced together; a stopped
+        comparison has the rows computed so far.
 
     Raises
     ------
     InputError
         If the job, a file, an option or the output folder cannot be used; nothing is written then.
     SolverError
-        If the model cannot be solved where it starts; nothing is written.
+        If the model cannot be solved at its start values; nothing is written.
     """
     from updyn.report import write_comparison
 
@@ -104,7 +105,7 @@ def compare_job(
     Options.checked(ready.parameters, methods, by_method, true_values, **options)
     options |= {"methods": methods, "truth": true_values, "options": by_method}
     with open_folder(out):
-        check_out(job, out, COMPARED)  # once more: now no other run can change it
+        check_out(job, out, COMPARED)  # again, now that no other run can change the folder
         with update_keys(job):
             found = _compared(ready, {"callback": callback, "engine": engine, **options})
         with replaced(out, "compare", COMPARED) as new:
@@ -129,7 +130,7 @@ def _compared(ready: Prepared, options: dict[str, Any]) -> Comparison:
 
 
 def _method_options(ready: Prepared) -> dict[str, dict[str, Any]]:
-    """Return options by method: those of the job's method, and modes for those that take them."""
+    """Return options by method: those of the job's method, and modes for methods that fit modes."""
     out = {ready.job.method.name: dict(ready.job.method.options)}
     if not ready.modes:
         return out
@@ -140,26 +141,11 @@ def _method_options(ready: Prepared) -> dict[str, dict[str, Any]]:
 
 
 def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
-    """Read true values of unknowns.
+    """Return true values of unknowns from a TOML or JSON file, in its order; some may be missing.
 
-    Parameters
-    ----------
-    path : path
-        TOML or JSON (told by its suffix): names with values, such as ``"part 1.stiffness" = 0.8``,
-        or a table for each group, ``["part 1"]`` with ``stiffness = 0.8``.
-    parameters : ParameterSet
-        The unknowns.
-
-    Returns
-    -------
-    dict of str to float
-        By unknown, in the order of the file. Not every unknown has to be there.
-
-    Raises
-    ------
-    FormatError
-        If the file is not there or cannot be read, names something that is no unknown, or holds no
-        number for it.
+    The file has names with values, such as ``"part 1.stiffness" = 0.8``, or a table per group,
+    ``["part 1"]`` with ``stiffness = 0.8``. A `FormatError` is raised if it cannot be read, names
+    something that is not an unknown, or gives no number for it.
     """
     path = Path(path)
     found: dict[str, float] = {}
@@ -200,7 +186,7 @@ def _content(path: Path) -> Mapping[str, Any]:
 
 
 def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield names with dots, and their values, of a table and the tables in it."""
+    """Yield dotted names and values of a table and its nested tables."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _flattened(value, f"{prefix}{key}.")

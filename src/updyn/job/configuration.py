@@ -1,4 +1,4 @@
-"""The model of a job in the configuration of its tests: damping, added masses, held DOFs."""
+"""The model of a job configured as in its tests: damping, added masses, fixed DOFs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["configured", "damped", "with_all_masses"]
 
 
 def damped(job: Job, model: Model) -> Model:
-    """Return the model with the damping that ``[[damping]]`` states; a later table wins."""
+    """Return the model with the damping of ``[[damping]]``; later tables take precedence."""
     for number, table in enumerate(job.damping):
         names = _damped_groups(model, number, table)
         chosen = {name: table.stated for name in model.groups if name in names}
@@ -24,8 +24,9 @@ def damped(job: Job, model: Model) -> Model:
 def _damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
     """Return the groups that a table of ``[[damping]]`` names.
 
-    A pattern names the groups that have the quantities to damp. If none of its groups has them, or
-    it is the name of a group, all are returned: the model says then what is missing.
+    A pattern selects the groups that have the quantities to damp. If it is the name of a group, or
+    none of its groups has them, all matches are returned, and the model reports the missing
+    quantity.
     """
     needed = {"loss_factor" if name == "loss_table" else name for name in table.stated}
     names: set[str] = set()
@@ -45,7 +46,7 @@ def _damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
 
 
 def configured(job: Job, model: Model) -> Model:
-    """Return the model in the configuration of the job's test: with added masses and held DOFs."""
+    """Return the model configured as in the job's test, with added masses and fixed DOFs."""
     from updyn.elements.constraints import constrain
 
     model = _loaded(job, model)
@@ -69,7 +70,7 @@ def _loaded(job: Job, model: Model) -> Model:
 
 
 def with_all_masses(job: Job, model: Model) -> Model:
-    """Return the model with the masses of all tests, which unknowns may name."""
+    """Return the model with the masses of all tests, to which unknowns may refer."""
     groups = dict(model.groups)
     for part in job.parts:
         groups = dict(_loaded(part, model).groups) | groups

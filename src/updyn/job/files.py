@@ -13,17 +13,7 @@ __all__ = ["check_encodable", "existing_file", "is_encodable"]
 
 
 def is_encodable(name: str) -> bool:
-    """Return whether UTF-8 holds the name of a file; one that was made in another encoding is not.
-
-    Parameters
-    ----------
-    name : str
-        The name, or a path.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether the name of a file can be encoded in UTF-8."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -32,18 +22,7 @@ def is_encodable(name: str) -> bool:
 
 
 def check_encodable(name: str) -> None:
-    """Check that UTF-8 holds the name of a file, as job files and results state it.
-
-    Parameters
-    ----------
-    name : str
-        The name, or a path.
-
-    Raises
-    ------
-    InputError
-        If it does not.
-    """
+    """Raise `InputError` if the name of a file, as written in jobs and results, is not UTF-8."""
     if not is_encodable(name):
         raise InputError(
             f"{name}: the name is not UTF-8, and cannot be stated in a job or in results; rename it"
@@ -51,27 +30,10 @@ def check_encodable(name: str) -> None:
 
 
 def existing_file(job: Document, file: str, table: str, key: str) -> Path:
-    """Return the path of a file that a key names.
+    """Return the path of a file named by ``table.key`` of a job.
 
-    Parameters
-    ----------
-    job : Document
-        The job.
-    file : str
-        As the job names it.
-    table, key : str
-        Where it does.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OptionError
-        If it is not there, the nearest one is named, or it is a folder.
-    InputError
-        If it lies outside the folder to which this process is confined.
+    An `OptionError` with the nearest file name is raised if it does not exist or is a folder, an
+    `InputError` if it lies outside the folder to which this process is confined.
     """
     path = job.beside(file)
     with key_path(table, key):

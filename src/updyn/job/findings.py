@@ -1,4 +1,4 @@
-"""What seems to be wrong with the data of a job, before any fit."""
+"""Probable faults of the data of a job, before any fit."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ __all__ = ["job_findings"]
 
 
 def job_findings(test: PreparedTest, unknowns: ParameterSet) -> tuple[Finding, ...]:
-    """Return what `updyn.diagnose` finds in the data of a test.
+    """Return the findings of `updyn.diagnose` in the data of a test.
 
     Parameters
     ----------
     test : PreparedTest
         The test.
     unknowns : ParameterSet
-        Those of the job; calibration factors that it seeks are held at their start.
+        The unknowns of the job; calibration factors keep their start values.
 
     Returns
     -------
     tuple of Finding
-        The likeliest first.
+        The findings, most likely first.
     """
     own = [p for p in unknowns if not p.is_channel]
     if not own or isinstance(test.data, ModeSet):

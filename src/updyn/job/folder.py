@@ -36,37 +36,26 @@ __all__ = [
     "was_saved",
 ]
 
-#: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.checkpoint`.
+#: Journal of an unfinished run with all its evaluations; see `updyn.updating.fit.checkpoint`.
 JOURNAL = "run.journal"
-#: The same of a plan, with what is known of each of its starts.
+#: Journal of an unfinished plan with the information about each of its starts.
 PLAN_JOURNAL = "plan.journal"
-#: Files of a folder that no output may be named after.
+#: File names that no output may have.
 RESERVED = (MANIFEST, JOURNAL, PLAN_JOURNAL, LOCK, PLAN)
-#: The job as it was run, in the folder of the results; users give their own jobs this name, too.
+#: The job as run, in the folder of the results; user jobs often have this name, too.
 JOB_FILE = "job.toml"
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"
-#: Commands whose files the next run removes.
+#: Commands whose files the next run replaces.
 _OF_A_RUN = ("run", "plant")
 _MOVE = "move them away, or choose another --out"
-#: Files of which each of several tests has its own, in a folder of its name.
+#: Files that each of several tests has in a folder of its name.
 _OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
 
 # -- files of a run --------------------------------------------------------------------------------
 def outputs(job: Job) -> tuple[str, ...]:
-    """Return what a run of a job may write, relative to its folder.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-
-    Returns
-    -------
-    tuple of str
-        Paths, those in folders of tests included, in the order in which they appear.
-    """
+    """Return the paths that a run may write, relative to its folder, in order of creation."""
     names: list[str] = []
     if job.output.properties is not None:
         names.append(job.output.properties)
@@ -81,25 +70,11 @@ def outputs(job: Job) -> tuple[str, ...]:
 
 
 def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
-    """Return the files of an earlier run in a folder that a run of a job removes or replaces.
+    """Return the files of an earlier run in a folder that a new run removes or replaces.
 
-    Parameters
-    ----------
-    job : Job
-        The job.
-    out : Path
-        The folder.
-
-    Returns
-    -------
-    tuple of str
-        Files that the manifest of the folder lists, that have a fixed output name
-        (`updyn.outputs.manifest.is_output`), and that are no inputs of the job.
-
-    Warns
-    -----
-    UpdynWarning
-        If files of an earlier run have other names: its job chose them, or the manifest is forged.
+    These are listed in the folder's manifest, have a fixed output name
+    (`updyn.outputs.manifest.is_output`), and are not inputs of the job. An `UpdynWarning` lists
+    files of an earlier run with other names: chosen by its job, or the manifest is forged.
     """
     inputs = {_without_links(path) for path in _inputs(job)}
     now = outputs(job)
@@ -118,19 +93,19 @@ def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
 
 
 def default_out(job: Job, work: str = "") -> Path:
-    """Return the folder of a run, or of other work on a job, where none is named.
+    """Return the default folder of a run, or of another command, for a job.
 
     Parameters
     ----------
     job : Job
         The job.
     work : str
-        What it is, such as "plan"; empty: a run.
+        The command, such as "plan"; empty for a run.
 
     Returns
     -------
     Path
-        The job's stem, with the work behind it, beside the job.
+        The job's stem followed by the command, next to the job.
     """
     if not work:
         return job.path.with_suffix("")
@@ -157,8 +132,8 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
     Raises
     ------
     JobError
-        If the folder is a file or cannot be written, or a file of it would be replaced that is an
-        input of the job or that updyn did not write as it stands.
+        If the folder is a file or cannot be written, or a file would be replaced that is an input
+        of the job, was not written by updyn, or was changed since.
     """
     out = default_out(job) if out is None else Path(out)
     if "\0" in str(out):
@@ -201,12 +176,12 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
 
 
 def is_of_a_run(path: Path) -> bool:
-    """Return whether a run wrote a job file."""
+    """Return whether a job file was written by a run."""
     return path.read_bytes().startswith(f"# {HEADER}".encode())
 
 
 def _inputs(job: Job) -> dict[Path, str]:
-    """Return what a job reads, and the word for it."""
+    """Return the input files of a job with their kind."""
     found = {job.path: "job file"}
     for part in job.parts:
         files = [*(part.test.repeats or ())]
@@ -230,20 +205,7 @@ def _inputs(job: Job) -> dict[Path, str]:
 # -- the journal -----------------------------------------------------------------------------------
 @contextmanager
 def run_journal(out: Path, name: str = JOURNAL) -> Iterator[Path]:
-    """Return the journal of a run as a context, which removes it where the input is refused.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the run.
-    name : str
-        Of the file.
-
-    Yields
-    ------
-    Path
-        The file.
-    """
+    """Yield the path of a run's journal; remove it if an `InputError` occurs before it existed."""
     journal = out / name
     existed = journal.is_file()
     try:
@@ -255,22 +217,7 @@ def run_journal(out: Path, name: str = JOURNAL) -> Iterator[Path]:
 
 
 def was_saved(out: Path) -> bool:
-    """Return whether a folder holds a run to resume; where it does not, warn that it begins anew.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the run.
-
-    Returns
-    -------
-    bool
-
-    Warns
-    -----
-    UpdynWarning
-        If there is nothing to resume; the text says why.
-    """
+    """Return whether a folder holds a run to resume; otherwise warn that the run starts anew."""
     if (out / JOURNAL).exists():
         return True
     try:
@@ -285,20 +232,7 @@ def was_saved(out: Path) -> bool:
 
 # -- job.toml --------------------------------------------------------------------------------------
 def resolved_job(job: Job, out: Path) -> str:
-    """Return the text of a job file that repeats a job from another folder.
-
-    Parameters
-    ----------
-    job : Job
-        The job as it was run.
-    out : Path
-        Folder in which the text will lie; files are named relative to it.
-
-    Returns
-    -------
-    str
-        TOML, with every default written out.
-    """
+    """Return a job file with all defaults that repeats the job from the folder `out`."""
     import tomlkit
 
     content = job.model_dump(exclude_none=True, mode="python")
@@ -329,7 +263,7 @@ def resolved_job(job: Job, out: Path) -> str:
 
 
 def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
-    """Name the file, or files, of a key as seen from a folder."""
+    """Make the file, or files, of a key relative to a folder."""
     if key not in table:
         return
     named = table[key]
@@ -340,7 +274,7 @@ def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
 
 
 def _without_links(path: Path) -> str | None:
-    """Return the path of a file without links; None if no file can have that name."""
+    """Return the path of a file without links; None if it is not a valid file name."""
     try:
         return os.path.realpath(path)
     except ValueError:  # a null character
@@ -348,27 +282,15 @@ def _without_links(path: Path) -> str | None:
 
 
 def relative_path(path: Path, folder: Path) -> str:
-    """Return a path as seen from a folder.
+    """Return a path relative to a folder, with slashes; absolute if there is no relative path.
 
-    Parameters
-    ----------
-    path, folder : Path
-        Both may be relative to the current folder.
-
-    Returns
-    -------
-    str
-        With slashes; absolute where there is no relative path.
-
-    Raises
-    ------
-    InputError
-        If UTF-8 does not hold it.
+    Both may be relative to the current folder. An `InputError` is raised if the path has no UTF-8
+    form.
     """
     whole = Path(os.path.realpath(path))
     try:
         named = Path(os.path.relpath(whole, os.path.realpath(folder))).as_posix()
-    except ValueError:  # on another drive, to which there is no relative path
+    except ValueError:  # on another drive
         named = whole.as_posix()
     check_encodable(named)
     return named

@@ -1,4 +1,4 @@
-"""``[modes]`` of a job, and `modes_job`: modes identified from the FRFs of its test."""
+"""``[modes]`` of a job, and `modes_job`: identify modes from the FRFs of its test."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ from updyn.outputs.switch import open_folder, replaced
 
 __all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
 
-#: What ``updyn modes`` writes.
+#: Files that ``updyn modes`` writes.
 MODES_FILES = ("modes.html", "modes.unv")
-#: A picked frequency is that of the mode nearest to it, up to this share.
+#: Largest relative difference between a picked frequency and the mode nearest to it.
 _NEAR = 0.02
-#: Unless it is that of a stable pole, up to this share, which is not nearer to a mode than this
-#: share of its half-power bandwidth.
+#: Largest relative difference between a picked frequency and a stable pole that was clicked, and
+#: the smallest distance between that pole and a mode, as a share of the mode's half-power
+#: bandwidth.
 _CLICKED, _OF_MODE = 2e-6, 0.25
 
 
@@ -49,7 +50,7 @@ class ModesTable(Table):
 
 
 class _ModesJobTable(JobTable):
-    """``[modes]``: the work of ``updyn modes``; a run identifies modes by itself."""
+    """``[modes]``: the work of ``updyn modes``; an update identifies modes itself."""
 
     schema = ModesTable
 
@@ -63,30 +64,13 @@ MODES = _ModesJobTable()
 def modes_job(
     job: Job, out: str | Path | None = None, say: Callable[[str], None] | None = None
 ) -> ModeSet:
-    """Identify the modes of a job's test, and write them.
+    """Identify the modes of a job's test and write ``modes.html`` and ``modes.unv`` to `out`.
 
-    Parameters
-    ----------
-    job : Job
-        From `load_job` (`of_test`), with one test. ``[modes]`` may be left out.
-    out : path, optional
-        The folder; by default the job's stem with ``-modes``, beside it.
-    say : callable, optional
-        Called with a sentence for each pole of the diagram that was picked and is refined to a
-        mode.
-
-    Returns
-    -------
-    ModeSet
-        In `out`: ``modes.html`` and ``modes.unv``, replaced together.
-
-    Raises
-    ------
-    JobError
-        If the job, a file or the output folder cannot be used, no mode is near one that is picked,
-        or a pole that is picked does not stay one of its own; nothing is written then.
-    DataError
-        If no mode is found.
+    The job has one test and may lack ``[modes]``; `out` is by default the job's stem with
+    ``-modes``, next to the job. `say` is called with a sentence for each picked pole that is
+    refined to a mode. A `JobError` is raised, and nothing written, if an input or the folder
+    cannot be used, no mode is near a pick, or a picked pole converges to another mode; a
+    `DataError` if no mode is found.
     """
     from updyn.report.identified import write_modes_page
 
@@ -100,7 +84,7 @@ def modes_job(
         picked = _picked(frf, identify_modes(frf, damping=table.damping), table, say)
     title = job.title or job.path.stem
     with open_folder(out):
-        check_out(job, out, MODES_FILES)  # once more: now no other run can change it
+        check_out(job, out, MODES_FILES)  # again, now that no other run can change the folder
         with replaced(out, "modes", MODES_FILES) as new:
             write_modes_page(
                 picked.modes,
@@ -116,16 +100,16 @@ def modes_job(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Picked:
-    """The modes that were picked.
+    """The picked modes.
 
     Attributes
     ----------
     modes : ModeSet
-        With those refined from a pole.
+        The picked modes, refined poles included.
     poles : list of float or None
-        Of each mode the frequency in Hz of the pole that was picked; None: found without.
+        For each mode, the frequency in Hz of the picked pole it was refined from, or None.
     left_out : ModeSet or None
-        The modes that were found but not picked.
+        The other modes found.
     """
 
     modes: ModeSet
@@ -136,7 +120,7 @@ class _Picked:
 def _picked(
     frf: FRF, found: ModeSet, table: ModesTable, say: Callable[[str], None] | None
 ) -> _Picked:
-    """Return the modes that were picked, poles refined to modes among them."""
+    """Return the picked modes, including modes refined from picked poles."""
     poles: list[float] = list(table.poles or ())
     at: list[float] = []  # frequencies of the modes
     with key_path("modes", "poles"):
@@ -176,10 +160,10 @@ def _check_once(frequencies: list[float], what: str) -> None:
 
 
 def _pole(found: ModeSet, frequency: float) -> float | None:
-    """Return the frequency of the pole that was picked; None if a mode was picked.
+    """Return the frequency of the picked pole; None if a mode was picked.
 
-    A click gives it to seven digits, so that a frequency that is written by hand means a mode, or a
-    peak without a mode if that is nearer.
+    A click gives the frequency to seven digits; a frequency written by hand means the nearest
+    mode, or a peak without a mode if that is nearer.
     """
     diagram = found.diagram
     if diagram is None:
@@ -199,7 +183,7 @@ def _pole(found: ModeSet, frequency: float) -> float | None:
 
 
 def _mode(found: ModeSet, frequency: float) -> float:
-    """Return the frequency of the mode that is nearest to a pick."""
+    """Return the frequency of the mode nearest to a pick."""
     at = _nearest(found.frequency, frequency)
     if abs(at - frequency) <= _NEAR * frequency:
         return at
@@ -218,7 +202,7 @@ def _mode(found: ModeSet, frequency: float) -> float:
 
 
 def _nearest(values: NDArray[np.float64], frequency: float) -> float:
-    """Return the value that is nearest to a frequency."""
+    """Return the value nearest to a frequency."""
     return float(values[int(np.argmin(np.abs(values - frequency)))])
 
 

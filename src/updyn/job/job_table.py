@@ -1,32 +1,32 @@
-"""`JobTable`: a table of the job file that asks for work after the update, and their registry.
+"""`JobTable`: a table of the job file that requests work after the update, and their registry.
 
-``[uncertainty]``, ``[plant]`` and ``[servo]`` are such tables; ``[plan]`` asks for work before it.
-A room or another package adds one by an object of a class derived from `JobTable`, in a module of
-its own, and one line in `JOB_TABLES`, a call of `JOB_TABLES.register`, or an entry point of the
-group ``updyn.job_tables``. Only the name of a table is known until a job has it; then the module is
-imported and the object is used in this order:
+Examples are ``[uncertainty]``, ``[plant]`` and ``[servo]``; ``[plan]`` requests work before the
+update. To add a table, define an object of a class derived from `JobTable` in a separate module,
+and register it: a line in `JOB_TABLES`, a call of `JOB_TABLES.register`, or an entry point of the
+group ``updyn.job_tables``. Only the name of a table is known until a job uses it; then the module
+is imported and the attributes of the object are used in this order:
 
 ``schema``
-    by `load_job`: the pydantic class, derived from `updyn.job.schema.Table`, that the table is
-    validated by. What it refuses is reported with line and nearest key, as for the other tables.
-    The validated table is in `Job.tables` by its name; `Job.table` returns it by its class.
+    by `load_job`: the pydantic class, derived from `updyn.job.schema.Table`, that validates the
+    table. Its errors are reported with line and nearest key, as for the other tables. The
+    validated table is in `Job.tables` by its name; `Job.table` returns it by its class.
 ``check_text``
-    by `load_job`: what the text of the whole job tells.
+    by `load_job`: checks that need only the text of the job.
 ``check``
-    by `prepare`: what model and data tell.
+    by `prepare`: checks that need model and data.
 ``announce``
-    by ``updyn check``: text lines on what the job asks for.
+    by ``updyn check``: text lines that describe the requested work.
 ``outputs``
     names of the files that it may write into the folder of the run.
 ``run``
     by `run_job`, after the update and the tables before it in `JOB_TABLES`: returns an object, or
-    None where there is nothing. An `UpdynError` here becomes a warning; the update is kept.
+    None if there is no result. An `UpdynError` becomes a warning; the update is kept.
 ``write``
     by `run_job`: writes the files of the object into a temporary folder.
 ``summary``
     by ``updyn run``: the object as text.
 
-The object is also handed to the report, which shows it where a section for it is registered.
+The object is also passed to the report, which shows it if a section for it is registered.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ __all__ = ["JOB_TABLES", "JobTable"]
 
 
 class JobTable(ABC):
-    """A table of the job file that asks for work after the update; see the module."""
+    """A table of the job file that requests work after the update; see the module."""
 
     schema: ClassVar[type[Table]]
 
@@ -63,12 +63,12 @@ class JobTable(ABC):
         """
 
     def check_text(self, job: Job) -> None:  # noqa: B027
-        """Check what the text of a job tells.
+        """Check the table against the text of a job.
 
         Parameters
         ----------
         job : Job
-            All its tests included.
+            The job with all its tests.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class JobTable(ABC):
         """
 
     def check(self, prepared: Prepared) -> None:  # noqa: B027
-        """Check what model and data of a job tell, before anything is computed.
+        """Check the table against model and data of a job, before anything is computed.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class JobTable(ABC):
         """
 
     def stages(self, table: Any) -> tuple[str, ...]:
-        """Return how the stages of its progress begin; none where it shows no progress.
+        """Return the prefixes of its progress stages; empty if it shows no progress.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class JobTable(ABC):
         return ()
 
     def announce(self, prepared: Prepared) -> str:
-        """Return what the job asks for as text; empty where another table says it.
+        """Return a description of the requested work; empty if another table describes it.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class JobTable(ABC):
         callback: Callable[[Progress], bool | None] | None,
         engine: Any,
     ) -> Any:
-        """Return what the table asks for; None where there is nothing.
+        """Return the result that the table requests; None if there is no result.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class JobTable(ABC):
         result : UpdateResult or JointResult
             The update.
         found : mapping of str to object
-            What the tables before it gave, by their names.
+            Results of the tables before it, by table name.
         callback : callable or None
             As for `run_job`.
         engine : object
@@ -136,12 +136,12 @@ class JobTable(ABC):
         Raises
         ------
         UpdynError
-            If it cannot be had; the run goes on with a warning.
+            If the result cannot be computed; the run continues with a warning.
         """
         return None
 
     def write(self, found: Any, job: Job, folder: Path) -> None:  # noqa: B027
-        """Write the files of what `run` gave.
+        """Write the files of a result of `run`.
 
         Parameters
         ----------
@@ -150,11 +150,11 @@ class JobTable(ABC):
         job : Job
             The job.
         folder : Path
-            Temporary folder, from which `outputs` are moved into that of the run.
+            Temporary folder, from which `outputs` are moved into the folder of the run.
         """
 
     def summary(self, found: Any) -> str:
-        """Return what `run` gave as text; empty for nothing.
+        """Return a result of `run` as text; may be empty.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class JobTable(ABC):
         return ""
 
 
-#: The tables, in the order in which they are run.
+#: The tables, in the order of their execution.
 JOB_TABLES: Registry[JobTable] = Registry(
     "job table",
     "updyn.job_tables",

@@ -25,16 +25,16 @@ from updyn.updating.fit.regularisation import check_regularise
 
 __all__ = ["load_job", "load_records_job"]
 
-#: Tables of which a job that updates a model has all.
+#: Tables that a job with an update must have.
 _OF_AN_UPDATE = ("model", "test", "parameter")
 
 _NAME = re.compile(r"[\w-][\w -]*(?<! )")
-#: What `tomllib` says of a table that is declared a second time.
+#: Message of `tomllib` for a table that is declared twice.
 _TWICE = re.compile(r"Cannot declare (\(.+\)) twice")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
-#: Characters of a value that a message repeats.
+#: Longest value that a message repeats, in characters.
 _LONGEST = 40
-#: What was expected, by the kind of an error of pydantic.
+#: Expected value, by error type of pydantic.
 _EXPECTED = {
     "bool_type": "expected true or false",
     "dict_type": "expected a table",
@@ -64,23 +64,23 @@ def load_job(
     path : path
         The TOML file.
     before_test : bool
-        Whether ``[test]`` may be missing: nothing has been measured yet.
+        Whether ``[test]`` may be missing, before the measurement.
     of_test : bool
-        Whether ``[model]`` and ``[[parameter]]`` may be missing, and ``[test]`` where there are
-        ``[records]``: only the measurement is looked at.
+        Whether ``[model]`` and ``[[parameter]]`` may be missing, and ``[test]`` if there are
+        ``[records]``; only the measurement is used.
     text : str, optional
-        What an editor holds of the file, in place of its content.
+        Text to check in place of the file's content, for editors.
 
     Returns
     -------
     Job
-        Checked as far as its text goes; the files that it names are not opened.
+        The job. Only its text is checked; the files that it names are not opened.
 
     Raises
     ------
     JobError
-        If the file is not there, is not TOML, or holds an unknown key, a wrong value or too little.
-        The message has one line for each complaint, each with its line in the file.
+        If the file does not exist, is not TOML, or has an unknown key, a wrong value or a missing
+        key. The message has one line per error, each with its line in the file.
     """
     path = Path(path)
     check_encodable(path.name)
@@ -111,24 +111,9 @@ def load_job(
 
 
 def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
-    """Read a job file that has ``[records]``, alone or beside what an update needs.
+    """Read a job file with ``[records]``, with or without the tables of an update.
 
-    Parameters
-    ----------
-    path : path
-        The TOML file.
-
-    Returns
-    -------
-    job : Document
-        The job, checked as far as its text goes.
-    records : RecordsTable
-        Its ``[records]``.
-
-    Raises
-    ------
-    JobError
-        As `load_job`, or if there is no such table.
+    A `JobError` is raised as by `load_job`, or if the file has no such table.
     """
     path = Path(path)
     document, lines = _parsed(path)
@@ -146,7 +131,7 @@ def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
 
 
 def _parsed(path: Path, text: str | None = None) -> tuple[dict[str, Any], dict[Place, int]]:
-    """Return the content of a job file, and the line of each key."""
+    """Return the content of a job file and the line of each key."""
     text = _text(path) if text is None else text
     try:
         return read_toml(text)
@@ -173,14 +158,14 @@ def _text(path: Path) -> str:
 
 
 def _other_file(path: Path) -> str:
-    """Return the end of a message on a file without the suffix of a job; else an empty text."""
+    """Return the hint for a file without the suffix of a job; empty if it has the suffix."""
     if path.suffix.lower() == ".toml":
         return ""
     return f"; expected a job file (TOML), and updyn info {path.name} prints what this file holds"
 
 
 def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
-    """Return an error of `tomllib` with the line as that of the job file."""
+    """Return an error of `tomllib` with the line in the job file."""
     message = str(error)
     found = _PLACE.search(message)
     hint = _other_file(path)
@@ -194,7 +179,7 @@ def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError
 
 
 def _declared_twice(found: re.Match[str]) -> str:
-    """Return the message about a table that is declared twice, with its name as in the file."""
+    """Return the message about a table declared twice, with its name as in the file."""
     keys: tuple[str, ...] = ast.literal_eval(found[1])
     name = ".".join(keys)
     return f"[{name}] is declared twice; write [[{name}]] where there may be several"
@@ -203,7 +188,7 @@ def _declared_twice(found: re.Match[str]) -> str:
 def _further_tables(
     document: dict[str, Any], lines: Mapping[Place, int]
 ) -> tuple[dict[str, Table], list[_Complaint]]:
-    """Take the tables of `JOB_TABLES` out of a document; return them, and what is wrong there."""
+    """Remove the tables of `JOB_TABLES` from a document; return them validated, and errors."""
     names = [name for name in document if name not in Job.model_fields and name in JOB_TABLES]
     if names:
         names = [name for name in JOB_TABLES if name in names]
@@ -221,7 +206,7 @@ def _further_tables(
 def _each_test(
     document: dict[str, Any], lines: dict[Place, int]
 ) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
-    """Yield the document with each of its tests, and the lines of its parts then."""
+    """Yield the document for each of its tests, with the lines of its keys."""
     tests = document.get("test")
     if not (isinstance(tests, list) and tests and all(isinstance(test, dict) for test in tests)):
         yield document, lines
@@ -237,7 +222,7 @@ def _each_test(
 
 # -- checks beyond those of a single value ---------------------------------------------------------
 def _check_test_names(job: Job) -> None:
-    """Check that several tests have names of their own that can be names of folders."""
+    """Check that several tests have distinct names that are valid folder names."""
     if len(job.parts) == 1:
         return
     seen: set[str] = set()
@@ -303,7 +288,7 @@ def _check_model(table: ModelTable) -> None:
         if table.file is not None and table.kind is not None:
             raise JobError("[model] has a file and a kind; expected one of the two", key=("kind",))
         if table.file is None and table.kind is None:
-            for key in table.keys:  # a misspelt file or kind is the likelier mistake
+            for key in table.keys:  # probably a misspelt file or kind
                 near = suggest(key, ("file", "format", "kind"))
                 raise JobError(f"unknown key {key!r} in [model]; {near}", key=(key,))
             raise JobError("[model] needs a file, or a kind with the keys of its builder")
@@ -338,7 +323,7 @@ def _check_method(table: MethodTable) -> None:
 
 # -- errors of pydantic ----------------------------------------------------------------------------
 class _Complaint(NamedTuple):
-    """Something wrong with the text of a job file; sorts unknown keys first, then by line."""
+    """An error in the text of a job file; sorts unknown keys first, then by line."""
 
     of_known_key: bool
     line: int
@@ -346,7 +331,7 @@ class _Complaint(NamedTuple):
 
 
 def _joined(found: Sequence[_Complaint], path: Path) -> JobError:
-    """Return one error with a line of text for each complaint."""
+    """Return one error with a line of text per complaint."""
     first, *others = found
     texts = [first.text]
     texts += [str(JobError(other.text, path, other.line or None)) for other in others]
@@ -359,28 +344,16 @@ def _complaints(
     schema: type[BaseModel],
     at: Place = (),
 ) -> list[_Complaint]:
-    """Return what pydantic found wrong with a table as lines and sentences.
-
-    Parameters
-    ----------
-    error : ValidationError
-        What pydantic found.
-    lines : mapping of Place to int
-        Of the job file.
-    schema : type
-        Class by which the table was validated.
-    at : Place
-        Where the table is in the job file.
-    """
+    """Return the errors that pydantic found in the table at `at`, validated by `schema`."""
     found = []
     items = [(tuple(item["loc"]), item) for item in error.errors()]
     places = [place for place, _ in items]
     for place, item in items:
         if any(len(other) > len(place) and other[: len(place)] == place for other in places):
-            continue  # an array is "too short" because of a bad item, which has its own complaint
+            continue  # an array is "too short" because of a wrong item, which has its own complaint
         *array, last = place or ("",)
         if item["type"] == "missing" and isinstance(last, int) and (*array, last + 1) in places:
-            continue  # the last entry that is missing says how many are expected
+            continue  # the last missing entry gives the expected number
         text = _sentence(item, (*at, *place), _keys(place[:-1], schema))
         line = line_of((*at, *place), lines)
         found.append(_Complaint(item["type"] != "extra_forbidden", line or 0, text))
@@ -415,7 +388,7 @@ def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
 
 
 def _inside(table: Place) -> str:
-    """Return where a key was found, such as `` in [[parameter]] 2``; empty at the top level."""
+    """Return the table that holds a key, such as `` in [[parameter]] 2``; empty at top level."""
     if not table:
         return ""
     if len(table) == 2 and isinstance(table[1], int):
@@ -435,7 +408,7 @@ def _dotted(place: Place) -> str:
 
 
 def _keys(place: Place, schema: type[BaseModel]) -> list[str]:
-    """Return the keys that the table at `place` may hold."""
+    """Return the valid keys of the table at `place`."""
     table = schema
     for part in place:
         field = table.model_fields.get(str(part))
@@ -447,7 +420,7 @@ def _keys(place: Place, schema: type[BaseModel]) -> list[str]:
 
 
 def _table_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the table that a field holds, alone or in an array; None where it holds none."""
+    """Return the table class of a field, also inside an array; None if it has none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for inner in get_args(annotation):

@@ -1,4 +1,4 @@
-"""The modal table of a run: looked for once after the update, and as text for the terminal."""
+"""The modal table of a run, computed once after the update, and as text for the terminal."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = ["modal_texts", "start_modes_text", "with_modes"]
 
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
-    """Return a result with the modal table of each test, and the verdict that they allow.
+    """Return a result with the modal table of each test, and the verdict based on them.
 
-    The tables are empty where the user has stopped.
+    The tables are empty if the user stopped the run.
     """
     largest = 0 if result.status == "stopped" else LARGEST
     if isinstance(result, UpdateResult):
@@ -50,7 +50,7 @@ def _telling(tables: Mapping[str, ModalTable], results: Sequence[UpdateResult]) 
 
 
 def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
-    """Return the modes of a test and of its model at the start as text, or why there are none."""
+    """Return a text table of measured and computed modes at the start, or why it is missing."""
     model, data = start_model(test, unknowns), test.data
     if model.n_dofs > LARGEST:
         return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
@@ -67,7 +67,7 @@ def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
 
 
 def modal_texts(result: UpdateResult | JointResult) -> list[str]:
-    """Return the modal table of each test as text, those of several tests under their names."""
+    """Return the modal table of each test as text, with the test's name if there are several."""
     texts = []
     for name, one in result.results.items():
         if one.modes is not None:

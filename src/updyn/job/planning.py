@@ -1,4 +1,4 @@
-"""``[plan]`` of a job, and `plan_job`: sensors and forces chosen before the test."""
+"""``[plan]`` of a job, and `plan_job`: select sensors and forces before the test."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PLAN", "PLANNED", "PlanTable", "plan_job", "stages"]
 
-#: What ``updyn plan`` writes.
+#: Files that ``updyn plan`` writes.
 PLANNED = ("plan.html", "plan.json")
 
 
@@ -59,7 +59,7 @@ def _lines(given: Any) -> Any:
 
 
 class PlanTable(Table):
-    """``[plan]``: how many sensors and forces, out of which candidates, for which band."""
+    """``[plan]``: number of sensors and forces, their candidates, and the band."""
 
     n_sensors: int = Field(ge=1)
     n_references: int = Field(default=1, ge=1)
@@ -77,7 +77,7 @@ class PlanTable(Table):
 
 
 class _PlanJobTable(JobTable):
-    """``[plan]``: the work of ``updyn plan``; a run has been planned already."""
+    """``[plan]``: the work of ``updyn plan``; an update ignores it."""
 
     schema = PlanTable
 
@@ -96,30 +96,30 @@ def plan_job(
     engine: int | Client | Engine | None = None,
     resume: bool = False,
 ) -> Plan:
-    """Choose the sensors and forces that ``[plan]`` of a job asks for, and write the plan.
+    """Select the sensors and forces requested in ``[plan]`` of a job, and write the plan.
 
-    Model, damping and unknowns are those of the job, and so is the configuration of its test where
-    it has one: DOFs that are held, and added masses. What is measured does not count.
+    Model, damping, unknowns and the configuration of the test (fixed DOFs, added masses), if any,
+    are those of the job. Measured data are not used.
 
     Parameters
     ----------
     job : Job
         From `load_job`; its ``[test]`` may be left out.
     out : path, optional
-        The folder; by default the job's stem with ``-plan``, beside it.
+        The folder; by default the job's stem with ``-plan``, next to the job.
     callback : callable, optional
         As for `updyn.plan`.
     engine : None, int, dask.distributed Client or Engine
         As for `updyn.plan`.
     resume : bool
-        Go on with the plan in `out` that was stopped or interrupted: to the same plan as if it had
-        not been. Where nothing was saved, it begins anew, with a warning.
+        Resume the plan in `out` that was stopped or interrupted. The result equals that of an
+        uninterrupted plan. If nothing was saved, it starts from the beginning, with a warning.
 
     Returns
     -------
     Plan
-        In `out`: ``plan.json`` and ``plan.html``, replaced together. Until then ``plan.journal`` is
-        there, which `resume` needs.
+        Written to `out` as ``plan.json`` and ``plan.html``, replaced together. Until then the
+        folder holds ``plan.journal``, which `resume` needs.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def plan_job(
     SolverError
         If the model cannot be solved at a line; nothing is written.
     StoppedError
-        If the callback asks to stop; what is known is in ``plan.journal``.
+        If the callback asks to stop; intermediate results are in ``plan.journal``.
     """
     from updyn.report import write_plan
 
@@ -139,7 +139,7 @@ def plan_job(
     title = job.title or job.path.stem
     options |= {"engine": engine, "callback": callback, "resume": resume}
     with open_folder(out):
-        check_out(job, out, PLANNED)  # once more: now no other run can change it
+        check_out(job, out, PLANNED)  # again, now that no other run can change the folder
         with run_journal(out, PLAN_JOURNAL) as journal, job.located(), key_path("plan"):
             found = plan(model, unknowns, compare=True, checkpoint=journal, **options)
         with replaced(out, "plan", PLANNED) as new:
@@ -150,25 +150,14 @@ def plan_job(
 
 
 def stages(job: Job) -> list[Stage]:
-    """Return the stages of the plan that a job asks for, in their order.
-
-    Parameters
-    ----------
-    job : Job
-        From `load_job`.
-
-    Raises
-    ------
-    JobError
-        If it asks for none.
-    """
+    """Return the stages of the plan of a job in order; raise `JobError` without ``[plan]``."""
     starts = 1 + _table(job).robust
     others = ("layout", "comparison", "expectation")
     return [Stage("information", starts), *map(Stage, others)]
 
 
 def _table(job: Job) -> PlanTable:
-    """Return ``[plan]`` of a job that has no table that a plan cannot follow."""
+    """Return ``[plan]`` of a job; raise if the job has a table that a plan does not support."""
     planned = job.table(PlanTable)
     if planned is None:
         raise JobError("no table [plan]; it says how many sensors, and in which band", job.path)

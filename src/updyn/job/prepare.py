@@ -1,4 +1,4 @@
-"""`prepare`: read the files of a job, match its sensors to DOFs, choose its unknowns."""
+"""`prepare`: read the files of a job, match its sensors to DOFs and select its unknowns."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ __all__ = [
 
 
 def prepare(job: Job) -> Prepared:
-    """Read the model and the measurements of a job, match them, and choose the unknowns.
+    """Read and match the model and the measurements of a job, and select the unknowns.
 
     Parameters
     ----------
@@ -71,8 +71,9 @@ def prepare(job: Job) -> Prepared:
     Raises
     ------
     JobError
-        If a file is not there or cannot be read, a sensor is not a DOF of the model, a group is not
-        in the model, or the like; the message says on which line of the job, and where in the file.
+        If a file does not exist or cannot be read, a sensor is not a DOF of the model, a group is
+        not in the model, or the like; the message gives the line of the job and the place in the
+        file.
     """
     with job.located():
         model = damped(job, _model(job))
@@ -96,24 +97,10 @@ def prepare(job: Job) -> Prepared:
 
 
 def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
-    """Return the model of a job in the configuration of its first test, and the unknowns.
+    """Return the model of a job, configured as in its first test, and its unknowns.
 
-    Parameters
-    ----------
-    job : Job
-        From `load_job`. Its measurement is not read.
-
-    Returns
-    -------
-    model : Model
-        With its damping, held DOFs and added masses.
-    parameters : ParameterSet
-        The unknowns of the model.
-
-    Raises
-    ------
-    JobError
-        If the model's file cannot be read, a group is not in the model, or the like.
+    The measurement is not read. A `JobError` is raised if the model's file cannot be read, a group
+    is not in the model, or the like.
     """
     with job.located():
         model = damped(job, _model(job))
@@ -121,7 +108,7 @@ def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF | ModeSet], number: int) -> PreparedTest:
-    """Return a test matched to the model, with what of it is fitted."""
+    """Return a test matched to the model, with its fitted data."""
     others = [*data[:number], *data[number + 1 :]]
     matching = matched(job, configured(job, model), data[number], others)
     if isinstance(matching.data, ModeSet):
@@ -137,7 +124,7 @@ def _test(job: Job, model: Model, data: Sequence[FRF | ModeSet], number: int) ->
 
 
 def _check_table(model: Model, freq: NDArray[np.float64]) -> None:
-    """Check that loss factors by frequency reach over the data."""
+    """Check that loss factors over frequency cover the data."""
     for name, group in model.groups.items():
         if group.loss_table is not None:
             with key_path("test", "band"):
@@ -145,7 +132,7 @@ def _check_table(model: Model, freq: NDArray[np.float64]) -> None:
 
 
 def _repaired(job: Job, model: Model, frf: FRF) -> FRF:
-    """Return the matched data without the faults that the job undoes, one after the other."""
+    """Return the matched data with the repairs of the job applied in turn."""
     with key_path("test", "repair"):
         for written in job.test.repair or ():
             frf = read_fault(written).repair(frf)
@@ -155,7 +142,7 @@ def _repaired(job: Job, model: Model, frf: FRF) -> FRF:
 
 # -- model and measurement -------------------------------------------------------------------------
 def _model(job: Job) -> Model:
-    """Return the model that ``[model]`` names or describes."""
+    """Return the model of ``[model]``, from a file or a builder."""
     table = job.model
     if table.kind is not None:
         with key_path("model"):
@@ -167,7 +154,7 @@ def _model(job: Job) -> Model:
 
 
 def _ask(job: Job, tests: Sequence[PreparedTest]) -> None:
-    """Warn about keys of the table of the model that are doubtful in the band of the tests."""
+    """Warn about keys of ``[model]`` that are doubtful in the band of the tests."""
     kind = job.model.kind
     if kind is None or kind not in MODEL_QUESTIONS:
         return
@@ -178,7 +165,7 @@ def _ask(job: Job, tests: Sequence[PreparedTest]) -> None:
 
 
 def _check_properties(job: Job, parameters: ParameterSet) -> None:
-    """Check that the properties of the model's source can be written, by writing them once."""
+    """Check that the properties of the model's source can be written, by a trial write."""
     name = job.output.properties
     if name is None:
         return
@@ -196,28 +183,16 @@ def _check_properties(job: Job, parameters: ParameterSet) -> None:
         with tempfile.TemporaryDirectory(prefix="updyn-properties-") as folder:
             try:
                 write_properties(changes, deck, Path(folder) / name, format=job.model.format)
-            except OSError as error:  # no file can have that name
+            except OSError as error:  # not a valid file name
                 text = f"output.properties = {name!r}: {error.strerror}"
                 raise OptionError(text) from error
 
 
 def measurement(job: Job) -> FRF:
-    """Return the measurement of a test in its band, the mean of its repeats where there are any.
+    """Return the measurement of one test in its band, averaged over its repeats.
 
-    Parameters
-    ----------
-    job : Job
-        Of one test.
-
-    Returns
-    -------
-    FRF
-        As measured, with the labels of the file.
-
-    Raises
-    ------
-    UpdynError
-        If a file is not there or cannot be read, or the job contradicts it.
+    The labels are those of the file. An `UpdynError` is raised if a file cannot be read or the job
+    contradicts it.
     """
     table = job.test
     frf = _recorded(job) if table.file is None else _read(job, table.file, "file")
@@ -263,7 +238,7 @@ def _read(job: Job, file: str, key: str) -> FRF:
 
 
 def _modes(job: Job, matching: Matching) -> ModeSet | None:
-    """Return the modes that the job's test names beside FRFs; None where it names none."""
+    """Return the modes that the test names in addition to FRFs; None if it names none."""
     if job.test.modes is None:
         return None
     modes = _read_modes(job)
@@ -272,7 +247,7 @@ def _modes(job: Job, matching: Matching) -> ModeSet | None:
 
 
 def _read_modes(job: Job) -> ModeSet:
-    """Return the modes that the job's test names, in its band, as the file labels them."""
+    """Return the measured modes of the test in its band, with the labels of the file."""
     table = job.test
     assert table.modes is not None
     path = existing_file(job, table.modes, "test", "modes")
@@ -285,7 +260,7 @@ def _read_modes(job: Job) -> ModeSet:
 
 @contextmanager
 def _key_of_option(options: Mapping[str, Any]) -> Iterator[None]:
-    """Place errors of an option of the reader of modes at that option, others at the file."""
+    """Assign errors of an option of the modes reader to its key, others to the file."""
     try:
         yield
     except InputError as error:
@@ -351,28 +326,11 @@ T = TypeVar("T")
 def matched(
     job: Job, model: Model, data: FRF | ModeSet, others: Sequence[FRF | ModeSet] = ()
 ) -> Matching:
-    """Match the measurement of a job to its model.
+    """Match the measurement of a job to its model, as in ``[match]``.
 
-    Parameters
-    ----------
-    job : Job
-        The job; its ``[match]`` says how.
-    model : Model
-        The model as it was read.
-    data : FRF or ModeSet
-        The measurement as it was read.
-    others : sequence of FRF or ModeSet
-        Those of the job's other tests; what ``[match]`` states of their sensors is left out.
-
-    Returns
-    -------
-    Matching
-
-    Raises
-    ------
-    JobError
-        If the geometry cannot be read, a sensor is not a DOF of the model, or the like; the message
-        says on which line.
+    `others` are the data of the job's other tests; entries of ``[match]`` about their sensors are
+    ignored. A `JobError` with the line is raised if a sensor is not a DOF of the model, or the
+    like.
     """
     table = job.match
     geometry = None
@@ -401,28 +359,11 @@ def matched(
 
 
 def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
-    """Name the DOFs of modes as the model names them.
+    """Return modes with the DOF labels of the model.
 
-    What the FRFs have too goes where their sensors and forces went; all else has to be labelled as
-    in the model.
-
-    Parameters
-    ----------
-    matching : Matching
-        Of the FRFs of the same test.
-    modes : ModeSet
-        As the file labels them.
-
-    Returns
-    -------
-    ModeSet
-        The same shapes.
-
-    Raises
-    ------
-    DofError
-        If a DOF is not in the model, or lies where a sensor has turned the DOFs of its node, or two
-        are one.
+    DOFs that the FRFs have too are matched as their sensors and forces; all others must have the
+    labels of the model. A `DofError` is raised if a DOF is not in the model, lies at a node
+    rotated along an oblique sensor, or two become the same DOF.
     """
     rows = {row.sensor: row for row in matching.table}
     named = []
@@ -446,7 +387,7 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
 def _of_this_test(
     stated: Mapping[str, T], data: FRF | ModeSet, others: Sequence[FRF | ModeSet]
 ) -> dict[str, T]:
-    """Return what is stated of sensors, without those that only other tests have."""
+    """Return the sensor entries without those of sensors that only other tests have."""
     elsewhere: set[str] = set()
     for other in others:
         elsewhere |= _sensor_names(other)
@@ -460,7 +401,7 @@ def _of_this_test(
 
 
 def _sensor_names(data: FRF | ModeSet) -> set[str]:
-    """Return the names of the sensors and forces, with their direction and by their node."""
+    """Return the names of the sensors and forces, by DOF and by node."""
     names: set[str] = set()
     dofs = data.dofs if isinstance(data, ModeSet) else (*data.responses, *data.references)
     for dof in dofs:
@@ -469,7 +410,7 @@ def _sensor_names(data: FRF | ModeSet) -> set[str]:
 
 
 def _in_terms_of_the_job(job: Job, error: MatchError) -> JobError:
-    """Return an error of `match` with the words and the key of the job."""
+    """Return an error of `match` worded with the keys of the job."""
     text = str(error).replace("the measurement", job.test.measured)
     text = text.replace(" in table", " in [match.table]")
     if error.key == ("by",):

@@ -1,4 +1,4 @@
-"""`Prepared`: a job with the model, the data and the unknowns that it names."""
+"""`Prepared`: a job with its model, data and unknowns."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class PreparedTest:
     job : Job
         The job, with this test.
     model : Model
-        Where the update starts; DOFs of nodes with oblique sensors are turned along them.
+        The model at its start; DOFs of nodes with oblique sensors are rotated along them.
     data : FRF or ModeSet
-        The data in the job's band, named as the model names its DOFs.
+        The data in the job's band, with the DOF labels of the model.
     fitted : FRF or ModeSet
-        Of these, what is fitted: all but what is held out for validation.
+        The fitted part of the data: all but the validation set.
     matching : Matching
-        Who sits where.
+        Sensors and forces matched to DOFs of the model.
     modes : ModeSet or None
-        The modes that the job names beside FRFs, named as the model names its DOFs.
+        Modes that the job names in addition to FRFs, with the DOF labels of the model.
     """
 
     job: Job
@@ -60,18 +60,18 @@ class PreparedTest:
 
     @property
     def freq(self) -> NDArray[np.float64]:
-        """Frequencies of the data in Hz, ascending: the lines, or those of the modes."""
+        """Frequencies of the data in Hz, ascending: frequency lines or natural frequencies."""
         return self.data.freq if isinstance(self.data, FRF) else self.data.frequency
 
     @property
     def name(self) -> str:
-        """What the test is called; empty where it is the only one."""
+        """Name of the test; empty if it is the only one."""
         return self.job.test.name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A job with all that it names, ready to run.
+    """A job with its model, data and unknowns, ready to run.
 
     Attributes
     ----------
@@ -89,12 +89,12 @@ class Prepared:
 
     @property
     def modes(self) -> dict[str, ModeSet]:
-        """The modes that the job names, by the names of their tests."""
+        """Measured modes that the job names, by test name."""
         return {test.name: test.modes for test in self.tests if test.modes is not None}
 
     @property
     def modes_option(self) -> ModeSet | dict[str, ModeSet]:
-        """The modes as an option of a method: of a single test, or by the names of several."""
+        """The modes as an option of a method: of a single test, or by test name."""
         if len(self.tests) > 1:
             return self.modes
         return self.modes[self.tests[0].name]
@@ -111,10 +111,10 @@ class Prepared:
 
     @property
     def fitted(self) -> FRF | ModeSet:
-        """What is fitted of the first test."""
+        """The fitted data of the first test."""
         return self.tests[0].fitted
 
     @property
     def matching(self) -> Matching:
-        """Who sits where in the first test."""
+        """Sensors and forces of the first test matched to DOFs."""
         return self.tests[0].matching

@@ -1,7 +1,7 @@
-"""`job_text`: a commented job file for a model and a measurement, after a look at both.
+"""`job_text`: propose a commented job file from a model and a measurement.
 
-What is found stands in comments beside the keys that it decides; what a key means is the
-description of its field in `updyn.job.schema`.
+Comments next to the keys give the properties of the inputs that decide them; the meaning of a key
+is the description of its field in `updyn.job.schema`.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 
 __all__ = ["Inputs", "describe_inputs", "job_text", "look_at"]
 
-#: Sensors that a comment lists.
+#: Largest number of sensors listed in a comment.
 _SENSORS = 24
-#: Responses from which one is held out.
+#: Smallest number of responses for which one is held out.
 _HOLD_OUT_FROM = 4
-#: Lines from which the most informative ones are proposed, and how many.
+#: From this number of lines on, only the most informative ones are proposed; and their number.
 _MANY_LINES, _CHOSEN_LINES = 200, 100
-#: Proposed bounds: how far factors of stiffness and mass, and loss factors, may go.
+#: Proposed bounds of stiffness, mass and damping factors, and of loss factors.
 _BOUNDS = {"stiffness": (0.2, 5.0), "mass": (0.5, 2.0), "viscous": (0.01, 100.0)}
 _MOST_LOSS, _START_LOSS = 0.3, 0.01
 _WIDTH = 100
@@ -51,7 +51,7 @@ _WIDTH = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inputs:
-    """What was found in the two files.
+    """Model and measurement read from the two files, and the result of matching them.
 
     Attributes
     ----------
@@ -62,20 +62,20 @@ class Inputs:
     frf : FRF
         The measurement.
     stated : dict of str to object
-        Options of the readers that were stated, by name: ``quantity``, ``scale``, ``unit``.
+        Reader options given by the user, by name: ``quantity``, ``scale``, ``unit``.
     has_quantity : bool
-        Whether file or options say what was measured.
+        Whether the file or the options give the measured quantity.
     matching : Matching or None
-        Sensors and forces on the model; None where some are no DOFs of it.
+        Sensors and forces matched to the model; None if any of them is not a DOF of the model.
     lost : tuple of str
-        These, as the test labels them.
+        Labels (in the test) of the sensors and forces without a DOF.
     trouble : str
-        Why they could not be matched by label; empty where they were.
+        Why matching by label failed; empty if it succeeded.
     match_options : dict of str to object
-        Options of `match` besides ``by``, with which they were matched.
+        Options of `match` other than ``by`` that were used.
     counterparts : Counterparts or None
-        How many measured modes have a counterpart in the model; None where it is not known where
-        the sensors are.
+        Number of measured modes with a counterpart in the model; None if the sensor positions are
+        unknown.
     """
 
     model_file: Path
@@ -92,7 +92,7 @@ class Inputs:
 
     @property
     def sensors(self) -> list[str]:
-        """Sensors and forces as the test labels them, unsigned, each once."""
+        """Unique unsigned labels of sensors and forces in the test."""
         dofs = (*self.frf.responses, *self.frf.references)
         return list(dict.fromkeys(f"{dof.node}:{dof.direction}" for dof in dofs))
 
@@ -105,7 +105,7 @@ class Inputs:
 
     @property
     def open(self) -> list[str]:
-        """What has to be stated before the job can run."""
+        """Keys that the user has to add before the job can run."""
         texts = []
         if not self.has_quantity:
             texts.append("what was measured: quantity in [test]")
@@ -119,24 +119,10 @@ class Inputs:
 
 # -- reading ---------------------------------------------------------------------------------------
 def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
-    """Read model and measurement, and match them by label, else by coordinates.
+    """Read model and measurement and match them by label, otherwise by coordinates.
 
-    Parameters
-    ----------
-    model_file, frf_file : Path
-        The files.
-    stated : dict of str to object
-        ``unit`` of the model's deck; ``quantity`` and ``scale`` of the measurement; None where one
-        is not stated.
-
-    Returns
-    -------
-    Inputs
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
+    `stated` holds ``unit`` of the model's deck and ``quantity`` and ``scale`` of the measurement;
+    None if one is not given. An `InputError` is raised if a file cannot be read.
     """
     given = {name: value for name, value in stated.items() if value is not None}
     of_model = {name: value for name, value in given.items() if name == "unit"}
@@ -170,7 +156,7 @@ def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
 
 
 def _compared(inputs: Inputs) -> Inputs:
-    """Return matched inputs with the measured modes that the model has."""
+    """Return matched inputs with the counterparts of the measured modes."""
     assert inputs.matching is not None
     found = find_counterparts(inputs.matching.model, inputs.matching.frf)
     return replace(inputs, counterparts=found)
@@ -179,7 +165,7 @@ def _compared(inputs: Inputs) -> Inputs:
 def _by_coordinates(
     model: Model, frf: FRF, options: dict[str, Any]
 ) -> tuple[Matching, dict[str, Any]]:
-    """Match by coordinates, in another unit where they fit in that; return the options, too."""
+    """Match by coordinates, in another length unit if only that fits; return the options, too."""
     options = {name: value for name, value in options.items() if name != "by"}
     try:
         return match(model, frf, by="coordinates", **options), options
@@ -191,7 +177,7 @@ def _by_coordinates(
 
 
 def _misplaced(first: Path, second: Path) -> FormatError:
-    """Return the error on a measurement in the place of the model."""
+    """Return the error for a measurement given in place of the model."""
     if _is_model(second):
         right = shlex.join(["updyn", "new", str(second), str(first)])
         return FormatError(f"{first} is a measurement and {second} a model: swap the two: {right}")
@@ -225,7 +211,7 @@ def _is_job(path: Path) -> bool:
 
 
 def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:
-    """Return a measurement, and whether it is known what was measured."""
+    """Return a measurement and whether its quantity is known."""
     try:
         return read_frf(path, **stated), True
     except FormatError:
@@ -241,13 +227,7 @@ def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:
 
 
 def describe_inputs(inputs: Inputs) -> str:
-    """Return what was found, and what the user has to state before the job can run, as text.
-
-    Parameters
-    ----------
-    inputs : Inputs
-        From `look_at`.
-    """
+    """Return a summary of the inputs and of the keys that the user has to add, as text."""
     model, of = inputs.model, len(inputs.sensors)
     how = "" if inputs.matching is None else f", by {_way(inputs)}"
     matched = f"{of - len(inputs.lost)} of {of} sensors and forces are DOFs of the model{how}"
@@ -272,7 +252,7 @@ def describe_inputs(inputs: Inputs) -> str:
 
 
 def _in_common(inputs: Inputs) -> list[str]:
-    """Return how many measured modes have a counterpart in the model, and what to do if few."""
+    """Return how many measured modes have a counterpart in the model, and a remedy if few."""
     found = inputs.counterparts
     if found is None:
         return []
@@ -280,7 +260,7 @@ def _in_common(inputs: Inputs) -> list[str]:
 
 
 def _way(inputs: Inputs) -> str:
-    """Return how sensors were matched, with the options that are stated."""
+    """Return how sensors were matched, with the options used."""
     assert inputs.matching is not None
     stated = ", ".join(f"{name} = {_value(value)}" for name, value in inputs.match_options.items())
     return f"{inputs.matching.by} ({stated})" if stated else inputs.matching.by
@@ -288,21 +268,9 @@ def _way(inputs: Inputs) -> str:
 
 # -- writing ---------------------------------------------------------------------------------------
 def job_text(inputs: Inputs, out: Path, of_model: str = "", of_frf: str = "") -> str:
-    """Return the text of a job file.
+    """Return the text of a job file (TOML with comments) to be written to `out`.
 
-    Parameters
-    ----------
-    inputs : Inputs
-        From `look_at`.
-    out : Path
-        Where the job will lie; its files are named from there.
-    of_model, of_frf : str
-        What model and measurement hold, as text for comments.
-
-    Returns
-    -------
-    str
-        TOML with comments.
+    `of_model` and `of_frf` describe the contents of model and measurement, for comments.
     """
     tables = (
         _head(inputs, out),
@@ -382,7 +350,7 @@ def _match(inputs: Inputs, out: Path) -> list[str]:
 def _parameters(inputs: Inputs) -> list[str]:
     groups = inputs.model.groups.values()
     elastic = [group for group in groups if group.stiffness is not None]
-    every = "*" if "all" in inputs.model.groups else "all"  # where a group has that name
+    every = "*" if "all" in inputs.model.groups else "all"  # "all" may be the name of a group
     lines: list[str] = []
     if elastic:
         loss = [group.loss_factor for group in elastic]
@@ -430,7 +398,7 @@ def _method(inputs: Inputs) -> list[str]:
 
 
 def _responses_of_model(inputs: Inputs) -> list[str]:
-    """Return the responses as the model labels them, as far as they are known."""
+    """Return the response labels in the model, as far as they are known."""
     if inputs.matching is not None:
         return inputs.matching.frf.responses.labels
     responses = inputs.frf.responses if inputs.lost else []
@@ -438,7 +406,7 @@ def _responses_of_model(inputs: Inputs) -> list[str]:
 
 
 def _held_out(inputs: Inputs) -> list[str]:
-    """Return a response to hold out, as the model labels it: one that is no drive point."""
+    """Return the model's label of a response to hold out that is not a drive point."""
     if inputs.matching is None or len(inputs.frf.responses) < _HOLD_OUT_FROM:
         return []
     frf = inputs.matching.frf
@@ -452,7 +420,7 @@ def _held_out(inputs: Inputs) -> list[str]:
 def _unknown(
     groups: str, quantity: str, bounds: tuple[float, float], *, off: bool = False
 ) -> list[str]:
-    """Return a ``[[parameter]]`` table, commented out where it is `off`."""
+    """Return a ``[[parameter]]`` table, commented out if `off`."""
     mark = "# " if off else ""
     return [
         f"{mark}[[parameter]]",
@@ -463,19 +431,19 @@ def _unknown(
 
 
 def _key(table: type[Table], key: str, value: Any, *, off: bool = False) -> str:
-    """Return a key with its meaning as a comment; commented out where it is `off`."""
+    """Return a key with its description as a comment; commented out if `off`."""
     return f"{'# ' if off else ''}{key} = {_value(value)}  # {_about(table, key)}"
 
 
 def _about(table: type[Table], key: str) -> str:
-    """Return what a key means."""
+    """Return the description of a key."""
     about = table.model_fields[key].description
     assert about is not None
     return about
 
 
 def _comments(title: str, text: str) -> list[str]:
-    """Return text as comments below a title, its long lines broken."""
+    """Return text as wrapped comment lines below a title."""
     lines = [f"# {_on_one_line(title)}:"]
     for line in map(printable, text.splitlines()):
         if "  " in line.strip():  # a row of a table
@@ -498,10 +466,10 @@ def _value(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(_value, value)) + "]"
-    # Strings and truth values of JSON are those of TOML, which escapes one more character.
+    # Strings and booleans of JSON are valid TOML, except that TOML escapes one more character.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _on_one_line(name: str) -> str:
-    """Return the name of a file for a comment, which ends with its line."""
+    """Return the name of a file without line breaks, for a comment."""
     return printable(name).replace("\n", "\\n")

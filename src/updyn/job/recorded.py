@@ -1,4 +1,4 @@
-"""`recorded`: the FRFs of ``[records]``, and what was found in the records."""
+"""`recorded`: the FRFs of ``[records]``, and the faults found in the records."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class RecordedSetup:
     records : Records
         All of them.
     rejected : mapping of int to str
-        Which are left out, from 1, and why.
+        Rejected records (counted from 1) and the reasons.
     findings : tuple of RecordFinding
-        What is wrong with them, those left out included.
+        Faults of the records, rejected ones included.
     """
 
     files: tuple[str, ...]
@@ -52,7 +52,7 @@ class RecordedSetup:
 
     @property
     def open_findings(self) -> tuple[RecordFinding, ...]:
-        """Findings of records that are not left out."""
+        """Findings about records that are not rejected."""
         return tuple(one for one in self.findings if one.record not in self.rejected)
 
 
@@ -73,24 +73,10 @@ class Recorded:
 
 
 def recorded(job: Document, table: RecordsTable) -> Recorded:
-    """Read the records of a job, look for their faults, and estimate FRFs.
+    """Read the records of a job, check them for faults, and estimate FRFs.
 
-    Parameters
-    ----------
-    job : Document
-        The job, for the place of its files.
-    table : RecordsTable
-        Its ``[records]``.
-
-    Returns
-    -------
-    Recorded
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, a channel is not in it, a pair of DOFs was measured twice, or the
-        like; its key is that of the job.
+    An `InputError` with the key of the job is raised if a file cannot be read, a channel is not in
+    it, a pair of DOFs was measured twice, or the like.
     """
     setups: list[RecordedSetup] = []
     frfs: list[FRF] = []
@@ -120,7 +106,7 @@ def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSet
         with key_path("cut"):
             records = cut_records(records, force, table.cut.length, before, table.cut.level)
     segment = table.segment
-    if segment is None and ESTIMATORS[table.estimator].is_local:  # the force lasts
+    if segment is None and ESTIMATORS[table.estimator].is_local:  # a continuous force
         segment = records.values.shape[2] * records.step
     findings = check_records(
         records, list(_names(setup.excitation)), band=table.band, segment=segment
@@ -160,13 +146,13 @@ def _estimate(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF
 
 @contextmanager
 def _place_in_job(table: RecordsTable, number: int) -> Iterator[None]:
-    """Give an error the place of the key that it is about: in its setup, or common to all."""
+    """Assign the key in the job to an error: in its setup, or common to all setups."""
     try:
         yield
     except InputError as error:
         key = error.key or ("file",)
         if key[0] in ("reader", "records"):
-            # Of an error that states no option, or of one that is a key of its own here.
+            # The error names no option, or an option that is also a key of the job.
             rest = key[1:] or ("file",)
             key = rest if rest[0] in ("file", "format") else key
         if key[:2] == ("cut", "excitation"):

@@ -1,4 +1,4 @@
-"""``[records]`` of a job file: the schema of what becomes FRFs, and a job of that table alone."""
+"""``[records]`` of a job file: time records for FRFs, and a job with that table only."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class WindowTable(Table):
 
 
 class CutTable(Table):
-    """``[records.cut]``: records that run on over several hits, cut into one a hit."""
+    """``[records.cut]``: cut records that contain several hits into one record per hit."""
 
     length: float = Field(gt=0)
     before: float | None = Field(default=None, ge=0)
@@ -88,7 +88,7 @@ class SetupTable(Table):
 class RecordsTable(SetupTable):
     """``[records]``: time records, and how FRFs are estimated from them.
 
-    What stands here holds for every setup that does not state it itself.
+    Keys given here apply to every setup that does not give them itself.
     """
 
     setup: Annotated[
@@ -127,7 +127,7 @@ class RecordsTable(SetupTable):
 
     @property
     def setups(self) -> tuple[SetupTable, ...]:
-        """The setups, each with all that holds for it."""
+        """The setups, each completed with the common keys."""
         common = {name: getattr(self, name) for name in SetupTable.model_fields}
         if not self.setup:
             return (SetupTable.model_construct(**common),)
@@ -139,20 +139,7 @@ class RecordsTable(SetupTable):
         return tuple(whole)
 
     def place(self, number: int, key: str) -> tuple[str | int, ...]:
-        """Return where a key stands that holds for a setup.
-
-        Parameters
-        ----------
-        number : int
-            Of the setup, from 0.
-        key : str
-            The key.
-
-        Returns
-        -------
-        tuple of str or int
-            From the root of the job.
-        """
+        """Return the place, from the root of the job, of a key of setup `number` (from 0)."""
         if key not in SetupTable.model_fields:
             return ("records", key)
         if self.setup and getattr(self.setup[number], key) is not None:
@@ -163,7 +150,7 @@ class RecordsTable(SetupTable):
 
 
 class RecordsJob(Document):
-    """A job file of records alone, which ``updyn frf`` makes FRFs from."""
+    """A job file with records only, from which ``updyn frf`` estimates FRFs."""
 
     title: str = ""
     records: RecordsTable

@@ -1,4 +1,4 @@
-"""`run_job`: from a job to a finished folder, replaced as a whole once the run has finished."""
+"""`run_job`: run a job and replace its output folder as a whole when the run has finished."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ __all__ = [
     "update_keys",
 ]
 
-#: A run that ended so can go on.
+#: Statuses after which a run can be resumed.
 _UNFINISHED = ("stopped", "max-iterations")
-#: Keys of ``[selection]`` by the arguments of `updyn.cluster` and `updyn.select`.
+#: Keys of ``[selection]`` for the arguments of `updyn.cluster` and `updyn.select`.
 _SELECTION_KEYS: Mapping[str | int, tuple[str, ...]] = {
     "threshold": ("selection", "cluster"),
     "n": ("selection", "n"),
@@ -72,13 +72,13 @@ class JobRun:
     Attributes
     ----------
     result : UpdateResult or JointResult
-        The update; the latter for several tests.
+        The update; a `JointResult` for several tests.
     further : mapping of str to object
-        What tables such as ``[uncertainty]`` and ``[plant]`` gave, by their names.
+        Results of tables such as ``[uncertainty]`` and ``[plant]``, by table name.
     folder : Path
-        Where it was written to.
+        The output folder.
     stopped : bool
-        Whether the caller stopped it: of the further tables there is what had been reached.
+        Whether the caller stopped the run; `further` then holds the results obtained so far.
     """
 
     result: UpdateResult | JointResult
@@ -87,7 +87,7 @@ class JobRun:
     stopped: bool = False
 
     def summary(self) -> str:
-        """Return the update, and what the further tables gave, as text."""
+        """Return the update and the results of further tables as text."""
         texts = [self.result.summary(), *modal_texts(self.result)]
         texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
         return "\n\n".join(text for text in texts if text)
@@ -95,7 +95,7 @@ class JobRun:
 
 @dataclass(slots=True)
 class _Caller:
-    """Who is told of the progress of a run, and whether it was to stop."""
+    """Progress callback of a run that remembers whether the caller asked to stop."""
 
     callback: Callable[[Progress], bool | None] | None
     stopped: bool = False
@@ -123,48 +123,49 @@ def run_job(
     job : Job
         From `load_job`.
     out : path, optional
-        The folder; by default the job's stem, beside it. What earlier runs wrote there, as its
-        ``manifest.json`` says, is replaced as one when this run has finished; other files stay.
+        The output folder; by default the job's stem, next to the job. Files of earlier runs
+        (listed in its ``manifest.json``) are replaced together when this run has finished; other
+        files stay.
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; returning True stops
         the run.
     prepared : Prepared, optional
-        From `prepare`, where it was called before.
+        From `prepare`, if already called.
     engine : None, int, dask.distributed Client or Engine
-        Where the work is done, as for `updyn.update`.
+        Where computations run, as for `updyn.update`.
     resume : bool
-        Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
-        of steps: to the same answer as if it had not been. A further table that was stopped is made
-        anew. Where nothing was saved, the run begins anew, with a warning.
+        Resume the run in `out` that was stopped or interrupted, or ended at the largest number of
+        steps. The result equals that of an uninterrupted run. A further table that was stopped is
+        computed again. If nothing was saved, the run starts from the beginning, with a warning.
 
     Returns
     -------
     JobRun
-        In `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (all defaults written out;
-        runs again from there), what ``[uncertainty]``, ``[plant]`` and ``[output] properties`` ask
-        for and, unless the job says not to, ``report.html``. Each of several tests has its
-        ``model.h5``, ``run.nc`` and ``report.html`` in a folder of its name. While it runs, and
-        until it has finished, ``run.journal`` is there, too, which `resume` needs.
+        Files in `out`: ``result.json``, ``run.nc``, ``model.h5``, ``job.toml`` (with all defaults;
+        can be run from there), the files of ``[uncertainty]``, ``[plant]`` and ``[output]
+        properties`` and, unless the job turns it off, ``report.html``. With several tests, each
+        has ``model.h5``, ``run.nc`` and ``report.html`` in a folder of its name. Until the run has
+        finished, the folder also holds ``run.journal``, which `resume` needs.
 
     Raises
     ------
     InputError
-        If the job, a file or the output folder cannot be used, another process is writing to it,
-        or what was saved is of another run; nothing is written then.
+        If the job, a file or the output folder cannot be used, another process is writing to the
+        folder, or the saved journal belongs to another run; nothing is written then.
     SolverError
-        If the model cannot be solved where it starts; nothing is written.
+        If the model cannot be solved at its start values; nothing is written.
 
     Warns
     -----
     UpdynWarning
-        If the job asks for an uncertainty or a plant that cannot be had, or there is nothing to
-        resume.
+        If the job asks for an uncertainty or a plant that cannot be computed, or there is nothing
+        to resume.
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
     caller = _Caller(callback)
     with open_folder(out):
-        check_out(job, out)  # once more: now no other run can change it
+        check_out(job, out)  # again, now that no other run can change the folder
         names = (*outputs(job), *earlier_outputs(job, out))
         resume = resume and was_saved(out)
         load_libraries()
@@ -185,7 +186,7 @@ def run_job(
 
 
 def job_selection(prepared: Prepared) -> Selection | None:
-    """Join and choose the unknowns of a job as its ``[selection]`` says.
+    """Cluster and select the unknowns of a job as in its ``[selection]``.
 
     Parameters
     ----------
@@ -195,12 +196,12 @@ def job_selection(prepared: Prepared) -> Selection | None:
     Returns
     -------
     Selection or None
-        None where the job has no such table: all unknowns are fitted.
+        None if the job has no such table; all unknowns are fitted then.
 
     Raises
     ------
     JobError
-        If what it asks for does not fit the unknowns, or lines or noise do not fit the data.
+        If the table does not fit the unknowns, or lines or noise do not fit the data.
     SolverError
         If the model cannot be solved at a line.
     """
@@ -219,14 +220,14 @@ def job_selection(prepared: Prepared) -> Selection | None:
 
 
 def job_identifiability(prepared: Prepared, selection: Selection | None = None) -> Identifiability:
-    """Say what the job's data could determine, at the start of the unknowns.
+    """Return the identifiability of the unknowns from the job's data, at their start values.
 
     Parameters
     ----------
     prepared : Prepared
         From `prepare`.
     selection : Selection, optional
-        From `job_selection`, where only some of the unknowns are fitted.
+        From `job_selection`, if only some of the unknowns are fitted.
 
     Returns
     -------
@@ -243,7 +244,7 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
 
 
 def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Analysis:
-    """Return `job_identifiability` with the numbers behind it.
+    """Return the matrices behind `job_identifiability`.
 
     Parameters
     ----------
@@ -265,15 +266,7 @@ def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Anal
 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
-    """Return the tests as the update takes them.
-
-    Parameters
-    ----------
-    prepared : Prepared
-        The job.
-    held_out : bool
-        Whether they have the data that are held out, and the choice of them.
-    """
+    """Return the tests as arguments of the update, with or without their validation sets."""
     tests = []
     for test in prepared.tests:
         job = test.job
@@ -289,17 +282,7 @@ def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
 def _update(
     ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any
 ) -> UpdateResult | JointResult:
-    """Run the update.
-
-    Parameters
-    ----------
-    ready : Prepared
-        The job.
-    callback : callable or None
-        As for `run_job`.
-    **running
-        Engine, checkpoint and whether to resume.
-    """
+    """Run the update; `running` holds engine, checkpoint and whether to resume."""
     job, method = ready.job, ready.job.method
     options: dict[str, Any] = {
         "method": method.name,
@@ -320,7 +303,7 @@ def _update(
 
 
 def _check_takes_modes(ready: Prepared) -> None:
-    """Check that the method fits modes."""
+    """Raise if the method does not fit modes."""
     method = ready.job.method.name
     if "modes" in options_of(method):
         return
@@ -332,7 +315,7 @@ def _check_takes_modes(ready: Prepared) -> None:
 
 @contextmanager
 def update_keys(job: Job) -> Iterator[None]:
-    """Give an error of the update file and line of the key of ``[method]`` or ``[selection]``."""
+    """Add file and line of the key of ``[method]`` or ``[selection]`` to errors of the update."""
     with job.located():
         try:
             yield
@@ -352,7 +335,7 @@ def _further(
     caller: _Caller,
     engine: Any,
 ) -> dict[str, Any]:
-    """Return what the further tables of the job give, by their names."""
+    """Return the results of further tables of the job, by table name."""
     further: dict[str, Any] = {}
     for name in ready.job.tables:
         try:
@@ -369,7 +352,7 @@ def _further(
 
 
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    """Write the update, and the job as it was run in the folder `out`, into another folder."""
+    """Write the update, and the job as run in the folder `out`, into `folder`."""
     for own, one in _by_folder(result, folder):
         own.mkdir(exist_ok=True)
         write_model(one.model, own / "model.h5")
@@ -387,7 +370,7 @@ def _announce(
     stage: str,
     result: UpdateResult | JointResult,
 ) -> None:
-    """Show the caller that a stage after the update begins, which cannot be stopped."""
+    """Report the start of a stage after the update that cannot be stopped."""
     if callback is not None:
         steps = result.first.iterations
         callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
@@ -403,7 +386,7 @@ def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[P
 def _write_reports(
     result: UpdateResult | JointResult, folder: Path, further: Mapping[str, Any]
 ) -> None:
-    """Write the report and, of several tests, one for each in its folder."""
+    """Write the report and, for several tests, one for each in its folder."""
     from updyn.report import write_report
     from updyn.report.section import objects_shown
 

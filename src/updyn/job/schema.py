@@ -1,4 +1,4 @@
-"""`Job` and the tables of a job file: one pydantic class a table, all derived from `Table`."""
+"""`Job` and the tables of a job file: one pydantic class per table, each derived from `Table`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _sensors(given: Any) -> Any:
 
 
 class ParameterTable(Table):
-    """``[[parameter]]``: an unknown for one quantity of each group, or one that drives several."""
+    """``[[parameter]]``: one unknown per group for a quantity, or one that drives several."""
 
     groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
     quantity: (
@@ -103,7 +103,7 @@ class ParameterTable(Table):
 
 
 class DampingTable(Table):
-    """``[[damping]]``: damping that groups begin with, instead of what the model has."""
+    """``[[damping]]``: initial damping of groups, which replaces the damping in the model."""
 
     groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
     loss_factor: float | None = Field(default=None, ge=0)
@@ -115,7 +115,7 @@ class DampingTable(Table):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """What the table says, by name."""
+        """Damping values that the table gives, by name."""
         return self.model_dump(exclude={"groups"}, exclude_none=True)
 
     @model_validator(mode="after")
@@ -126,7 +126,7 @@ class DampingTable(Table):
 
 
 class CalibrationTable(Table):
-    """``[[calibration]]``: factors of sensors, an unknown each."""
+    """``[[calibration]]``: calibration factors of sensors, one unknown per factor."""
 
     responses: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
     references: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
@@ -193,14 +193,13 @@ def _cosine(given: Any) -> Any:
     return given
 
 
-#: The noise of a test, and what of it is held out; both stand in ``[method]``, or in ``[test]``
-#: instead.
+#: Noise and validation set of a test, given in ``[method]`` or, for one test, in ``[test]``.
 Noise = Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)]
 HeldOut = Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)]
 
 
 class SelectionTable(Table):
-    """``[selection]``: which unknowns are fitted; others are joined or stay at their start."""
+    """``[selection]``: which unknowns are fitted; others are clustered or keep their start."""
 
     cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
     n: Annotated[int | Literal["rank"] | None, BeforeValidator(_count)] = None
@@ -220,7 +219,7 @@ class SelectionTable(Table):
 
 
 class MethodTable(Table):
-    """``[method]``: how the unknowns are found; further keys are options of the method."""
+    """``[method]``: the update method and its settings; further keys are options of the method."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -247,18 +246,18 @@ class MethodTable(Table):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The method's own options."""
+        """The options of the method."""
         return dict(self.__pydantic_extra__ or {})
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What is stated besides, as `updyn.update` and `updyn.compare` take it."""
+        """The other given settings, as arguments of `updyn.update` and `updyn.compare`."""
         return self.model_dump(
             include={"tier", "backend", "accuracy", "regularise"}, exclude_none=True
         )
 
 
-#: What every run writes, in the order in which it appears; `job.toml` and `result.json` come last.
+#: Files that every run writes, in the order of their creation.
 OUTPUTS = (
     "model.h5",
     "run.nc",
@@ -317,16 +316,16 @@ class ModelTable(Table):
 
 
 class TestTable(Table):
-    """``[test]``: the measurement, and what of it is used."""
+    """``[test]``: the measurement and the part of it that is used."""
 
-    __test__ = False  # not a test, whatever its name suggests to pytest
+    __test__ = False  # not a test, although pytest would collect the name
 
-    file: str | None = None  # by default the FRFs of [records]
+    file: str | None = None  # default: the FRFs of [records]
     repeats: Texts | None = Field(
         default=None, min_length=1
     )  # further files of the same test, averaged
-    modes: str | None = None  # measured modes: the data, or beside FRFs for the method "modal"
-    modes_reader: dict[str, Any] | None = None  # options of the reader of the file of modes
+    modes: str | None = None  # measured modes, alone or in addition to FRFs (method "modal")
+    modes_reader: dict[str, Any] | None = None  # options of the reader of the modes file
     format: str | None = None
     quantity: str | None = Field(
         default=None,
@@ -339,7 +338,7 @@ class TestTable(Table):
     )
     local_axes: bool | None = None
     real_valued: bool | None = None
-    response_labels: Texts | None = None  # of a file that holds bare arrays
+    response_labels: Texts | None = None  # for files of bare arrays
     reference_labels: Texts | None = None
     order: Texts | None = None
     averages: int | None = Field(default=None, ge=1)
@@ -355,29 +354,29 @@ class TestTable(Table):
         description="responses to use, in this order, as the file labels them",
     )
     references: Texts | None = Field(default=None, min_length=1)
-    repair: Texts | None = Field(default=None, min_length=1)  # faults of the data that are undone
+    repair: Texts | None = Field(default=None, min_length=1)  # data faults to repair
     name: str = ""
-    grounded: Texts | None = None  # the configuration: what is held, and what is added
+    grounded: Texts | None = None  # the configuration: fixed DOFs and added masses
     masses: dict[str, float] | None = None
     sensor_masses: dict[str, float] | None = Field(default=None, min_length=1)
-    # Instead of those of [method].
+    # These two override the keys of [method].
     noise: Noise = None
     validation: HeldOut = None
 
     @property
     def measured(self) -> str:
-        """Where the FRFs come from, for messages."""
+        """Source of the FRFs, for messages."""
         return "[records]" if self.file is None else self.file
 
     @property
     def of_frfs(self) -> list[str]:
-        """The keys that it states of those that say how FRFs are read or what of them is used."""
+        """Keys that the table gives and that apply only to FRFs."""
         own = [*self.reader_options, "repeats", "averages", "exclude", "repair"]
         return [key for key in own if getattr(self, key) is not None]
 
     @property
     def reader_options(self) -> dict[str, Any]:
-        """Keyword arguments for the reader; only those that the job states."""
+        """Keyword arguments for the reader; only those that the job gives."""
         stated = {
             "format": self.format,
             "quantity": self.quantity,
@@ -395,8 +394,8 @@ class TestTable(Table):
         return {k: v for k, v in stated.items() if v is not None}
 
 
-#: ``[test]`` of a job before its test; what a job of a measurement alone has in place of model and
-#: unknowns.
+#: ``[test]`` of a job that has no measurement yet, and the tables that replace model and unknowns
+#: in a job with only a measurement.
 NO_TEST = {"file": ""}
 NO_UPDATE = {
     "model": {"file": ""},
@@ -405,7 +404,7 @@ NO_UPDATE = {
 
 
 class MatchTable(Table):
-    """``[match]``: how sensors map to DOFs of the model."""
+    """``[match]``: how sensors are matched to DOFs of the model."""
 
     by: Literal["label", "coordinates"] = Field(
         default="label",
@@ -430,7 +429,7 @@ class MatchTable(Table):
 
 
 class OutputTable(Table):
-    """``[output]``: what is written beside the numbers."""
+    """``[output]``: optional files of a run."""
 
     report: bool = Field(default=True, description="whether report.html is written")
     properties: str | None = None
@@ -462,12 +461,12 @@ class Job(Document):
 
     @property
     def parts(self) -> tuple[Job, ...]:
-        """One job for each test, itself first; they differ in ``test`` and where that stands."""
+        """One job per test, this one first; they differ in ``test`` and its line numbers."""
         return (self, *self._others)
 
     @property
     def tables(self) -> Mapping[str, Table]:
-        """Tables of `updyn.job.job_table.JOB_TABLES` that the job has, by name."""
+        """Validated tables of `updyn.job.job_table.JOB_TABLES` in the job, by name."""
         return self._tables
 
     def table(self, kind: type[AnyTable]) -> AnyTable | None:
@@ -481,19 +480,19 @@ class Job(Document):
         Returns
         -------
         Table or None
-            None where the job has no such table.
+            None if the job has no such table.
         """
         return next((table for table in self._tables.values() if isinstance(table, kind)), None)
 
     @property
     def has_modes(self) -> bool:
-        """Whether the data of its test are modes."""
+        """Whether the data of the test are modes."""
         test = self.test
         return test.file is None and test.modes is not None and self.records is None
 
     @property
     def lines_to_fit(self) -> str | list[float] | None:
-        """The lines of ``[method]``, as `updyn.update` takes them."""
+        """The lines of ``[method]``, as an argument of `updyn.update`."""
         return (
             list(self.method.lines) if isinstance(self.method.lines, tuple) else self.method.lines
         )
@@ -505,11 +504,11 @@ class Job(Document):
 
     @property
     def validation(self) -> tuple[str, ...] | tuple[float, float] | None:
-        """What of this test is held out."""
+        """The validation set of this test (held out of the fit)."""
         return self.method.validation if self.test.validation is None else self.test.validation
 
     def table_of(self, key: Literal["noise", "validation"]) -> Literal["test", "method"]:
-        """Return which table states a key that both ``[test]`` and ``[method]`` have.
+        """Return the table that gives a key which both ``[test]`` and ``[method]`` may have.
 
         Parameters
         ----------
@@ -519,21 +518,21 @@ class Job(Document):
         Returns
         -------
         {"test", "method"}
-            ``[test]`` where it states the key.
+            ``"test"`` if ``[test]`` gives the key.
         """
         return "method" if getattr(self.test, key) is None else "test"
 
     def with_source(self, path: Path, lines: dict[Place, int], tables: dict[str, Table]) -> Job:
-        """Return this job with its place and its further tables.
+        """Return this job with its file, line numbers and additional tables.
 
         Parameters
         ----------
         path : Path
             The file.
         lines : dict of Place to int
-            Its lines.
+            Line of each key.
         tables : dict of str to Table
-            Those of `updyn.job.job_table.JOB_TABLES`, by name.
+            Tables of `updyn.job.job_table.JOB_TABLES`, by name.
 
         Returns
         -------

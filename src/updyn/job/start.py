@@ -1,4 +1,4 @@
-"""`write_start_pages`: the pages of ``check`` and ``correlate``, about a job before any fit."""
+"""`write_start_pages`: the pages of ``check`` and ``correlate``, written before any fit."""
 
 from __future__ import annotations
 
@@ -42,43 +42,16 @@ __all__ = [
 
 
 def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model:
-    """Return the model of a test with the unknowns at their start values.
-
-    Parameters
-    ----------
-    test : PreparedTest
-        The test.
-    unknowns : ParameterSet or Selection
-        The unknowns of the job, or what was selected of them.
-
-    Returns
-    -------
-    Model
-    """
+    """Return the model of a test with the unknowns at their start values."""
     chosen = Selection.of(unknowns)
     return chosen.parameters.at_start(chosen.start_of(test.model))
 
 
 def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) -> Correlation:
-    """Compare a model at the start of its unknowns with all FRFs of a test.
+    """Correlate a model at the start values of its unknowns with all FRFs of a test.
 
-    Parameters
-    ----------
-    test : PreparedTest
-        The test.
-    unknowns : ParameterSet or Selection
-        As for `start_model`.
-
-    Returns
-    -------
-    Correlation
-
-    Raises
-    ------
-    OptionError
-        If modes were measured.
-    SolverError
-        If the model cannot be solved at a line.
+    An `OptionError` is raised if modes were measured, a `SolverError` if the model cannot be
+    solved.
     """
     frf, method = test.frf, test.job.method
     model, tier = start_model(test, unknowns), method.tier
@@ -90,20 +63,7 @@ def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) ->
 
 
 def start_figures(test: PreparedTest, found: Correlation) -> dict[str, float]:
-    """Return the figures of agreement with the data of the fit, as an update states them.
-
-    Parameters
-    ----------
-    test : PreparedTest
-        The test.
-    found : Correlation
-        From `start_correlation`; what is held out for validation is left out.
-
-    Returns
-    -------
-    dict of str to float
-        As `Correlation.figures`.
-    """
+    """Return the figures of agreement with the fitted data, as `Correlation.figures`."""
     fitted = test.fitted
     assert isinstance(fitted, FRF)
     computed = found.computed.select(lines=fitted.freq, responses=fitted.responses)
@@ -113,20 +73,7 @@ def start_figures(test: PreparedTest, found: Correlation) -> dict[str, float]:
 def agreement_at_start(
     ready: Prepared, unknowns: ParameterSet | Selection
 ) -> dict[str, dict[str, float]]:
-    """Return `start_figures` of each test.
-
-    Parameters
-    ----------
-    ready : Prepared
-        The job.
-    unknowns : ParameterSet or Selection
-        As for `start_model`.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        By the names of the tests; empty where modes were measured, or the model cannot be solved.
-    """
+    """Return `start_figures` by test name; empty for modes or if the model cannot be solved."""
     figures: dict[str, dict[str, float]] = {}
     for test in ready.tests:
         figures[test.name] = {}
@@ -139,20 +86,7 @@ def agreement_at_start(
 def counterparts_at_start(
     ready: Prepared, unknowns: ParameterSet | Selection
 ) -> dict[str, Counterparts]:
-    """Return how many modes of each test have a counterpart in its model.
-
-    Parameters
-    ----------
-    ready : Prepared
-        The job.
-    unknowns : ParameterSet or Selection
-        As for `start_model`.
-
-    Returns
-    -------
-    dict of str to Counterparts
-        By the names of the tests.
-    """
+    """Return the number of modes with a counterpart in the model, by test name."""
     return {
         test.name: find_counterparts(start_model(test, unknowns), test.data, test.modes)
         for test in ready.tests
@@ -160,7 +94,7 @@ def counterparts_at_start(
 
 
 def start_folder(job: Job, work: str, out: Path | None = None) -> Path:
-    """Return the folder of the pages, checked: they may be written there.
+    """Return the folder of the pages, after checking that they may be written there.
 
     Parameters
     ----------
@@ -169,7 +103,7 @@ def start_folder(job: Job, work: str, out: Path | None = None) -> Path:
     work : str
         ``"check"`` or ``"correlate"``.
     out : Path, optional
-        The folder; by default the job's stem with the work behind it, beside the job.
+        The folder; by default the job's stem followed by the command, next to the job.
 
     Returns
     -------
@@ -193,7 +127,7 @@ def write_start_pages(
     agreement: Mapping[str, Mapping[str, float]],
     counterparts: Mapping[str, Counterparts] | None = None,
 ) -> list[Path]:
-    """Write the page of each test of a job before any fit.
+    """Write a page for each test of a job before any fit.
 
     Parameters
     ----------
@@ -204,11 +138,11 @@ def write_start_pages(
     folder : Path
         From `start_folder`.
     selection : Selection or None
-        What was joined and chosen of the unknowns.
+        Clustered and selected unknowns.
     analysis : Analysis
-        What the data could determine of them, from `updyn.job.run.job_analysis`.
+        Identifiability of the unknowns, from `updyn.job.run.job_analysis`.
     findings : mapping of str to sequence of Finding
-        What seems to be wrong with the data, by the names of the tests.
+        Probable faults of the data, by test name.
     agreement : mapping of str to mapping of str to float
         From `agreement_at_start`.
     counterparts : mapping of str to Counterparts, optional
@@ -217,14 +151,14 @@ def write_start_pages(
     Returns
     -------
     list of Path
-        The pages: ``check.html`` or ``correlate.html`` in the folder, of several tests in folders
-        of their names.
+        The pages: ``check.html`` or ``correlate.html`` in the folder; for several tests, in
+        folders of their names.
     """
     from updyn.report import write_start
 
     names = _names(ready.job, work)
     with open_folder(folder):
-        check_out(ready.job, folder, names)  # once more: now no other run can change it
+        check_out(ready.job, folder, names)  # again, now that no other run can change the folder
         with replaced(folder, work, names) as new:
             for test, name in zip(ready.tests, names, strict=True):
                 (new / name).parent.mkdir(exist_ok=True)
@@ -237,7 +171,7 @@ def write_start_pages(
 
 
 def _names(job: Job, work: str) -> list[str]:
-    """Return the files, relative to their folder."""
+    """Return the names of the pages, relative to their folder."""
     if len(job.parts) == 1:
         return [f"{work}.html"]
     return [f"{part.test.name}/{work}.html" for part in job.parts]
@@ -251,7 +185,7 @@ def _start(
     findings: Sequence[Finding],
     figures: Mapping[str, float],
 ) -> Start:
-    """Return what the page of a test shows."""
+    """Return the contents of the page of a test."""
     from updyn.report.start import Start
 
     job = test.job
@@ -277,7 +211,7 @@ def _start(
 
 
 def _held_out(test: PreparedTest) -> tuple[tuple[str, ...], tuple[float, float] | None]:
-    """Return the responses and the band of FRFs that are held out for validation."""
+    """Return the responses and the band of FRFs in the validation set."""
     held: Any = test.job.validation
     if not held or not isinstance(test.data, FRF) or not isinstance(test.fitted, FRF):
         return (), None
@@ -288,7 +222,7 @@ def _held_out(test: PreparedTest) -> tuple[tuple[str, ...], tuple[float, float] 
 
 
 def _lines(test: PreparedTest) -> NDArray[np.float64]:
-    """Return the lines of the fit; none where the fit chooses them, and of modes."""
+    """Return the frequency lines of the fit; empty for modes or if the fit selects them."""
     if not isinstance(test.fitted, FRF) or isinstance(test.job.method.lines, str):
         return np.empty(0)
     given = test.job.lines_to_fit
@@ -296,7 +230,7 @@ def _lines(test: PreparedTest) -> NDArray[np.float64]:
 
 
 def _covariance(analysis: Analysis) -> NDArray[np.float64]:
-    """Return the covariance with rows of inf for what the data cannot determine."""
+    """Return the covariance with inf in the rows and columns of undetermined unknowns."""
     out = np.array(analysis.covariance)
     out[analysis.involved, :] = np.inf
     out[:, analysis.involved] = np.inf

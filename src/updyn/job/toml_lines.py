@@ -1,8 +1,8 @@
-"""On which line of a TOML text each key stands.
+"""Line number of each key in a TOML text.
 
-`tomllib` reads TOML but forgets the lines. This scanner reads a text that `tomllib` has accepted,
-so it checks nothing and only keeps places: keys, dotted keys, tables, arrays of tables, inline
-tables and the items of arrays.
+`tomllib` does not keep line numbers. This scanner reads a text that `tomllib` has accepted, so it
+checks nothing and only records the places of keys, dotted keys, tables, arrays of tables, inline
+tables and array items.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from updyn.io.toml_text import parse_toml
 
 __all__ = ["Place", "line_of", "read_toml", "toml_lines"]
 
-#: Where something stands in the parsed document: keys and positions in arrays, from the root.
+#: Place in the parsed document: keys and positions in arrays, from the root.
 Place = tuple[str | int, ...]
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -30,24 +30,9 @@ _LONG_LITERAL = re.compile(r"'''.*?'{3,5}(?!')", re.DOTALL)
 
 
 def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
-    """Parse a TOML text.
+    """Parse a TOML text; return the document and the line of every table, key and array item.
 
-    Parameters
-    ----------
-    text : str
-        The document.
-
-    Returns
-    -------
-    document : dict
-        As `tomllib` reads it.
-    lines : dict of Place to int
-        Line, counted from 1, of every table, key and array item.
-
-    Raises
-    ------
-    tomllib.TOMLDecodeError
-        If the text is not TOML (`updyn.io.toml_text.parse_toml`).
+    A `tomllib.TOMLDecodeError` is raised if the text is not TOML.
     """
     document = parse_toml(text)
     return document, toml_lines(text)
@@ -56,35 +41,14 @@ def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
 def toml_lines(text: str) -> dict[Place, int]:
     """Return the line of every table, key and array item of a valid TOML text.
 
-    Parameters
-    ----------
-    text : str
-        A document that `tomllib` accepts.
-
-    Returns
-    -------
-    dict of Place to int
-        Lines counted from 1. A table that is opened more than once, or by a dotted key, has its
-        first line.
+    Lines count from 1. A table that is opened more than once, or by a dotted key, has its first
+    line.
     """
     return _Scanner(text.replace("\r\n", "\n")).run()
 
 
 def line_of(place: Place, lines: Mapping[Place, int]) -> int | None:
-    """Return the line of `place`, or of the nearest thing around it that has one.
-
-    Parameters
-    ----------
-    place : Place
-        From the root; a validator's path may go deeper than the text.
-    lines : mapping of Place to int
-        From `toml_lines`.
-
-    Returns
-    -------
-    int or None
-        None where not even its table is in the text.
-    """
+    """Return the line of `place`, else of its nearest parent in the text; None if there is none."""
     for depth in range(len(place), 0, -1):
         if place[:depth] in lines:
             return lines[place[:depth]]
@@ -92,13 +56,13 @@ def line_of(place: Place, lines: Mapping[Place, int]) -> int | None:
 
 
 class _Scanner:
-    """One pass over the text; `at` is where it stands."""
+    """Scanner that passes once over the text; `at` is the current position."""
 
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
         self.lines: dict[Place, int] = {}
-        self.count: dict[Place, int] = {}  # items so far of each array of tables
+        self.count: dict[Place, int] = {}  # number of items so far of each array of tables
 
     def run(self) -> dict[Place, int]:
         table: Place = ()
@@ -127,7 +91,7 @@ class _Scanner:
         return self.mark((*place, number), line)
 
     def last(self, place: Place) -> Place:
-        """Return the item that a header speaks of when it names an array of tables: its last."""
+        """Return the last item if `place` is an array of tables, to which a header refers."""
         return (*place, self.count[place] - 1) if place in self.count else place
 
     def pair(self, table: Place) -> None:
@@ -174,7 +138,7 @@ class _Scanner:
             self.skip(_FILLER)
 
     def keys(self) -> list[str]:
-        """Read a key, dotted or not, up to what follows it."""
+        """Read a key, dotted or not, and the blanks after it."""
         out = []
         while True:
             self.skip(_BLANKS)
@@ -185,14 +149,14 @@ class _Scanner:
             self.at += 1
 
     def string(self) -> str:
-        """Read a string of any of the four kinds and return what it says."""
+        """Read a string of any of the four kinds and return its value."""
         long = self.text.startswith(('"""', "'''"), self.at)
         basic = self.text[self.at] == '"'
         pattern = (
             (_LONG_BASIC if basic else _LONG_LITERAL) if long else (_BASIC if basic else _LITERAL)
         )
         raw = self.skip(pattern)
-        # A long string is never a key, so what it says is not needed.
+        # A long string is never a key, so its value is not needed.
         return "" if long else str(tomllib.loads(f"x={raw}")["x"])
 
     def skip(self, pattern: re.Pattern[str]) -> str:

@@ -28,17 +28,15 @@ if TYPE_CHECKING:
 
 __all__ = ["UNCERTAINTY", "UncertaintyTable"]
 
-#: The file that it is written to, beside the results.
+#: The output file, next to the results.
 FILE = "uncertainty.nc"
 
 
 class UncertaintyTable(Table):
-    """``[uncertainty]``: how sure the estimate is, beyond its standard deviations."""
+    """``[uncertainty]``: uncertainty of the estimate beyond its standard deviations."""
 
     kind: Literal["profile", "bootstrap", "sampling"]
-    names: Texts | None = Field(
-        default=None, min_length=1
-    )  # of a profile; all unknowns where left out
+    names: Texts | None = Field(default=None, min_length=1)  # of a profile; default: all unknowns
     n: int | None = Field(default=None, ge=2, le=MOST_DRAWS)
     seed: int = Field(default=0, ge=0)
     level: float = Field(default=0.95, gt=0, lt=1)
@@ -64,7 +62,7 @@ class _UncertaintyJobTable(JobTable):
         job = prepared.job
         table = job.table(UncertaintyTable)
         assert table is not None
-        # A selection may join unknowns under new names.
+        # A selection may cluster unknowns under new names.
         if table.names is not None and job.selection is None:
             with key_path("uncertainty", "names"):
                 positions_of(table.names, prepared.parameters.names)
@@ -119,7 +117,7 @@ UNCERTAINTY = _UncertaintyJobTable()
 
 
 def _shown(callback: Callable[[Progress], bool | None] | None) -> Any:
-    """Return a callback that passes progress of the uncertainty on as `Progress` of an update."""
+    """Return a callback that reports progress of the uncertainty as `Progress` of an update."""
     if callback is None:
         return None
 

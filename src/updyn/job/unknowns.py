@@ -1,4 +1,4 @@
-"""The unknowns that a job chooses: of the model, and of its sensors."""
+"""The unknowns of a job: parameters of the model, and calibration factors of sensors."""
 
 from __future__ import annotations
 
@@ -30,36 +30,20 @@ _QUANTITY_ORDER = (
 
 
 def unknowns_of(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
-    """Choose the unknowns of a job.
+    """Return the unknowns of a job: by group, then linked ones, then calibration factors.
 
-    Parameters
-    ----------
-    job : Job
-        The job.
-    model : Model
-        Its model, without what the tests add to it.
-    data : sequence of FRF
-        The data of its tests, named as the model names its DOFs.
-
-    Returns
-    -------
-    ParameterSet
-        Of the model by group, then linked ones, then calibration factors.
-
-    Raises
-    ------
-    JobError
-        If a choice fits nothing, or the method does not know it; the message says on which line.
+    `model` has no masses or supports of the tests; `data` have the DOF labels of the model. A
+    `JobError` is raised if a choice matches nothing, or the method does not support it.
     """
     return _with_calibration(job, _parameters(job, model), data)
 
 
 def _parameters(job: Job, model: Model) -> ParameterSet:
-    """Return the unknowns of the model, by group, then those that drive several quantities."""
+    """Return the unknowns of the model by group, then those that drive several quantities."""
     chosen: dict[str, tuple[int, Parameter]] = {}
     loaded = with_all_masses(job, model)
     for number, table in enumerate(job.parameter):
-        # Masses that a test adds are known: they are unknowns only where a table names them, not by
+        # Masses added by a test are known; they are unknowns only if a table names them, not by
         # "all" and "*".
         own = _fits(model, table.groups or ()) and _fits(
             model, table.drives or (), GROUP_QUANTITIES
@@ -86,7 +70,7 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
 
 
 def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
-    """Return the unknowns with the calibration factors that the job asks for."""
+    """Return the unknowns with the calibration factors of the job."""
     items = list(chosen)
     first: dict[str, int] = {}
     for number, table in enumerate(job.calibration):
@@ -112,7 +96,7 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
 
 
 def _fits(model: Model, patterns: Iterable[str], quantities: Collection[str] = ()) -> bool:
-    """Return whether each pattern but ``"all"`` fits a group of a model, or a quantity of one."""
+    """Return whether each pattern but ``"all"`` matches a group of a model, or its quantity."""
     names = list(model.groups)
     if quantities:
         names = [f"{name}.{quantity}" for name in names for quantity in quantities]
@@ -123,7 +107,7 @@ def _fits(model: Model, patterns: Iterable[str], quantities: Collection[str] = (
 
 
 def _sensor_mass(job: Job, group: str) -> float | None:
-    """Return the nominal mass of a sensor's group; None of any other."""
+    """Return the nominal mass in kg of a sensor's group; None for other groups."""
     from updyn.elements.masses import sensor_group
 
     given = set()
