@@ -1,29 +1,24 @@
 """The errors and warnings of updyn.
 
-Everything raised because of what a user supplied derives from `UpdynError`::
+Errors caused by user input derive from `UpdynError`::
 
-    UpdynError
-    ├── InputError            what was supplied cannot be used
-    │   ├── DofError          a degree of freedom: unreadable, unknown, or named twice
-    │   ├── ModelError        a matrix, a group or a model
-    │   │   └── ToleranceError  no plant of a model holds the tolerance
-    │   ├── DataError         a frequency response function or its selection
-    │   ├── FormatError       a file: says path, and line or record where there is one
-    │   │   └── AbsentError   the file does not hold what was asked for; it may hold something else
-    │   ├── ParameterError    an unknown, its bounds or its group
-    │   ├── OptionError       an option, a method or a keyword
-    │   └── JobError          the job file: says file and line
-    ├── SolverError           a line that cannot be solved: an undamped resonance, a singular model
-    ├── StoppedError          the caller stopped work that has no result before its end
-    └── EngineError           the processes or the cluster that do the work are lost
+    UpdynError ├── InputError            an input cannot be used │   ├── DofError          a degree
+    of freedom: unreadable, unknown, or named twice │   ├── ModelError        a matrix, a group or
+    a model │   │   └── ToleranceError  no plant of a model meets the tolerance │   ├── DataError
+    a frequency response function or its selection │   ├── FormatError       a file: gives path
+    and, if known, line or record │   │   └── AbsentError   the file lacks the requested data; it
+    may hold other data │   ├── ParameterError    an unknown, its bounds or its group │   ├──
+    OptionError       an option, a method or a keyword │   └── JobError          the job file:
+    gives file and line ├── SolverError           a frequency line without a solution: undamped
+    resonance, singular model ├── StoppedError          the caller stopped work that has no partial
+    result └── EngineError           worker processes or the cluster were lost
 
-`UpdynWarning` marks what a user should know and may accept.
+`UpdynWarning` marks information that the user should know and may accept.
 
-An `InputError` has a key path, ``error.key``: the names of arguments or keys, and positions in
-arrays, of what it is about. The code that raises it states the path from its own arguments, such as
-``key=("noise", "floor")``. A caller that took these from something larger puts their place there in
-front, by `key_path`. The job adds its file and the line of the key once, by
-`updyn.job.Job.located`.
+An `InputError` has a key path, ``error.key``: names of arguments or keys, and positions in arrays,
+that identify the input. The code that raises it gives the path within its own arguments, such as
+``key=("noise", "floor")``. A caller that extracted these arguments from a larger input prepends
+their place with `key_path`. `updyn.job.Job.located` adds the job file and the line of the key.
 """
 
 from __future__ import annotations
@@ -59,7 +54,7 @@ __all__ = [
 
 
 class UpdynError(Exception):
-    """Base of every error that updyn raises on purpose.
+    """Base class of the errors of updyn.
 
     Examples
     --------
@@ -72,15 +67,15 @@ class UpdynError(Exception):
 
 
 class InputError(UpdynError, ValueError):
-    """Something that was supplied cannot be used.
+    """An input cannot be used.
 
     Parameters
     ----------
     *args : object
         The message.
     key : sequence of str or int
-        Path of what it is about, from what the raising code was given: names of arguments or keys,
-        and positions in arrays.
+        Path of the input within the arguments of the raising code: names of arguments or keys, and
+        positions in arrays.
     """
 
     def __init__(self, *args: object, key: Sequence[str | int] = ()) -> None:
@@ -97,7 +92,7 @@ class ModelError(InputError):
 
 
 class ToleranceError(ModelError):
-    """A model cannot be converted within the tolerance; the message says what was reached."""
+    """A model cannot be converted within the tolerance; the message gives the error reached."""
 
 
 class DataError(InputError):
@@ -113,7 +108,7 @@ class OptionError(InputError):
 
 
 class _FileError(InputError):
-    """An error at a place in a file; the message starts ``path:line:``."""
+    """An error at a place in a file; the message starts with ``path:line:``."""
 
     def __init__(
         self,
@@ -132,31 +127,31 @@ class _FileError(InputError):
 
 
 class FormatError(_FileError):
-    """A file cannot be read: what was found, where, and what was expected."""
+    """A file cannot be read; the message gives the place, the finding and the expectation."""
 
 
 class AbsentError(FormatError):
-    """A file does not hold what was asked for; it may hold something else."""
+    """A file lacks the requested data; it may hold other data."""
 
 
 class JobError(_FileError):
-    """The job file cannot be used: file, line, what was found, what was expected."""
+    """The job file cannot be used; the message gives file, line, finding and expectation."""
 
 
 class SolverError(UpdynError):
-    """A line cannot be solved."""
+    """The equations cannot be solved at a frequency line."""
 
 
 class StoppedError(UpdynError):
-    """The caller stopped work that has no result before its end."""
+    """The caller stopped work that has no partial result."""
 
 
 class EngineError(UpdynError):
-    """The processes or the cluster that do the work are lost."""
+    """The worker processes or the cluster were lost."""
 
 
 class UpdynWarning(UserWarning):
-    """Something that the user should know and may accept.
+    """Warning about something that the user should know and may accept.
 
     Examples
     --------
@@ -170,14 +165,14 @@ class UpdynWarning(UserWarning):
 
 @contextmanager
 def key_path(*key: str | int, otherwise: Sequence[str | int] = ()) -> Iterator[None]:
-    """Put a key path in front of that of an `InputError` that is raised inside.
+    """Prepend a key path to that of an `InputError` raised in the context.
 
     Parameters
     ----------
     *key : str or int
-        Where what is worked on inside comes from.
+        Place of the input that is processed in the context.
     otherwise : sequence of str or int
-        The rest of the path where the error states none.
+        Rest of the path if the error has no key.
 
     Yields
     ------
@@ -191,14 +186,14 @@ def key_path(*key: str | int, otherwise: Sequence[str | int] = ()) -> Iterator[N
 
 
 def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
-    """Return the choices that look most like a word, best first.
+    """Return the choices most similar to a word, best first.
 
     Parameters
     ----------
     word : str
-        What was found.
+        The word found.
     choices : iterable of str
-        What is valid.
+        The valid words.
     n : int
         Largest number to return.
 
@@ -213,12 +208,12 @@ def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
 
 
 def in_all(count: int) -> str:
-    """Return the addition to a message that names the first of several; empty where it is all.
+    """Return the count for a message that names the first of several; empty for only one.
 
     Parameters
     ----------
     count : int
-        How many there are.
+        Total number.
 
     Returns
     -------
@@ -230,7 +225,7 @@ def in_all(count: int) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return what an error of a library says, in one line; its type where it says nothing.
+    """Return the message of a library's error in one line; its type if the message is empty.
 
     Parameters
     ----------
@@ -248,16 +243,16 @@ def reason_of(error: BaseException) -> str:
 
 
 def damaged(path: str | PathLike[str], what: str, why: str) -> FormatError:
-    """Return the error that a file cannot be read by the library for its format.
+    """Return the error for a file that the library of its format cannot read.
 
     Parameters
     ----------
     path : path
         The file.
     what : str
-        What it should be: ``"HDF5 file"``.
+        The expected kind, such as ``"HDF5 file"``.
     why : str
-        What the library says.
+        The message of the library.
 
     Returns
     -------
@@ -269,14 +264,14 @@ def damaged(path: str | PathLike[str], what: str, why: str) -> FormatError:
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:
-    """Return the end of an error message: the nearest valid choices, or all where none is near.
+    """Return the end of an error message: the nearest valid choices, or all if none is near.
 
     Parameters
     ----------
     word : str
-        What was found.
+        The word found.
     choices : iterable of str
-        What is valid.
+        The valid words.
 
     Returns
     -------

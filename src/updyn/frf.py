@@ -33,19 +33,21 @@ __all__ = [
     "unit",
 ]
 
-#: Power of (i omega) by which each quantity exceeds receptance.
+#: Power of (i omega) relative to receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
-#: What each is called in a unit, behind that of the displacement.
+#: Suffix to the unit of displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
-#: What is below this share of the loudest value is rounding: symmetry forbids it.
+#: Values below this share of the largest value are rounding errors, such as where symmetry makes
+#: an FRF zero.
 ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
 _DIMS = ("freq", "response", "reference")
-#: Channels that a notebook shows as curves, and labels that it lists.
+#: Largest number of channels drawn in a notebook, and of labels listed.
 _DRAWN = 8
-#: What a coherence may be above 1: two steps of single precision, in which analysers compute it.
+#: Tolerated excess of a coherence above 1: two units in the last place of single precision, in
+#: which analysers compute it.
 _ABOVE_ONE = 2.0**-22
-#: What to do about missing values.
+#: Remedy for missing values.
 _GAPS = "`updyn.complete_parts` cuts data with gaps into parts that have none"
 _INVERSES = {
     "dynamic stiffness": "receptance",
@@ -62,18 +64,18 @@ def check_quantity(quantity: object) -> str:
     Parameters
     ----------
     quantity : object
-        What to check, as found in a call or a file.
+        The value found in a call or a file.
 
     Returns
     -------
     str
-        The same.
+        The quantity, unchanged.
 
     Raises
     ------
     DataError
-        If it is an inverse (impedance, ...: refused with the reason) or unknown (the nearest is
-        named).
+        If it is an inverse such as impedance (the message gives the reason) or unknown (the
+        message names the nearest).
     """
     if isinstance(quantity, str):
         if quantity in QUANTITIES:
@@ -95,7 +97,7 @@ def unit(quantity: str, response: str, reference: str) -> str:
     Parameters
     ----------
     quantity : {"receptance", "mobility", "accelerance"}
-        What was measured.
+        The measured quantity.
     response, reference : str
         Labels of the DOFs.
 
@@ -121,30 +123,30 @@ class FRF:
     responses, references : iterable of str or Dof
         Signed DOF labels of the sensors and of the forces, each DOF once.
     quantity : {"receptance", "mobility", "accelerance"}
-        What `values` holds. It has no default: where a file does not state it, the user must.
+        Quantity of `values`. There is no default: if a file does not give it, the user must.
     coherence : array_like of float, shape of `values`, optional
-        Ordinary coherence gamma^2 between 0 and 1 (what analysers store as "coherence"). What is
-        above 1 by rounding in single precision (2.4e-7 at most) is taken as 1.
+        Ordinary coherence gamma^2 between 0 and 1 (stored as "coherence" by analysers). Values
+        above 1 by rounding in single precision (at most 2.4e-7) are set to 1.
     variance : array_like of float, shape of `values`, optional
         E|dH|^2 of each value, in the unit of `values` squared.
     averages : int, optional
         Number of averages behind each value; together with `coherence` it gives the variance.
     geometry : Geometry, optional
-        Where the nodes stand.
+        Positions of the nodes.
     source : str, optional
-        Where the data came from, for the record.
+        Origin of the data, for documentation.
     decay : float
-        Of an exponential window exp(-decay t) on all records whose damping is still in the values,
-        in 1/s: they are H at i omega + decay, not at i omega. What compares them with a model
-        evaluates it there.
+        Decay rate in 1/s of an exponential window exp(-decay t) on all records whose added damping
+        was not removed: the values are H at i omega + decay, not at i omega. Comparisons evaluate
+        the model there.
 
     Raises
     ------
     DataError
-        If there is no line, response or reference, shapes disagree, a number is not finite, real or
-        unmasked where it has to be, or a line is out of order; the message says where.
+        If there is no line, response or reference, shapes disagree, a number is not finite, is
+        complex instead of real, or is masked, or lines are not ascending; the message says where.
     DofError
-        If a label cannot be read or stands twice.
+        If a label cannot be read or occurs twice.
 
     Examples
     --------
@@ -280,35 +282,34 @@ class FRF:
         return card(f"FRF, {self.quantity}", facts, picture)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return FRF, tuple(getattr(self, f.name) for f in fields(self))  # arrays come back read-only
+        return FRF, tuple(getattr(self, f.name) for f in fields(self))  # makes arrays read-only
 
     # -- conversion ----------------------------------------------------------------------------
     @property
     def s(self) -> NDArray[np.complex128]:
-        """Where the values are H, i omega + decay in 1/s, shape (n_f,)."""
+        """Laplace variable s = i omega + decay of the values, in 1/s, shape (n_f,)."""
         return np.asarray(2j * np.pi * self.freq + self.decay)
 
     def converted(self, quantity: str) -> FRF:
-        """Return the same measurement as another quantity.
+        """Return the measurement converted to another quantity.
 
         Mobility is i omega times receptance, accelerance -omega^2 times (Ewins, Modal Testing, 2nd
-        ed. 2000, section 2.3); with a `decay`, i omega + decay stands for i omega.
+        ed. 2000, section 2.3); with a `decay`, i omega + decay replaces i omega.
 
         Parameters
         ----------
         quantity : {"receptance", "mobility", "accelerance"}
-            What to return; the variance goes with it.
+            The target quantity; the variance is converted, too.
 
         Returns
         -------
         FRF
-            The same object where nothing changes.
+            The converted data; the same object if the quantity is unchanged.
 
         Raises
         ------
         DataError
-            If the quantity is not known, or there is a 0 Hz line: it has no inverse, and is
-            refused, not shifted.
+            If the quantity is unknown, or there is a 0 Hz line, which cannot be converted.
         """
         power = QUANTITIES[check_quantity(quantity)] - QUANTITIES[self.quantity]
         if power == 0:
@@ -337,14 +338,14 @@ class FRF:
         responses: Iterable[str | Dof] | None = None,
         references: Iterable[str | Dof] | None = None,
     ) -> FRF:
-        """Return a part of the data; what is asked for and not there is an error.
+        """Return a part of the data; a selection that is not in the data is an error.
 
         Parameters
         ----------
         band : (float, float), optional
             Lowest and highest line to keep, in Hz, both included.
         exclude : iterable of (float, float)
-            Bands within it whose lines are left out, in Hz, both ends included.
+            Bands in Hz, both ends included, whose lines are excluded.
         lines : array_like of float, optional
             Lines to keep, in Hz; each must be a line of the data (to 1e-9 relative). Nothing is
             interpolated.
@@ -359,8 +360,8 @@ class FRF:
         Raises
         ------
         DataError
-            If nothing is left or asked for, a band is not two numbers or holds no line, or a line
-            is not in the data (the nearest are named).
+            If the selection is empty, a band is not two numbers or has no line, or a line is not
+            in the data (the message names the nearest).
         DofError
             If a DOF is not in the data.
         """
@@ -422,13 +423,13 @@ class FRF:
         """Return channels by label: ``frf[responses]`` or ``frf[responses, references]``.
 
         Each of the two is a label (``"3:Z"``; with the opposite sign the values change sign), a
-        pattern (``"3:*"``, ``"*:Z"``; it finds sensors of either sign and leaves their signs), a
-        list of labels and patterns, or ``:`` for all. `band` and `select` choose lines.
+        pattern (``"3:*"``, ``"*:Z"``; it matches sensors of either sign and keeps their signs), a
+        list of labels and patterns, or ``:`` for all. Use `band` or `select` to choose lines.
 
         Parameters
         ----------
         channels : str, Dof, iterable of them, slice, or a pair of these
-            What is chosen.
+            The selected channels.
 
         Returns
         -------
@@ -438,7 +439,7 @@ class FRF:
         Raises
         ------
         DofError
-            If a label or a pattern finds nothing, or something that is none is given.
+            If a label or a pattern matches nothing, or another type is given.
         """
         if not isinstance(channels, tuple):
             channels = (channels, slice(None))
@@ -452,10 +453,10 @@ class FRF:
             references=_chosen(channels[1], self.references, "reference"),
         )
 
-    __iter__ = None  # not a sequence: labels choose, not positions
+    __iter__ = None  # not a sequence: indexed by labels, not by positions
 
     def band(self, low: float, high: float) -> FRF:
-        """Return the lines of a band; `select` does it together with other choices.
+        """Return the lines of a band; see `select` for other selections.
 
         Parameters
         ----------
@@ -475,7 +476,7 @@ class FRF:
         return self.select(band=(low, high))
 
     def _without(self, keep: NDArray[np.intp], band: tuple[float, float]) -> NDArray[np.intp]:
-        """Return positions of lines without those of a band."""
+        """Return the positions of lines without those in a band."""
         low, high = check_band(band)
         rest = keep[(self.freq[keep] < low) | (self.freq[keep] > high)]
         if rest.size == keep.size:
@@ -504,7 +505,7 @@ class FRF:
         Raises
         ------
         DataError
-            If one is not in the data (to 1e-9 relative), or is named twice.
+            If a line is not in the data (to 1e-9 relative), or occurs twice.
         """
         wanted = np.sort(np.atleast_1d(_numbers("lines", lines, np.float64)))
         if wanted.ndim != 1 or wanted.size == 0 or not np.isfinite(wanted).all():
@@ -534,7 +535,7 @@ class FRF:
         Returns
         -------
         xarray.Dataset
-            Variables ``frf`` and, where there are, ``coherence``, ``variance`` and the geometry:
+            Variables ``frf`` and, if present, ``coherence``, ``variance`` and the geometry:
             ``xyz`` in m by ``node``, ``trace`` (lines to draw), ``face`` (faces to draw),
             ``node_axes`` (displacement directions).
         """
@@ -568,18 +569,18 @@ class FRF:
         return out
 
     def to_pandas(self, part: str = "values") -> pd.DataFrame:
-        """Return a table with a row for each line and a column for each channel.
+        """Return a table with one row per line and one column per channel.
 
         Parameters
         ----------
         part : {"values", "coherence", "variance"}
-            What stands in the table.
+            Values of the table.
 
         Returns
         -------
         pandas.DataFrame
             Index: lines in Hz (``freq``); columns: labels of ``response`` and ``reference``. The
-            quantity and the source stand in its ``attrs``.
+            quantity and the source are in its ``attrs``.
 
         Raises
         ------
@@ -606,7 +607,7 @@ class FRF:
 
     @classmethod
     def from_xarray(cls, data: xr.Dataset, *, quantity: str | None = None) -> FRF:
-        """Build from a dataset as `to_xarray` makes it.
+        """Build from a dataset in the form of `to_xarray`.
 
         Parameters
         ----------
@@ -614,7 +615,7 @@ class FRF:
             Variable ``frf`` over the dimensions ``freq`` (Hz), ``response`` and ``reference``
             (labels), in any order.
         quantity : str, optional
-            What was measured, where the dataset does not say.
+            The measured quantity, if the dataset does not give it.
 
         Returns
         -------
@@ -632,7 +633,7 @@ class FRF:
                 raise DataError(
                     f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}"
                 )
-        if quantity is not None:  # one that is none contradicts no dataset
+        if quantity is not None:  # an invalid quantity is reported as such
             check_quantity(quantity)
         said = data.attrs.get("quantity", _quantity_of(data))
         if said is None and quantity is None:
@@ -669,13 +670,13 @@ class FRF:
 
 
 def _listed(dofs: DofSet) -> str:
-    """Return the labels as text, of many the first and their number."""
+    """Return the labels as text; for many labels, the first ones and their number."""
     text = ", ".join(dofs[:_DRAWN].labels)
     return text if len(dofs) <= _DRAWN else f"{text}, ... ({len(dofs)} in all)"
 
 
 def _chosen(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
-    """Return the DOFs that labels and patterns name; None for all."""
+    """Return the DOFs that match labels and patterns; None for all."""
     if isinstance(given, slice):
         if given != slice(None):
             raise DofError(f"{what}s: expected labels or ':' for all, found the slice {given}")
@@ -701,14 +702,14 @@ def _chosen(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
 
 
 def _matches(pattern: str, dof: Dof) -> bool:
-    """Whether a pattern names a DOF, with its sign or without."""
+    """Return whether a pattern matches a DOF, with or without its sign."""
     return fnmatchcase(str(dof), pattern) or fnmatchcase(f"{dof.node}:{dof.direction}", pattern)
 
 
 def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
-    """Return an array of `dtype`; refuse texts, booleans, masks and lost imaginary parts.
+    """Return an array of `dtype`; reject texts, booleans, masks and lost imaginary parts.
 
-    It is a copy unless the array given is immutable and owns its memory.
+    The result is a copy unless the given array is immutable and owns its memory.
     """
     try:
         array = np.asarray(given)
@@ -728,20 +729,20 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
 
 
 def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
-    """Return an attribute of a dataset, out of the array of one that files make of a number."""
+    """Return an attribute of a dataset; files store a number as an array of size one."""
     value = data.attrs.get(name, default)
     single = isinstance(value, np.ndarray | np.generic) and value.size == 1
     return value.item() if single else value
 
 
 def _quantity_of(data: xr.Dataset) -> str | None:
-    """Return the quantity that the unit of the values implies; None if the unit is not known."""
+    """Return the quantity implied by the unit of the values; None if the unit is unknown."""
     found = find_ratio(str(data["frf"].attrs.get("units", "")))
     return found.kind if found else None
 
 
 def _check_units(data: xr.Dataset, quantity: str) -> None:
-    """Refuse units that are not SI."""
+    """Reject units that are not SI."""
     frf = f"m{RATES[check_quantity(quantity)]}/N"
     units: dict[str, tuple[str, Callable[[str], Unit | None]]] = {
         "freq": ("Hz", lambda label: find_unit(label, "frequency")),
@@ -766,12 +767,12 @@ def _check_units(data: xr.Dataset, quantity: str) -> None:
 
 
 def _unit_label(data: xr.Dataset, name: str) -> str:
-    """Return the unit of a variable that the dataset states; empty without one."""
+    """Return the unit of a variable in the dataset; empty if it has none."""
     return str(data[name].attrs.get("units", "")).strip() if name in data.variables else ""
 
 
 def _square(label: str) -> Unit | None:
-    """Return the unit of a variance, the square of a motion per force; None if it is not known."""
+    """Return the unit of a variance, the square of motion per force; None if it is unknown."""
     inner = re.fullmatch(r"\((.+)\)\s*(?:\^2|\*\*2|²)", label)
     found = find_ratio(inner[1]) if inner else None
     return Unit(found.kind, found.factor**2) if found else None
@@ -780,7 +781,7 @@ def _square(label: str) -> Unit | None:
 def _geometry(data: xr.Dataset) -> Geometry | None:
     if "xyz" not in data.variables:
         return None
-    if "node" not in data.variables:  # xarray would make up 0, 1, 2, ...
+    if "node" not in data.variables:  # xarray would create the coordinate 0, 1, 2, ...
         raise DataError("dataset: 'xyz' without 'node', the numbers of the nodes")
     more = {}
     for argument, name in (("lines", "trace"), ("axes", "node_axes"), ("faces", "face")):
@@ -805,7 +806,7 @@ def check_band(band: object) -> tuple[float, float]:
     Raises
     ------
     DataError
-        If it is not two frequencies, the lower one first.
+        If it is not two ascending frequencies.
     """
     array = _numbers("band", band, np.float64)  # type: ignore[arg-type]
     if array.shape != (2,):
@@ -854,7 +855,7 @@ def check_lines(freq: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     DataError
-        If there is none, or one is not finite, negative or out of order.
+        If there is no line, or a line is not finite, negative or not ascending.
     """
     array = _numbers("freq", freq, np.float64)
     if array.ndim != 1 or array.size == 0:

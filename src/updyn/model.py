@@ -5,8 +5,8 @@ eq. 1)::
 
     Z(omega) = sum over groups of  (1 + i gamma) K + i omega C - omega^2 M
 
-A factor on a group's stiffness multiplies its K, and with it the damping gamma K. All damping that
-a group may have is in `updyn.group`.
+A factor on a group's stiffness multiplies its K and thereby the damping gamma K. `updyn.group`
+describes all kinds of damping of a group.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _DENSE_CHECK = 600
 class Model:
     """A structure as a sum of named groups on one set of DOFs.
 
-    Massless DOFs (zero rows of M) and free-free structures (singular K) are normal. Build one with
-    `from_groups`, which looks at the matrices too.
+    Massless DOFs (zero rows of M) and free-free structures (singular K) are allowed. Use
+    `from_groups` to build a model: it also checks the matrices.
 
     Parameters
     ----------
@@ -55,14 +55,14 @@ class Model:
     dofs : DofSet
         The N degrees of freedom.
     geometry : Geometry, optional
-        Where the nodes stand.
+        Positions of the nodes.
     title : str
-        For the record.
+        Title, for documentation.
 
     Raises
     ------
     ModelError
-        If a size does not fit, a name is not usable or a DOF is negative.
+        If a size does not match, a name is invalid or a DOF is negative.
 
     Examples
     --------
@@ -116,14 +116,14 @@ class Model:
         Parameters
         ----------
         groups : mapping of str to Group
-            Parts by name. A name holds no dot and no glob character, as unknowns are called
-            ``name.quantity``.
+            Groups by name. A name must not contain a dot or a glob character, as unknowns are
+            called ``name.quantity``.
         dofs : iterable of str or Dof
             N labels, ``node:direction``, all positive.
         geometry : Geometry, optional
-            Where the nodes stand.
+            Positions of the nodes.
         title : str
-            For the record.
+            Title, for documentation.
 
         Returns
         -------
@@ -133,16 +133,16 @@ class Model:
         Raises
         ------
         ModelError
-            If a size does not fit, a name is not usable, or a DOF has neither stiffness, mass nor
+            If a size does not match, a name is invalid, or a DOF has neither stiffness, mass nor
             damping.
         DofError
-            If a label cannot be read or stands twice.
+            If a label cannot be read or occurs twice.
 
         Warns
         -----
         UpdynWarning
-            If a group's K, M or C is indefinite beyond rounding: physically it stores or loses
-            negative energy. Table rounding is enough to make one so.
+            If a group's K, M or C is indefinite beyond rounding, that is, it stores or dissipates
+            negative energy. Rounded tables are a common cause.
         """
         model = cls(groups, DofSet(dofs), geometry, title)
         model._check_every_dof_is_used()
@@ -188,7 +188,7 @@ class Model:
         return card(f"Model {self.title}".rstrip(), facts, picture, groups)
 
     def _picture(self) -> str:
-        """Return the lines of the geometry as a picture; empty without one."""
+        """Return the lines of the geometry as a picture; empty without a geometry."""
         if self.geometry is None:
             return ""
         return structure(self.geometry.xyz, self.geometry.line_ends)
@@ -234,12 +234,12 @@ class Model:
         return self.structural_at(0.0)
 
     def structural_at(self, freq: float) -> Matrix:
-        """Return D at one line: loss factors with a table are taken from it.
+        """Return D at one frequency, with tabulated loss factors evaluated there.
 
         Parameters
         ----------
         freq : float
-            The line in Hz.
+            Frequency in Hz.
 
         Returns
         -------
@@ -249,7 +249,7 @@ class Model:
         Raises
         ------
         ModelError
-            If the line lies outside a table; the message names the group.
+            If the frequency lies outside a table; the message names the group.
         """
         return self._sum(
             g.stiffness * g.loss_at(freq, name)
@@ -275,12 +275,12 @@ class Model:
         Returns
         -------
         Group
-            The part of that name.
+            The group.
 
         Raises
         ------
         ModelError
-            If there is none; the nearest names are given.
+            If there is no such group; the message gives the nearest names.
         """
         if not isinstance(name, str) or name not in self.groups:
             raise ModelError(f"no group {name!r}; {suggest(str(name), self.groups)}")
@@ -292,20 +292,20 @@ class Model:
         Parameters
         ----------
         changes : mapping of str to mapping of str to float
-            By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what is there (1 =
-            unchanged); ``loss_factor`` and ``stiffness_damping`` (s) are new values, relative to
+            By group: ``stiffness``, ``mass`` and ``viscous`` are factors on the present values (1
+            = unchanged); ``loss_factor`` and ``stiffness_damping`` (s) are new values, relative to
             the changed stiffness, ``mass_damping`` (1/s) to the changed mass.
 
         Returns
         -------
         Model
-            The copy; what is unchanged is shared with this model.
+            The copy; unchanged groups are shared with this model.
 
         Raises
         ------
         ModelError
-            If a group or a quantity is not there, a number is not finite, or a damping coefficient
-            is negative.
+            If a group or a quantity does not exist, a number is not finite, or a damping
+            coefficient is negative.
         """
         if not isinstance(changes, Mapping):
             raise ModelError(
@@ -340,17 +340,17 @@ class Model:
         Parameters
         ----------
         name : str
-            Of the new group.
+            Name of the new group.
         dofs : iterable of str or Dof
             Degrees of freedom of the model.
         between : bool
             False: the element acts between each degree of freedom and the ground, as a mass does.
-            True: it acts between two degrees of freedom; a sign turns the direction of one.
+            True: it acts between two degrees of freedom; a negative sign reverses one direction.
         stiffness, viscous, mass : float
             Size in N/m, N s/m and kg; in N m/rad, N m s/rad and kg m2 for rotations. At least one
             is above 0.
         loss_factor : float
-            Of the stiffness.
+            Loss factor of the stiffness.
 
         Returns
         -------
@@ -360,8 +360,8 @@ class Model:
         Raises
         ------
         ModelError
-            If the name exists or cannot be used, a size is no finite number of at least 0, all are
-            0, or `between` is given with other than two degrees of freedom.
+            If the name exists or is invalid, a size is not a finite number of at least 0, all are
+            0, or `between` is set for a number of degrees of freedom other than two.
         DofError
             If the model does not have one of the degrees of freedom.
 
@@ -402,14 +402,14 @@ class Model:
         return Model({**self.groups, name: group}, self.dofs, self.geometry, self.title)
 
     def with_damping(self, damping: Mapping[str, Mapping[str, Any]]) -> Model:
-        """Return a copy with other damping, such as for a model from a deck without damping.
+        """Return a copy with other damping, for example for a deck without damping.
 
         Parameters
         ----------
         damping : mapping of str to mapping
             By group: ``loss_factor``, ``mass_damping`` (1/s), ``stiffness_damping`` (s) and
-            ``loss_table`` (two rows, lines in Hz and factors on the loss factor; None for none), as
-            for `Group`. What is not named stays.
+            ``loss_table`` (two rows, frequencies in Hz and factors on the loss factor; None for no
+            table), as for `Group`. Other damping is unchanged.
 
         Returns
         -------
@@ -418,7 +418,7 @@ class Model:
         Raises
         ------
         ModelError
-            If a group or a kind of damping is not there, or a value is not usable.
+            If a group or a kind of damping does not exist, or a value is invalid.
         """
         if not isinstance(damping, Mapping):
             raise ModelError(
@@ -463,10 +463,10 @@ def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
 
 
 def _negative(matrix: Matrix) -> str | None:
-    """Return how a matrix is indefinite beyond rounding; None where it is not.
+    """Return how a matrix is indefinite beyond rounding; None if it is not.
 
-    On at most 600 own DOFs the eigenvalues decide. On more, the diagonal and the 2 x 2 minors are
-    looked at, which finds wrong signs but not every indefinite matrix.
+    Up to 600 DOFs, the eigenvalues decide. For more DOFs, only the diagonal and the 2 x 2 minors
+    are checked, which finds wrong signs but not every indefinite matrix.
     """
     own = np.unique(matrix.indices)
     if own.size == 0:
@@ -484,8 +484,8 @@ def _negative(matrix: Matrix) -> str | None:
     upper = matrix.tocoo()
     off = np.flatnonzero(upper.row < upper.col)
     product = diagonal[upper.row[off]] * diagonal[upper.col[off]]
-    # Rounding may lift an entry above the geometric mean of its diagonal entries, or stand beside a
-    # diagonal of 0.
+    # Rounding may raise an entry above the geometric mean of its diagonal entries, or make it
+    # nonzero although its diagonal entry is 0.
     excess = upper.data[off] ** 2 - product - 1e-8 * np.abs(product) - (ROUNDING * largest) ** 2
     if excess.size and excess.max() > 0.0:
         at = off[int(np.argmax(excess))]

@@ -1,4 +1,4 @@
-"""The progress of a fit: a bar on a terminal or in a notebook, plain lines elsewhere."""
+"""Display of the progress of a fit: a bar in a terminal or notebook, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ __all__ = [
     "shown_progress",
 ]
 
-#: Shortest time between plain lines of a stage, in s: between steps, and within one.
+#: Shortest time between plain lines of a stage in s: between steps, and within a step.
 _BETWEEN_STEPS = 1.0
 _WITHIN_STEP = 10.0
-#: How long a stage has to run before the time that it needs is estimated, in s.
+#: Run time of a stage in s before its remaining time is estimated.
 _BEFORE_ESTIMATE = 1.0
-#: Shortest time between two pictures of a bar in a notebook, in s.
+#: Shortest time between two updates of a bar in a notebook, in s.
 _BETWEEN_PICTURES = 0.2
 _BAR_WIDTH = 12
 
 
 class Step(Protocol):
-    """What is shown: `updyn.updating.fit.monitor.Progress` says what the entries are."""
+    """Progress to display; `updyn.updating.fit.monitor.Progress` describes the entries."""
 
     @property
     def stage(self) -> str:
@@ -62,7 +62,7 @@ class Step(Protocol):
 
     @property
     def n_lines(self) -> int:
-        """Lines that a step solves."""
+        """Number of lines solved per step."""
 
     @property
     def accepted(self) -> int:
@@ -70,12 +70,12 @@ class Step(Protocol):
 
 
 def asks_to_stop(answer: object) -> bool:
-    """Return whether what a callback returned asks to stop.
+    """Return whether the return value of a callback asks to stop.
 
     Parameters
     ----------
     answer : object
-        True asks to; False and None do not.
+        The return value: True to stop, False or None to continue.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def asks_to_stop(answer: object) -> bool:
     Raises
     ------
     OptionError
-        If it is anything else, by which work would end that nobody meant to stop.
+        If it is another value, which could stop the work unintentionally.
     """
     if answer is None:
         return False
@@ -99,14 +99,14 @@ def asks_to_stop(answer: object) -> bool:
 # -- stages ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A stage of a run, as far as it is known beforehand.
+    """A stage of a run that is known in advance.
 
     Parameters
     ----------
     name : str
-        How the stage of its progress begins.
+        Prefix of the stage in its progress.
     most_steps : int
-        Largest number of steps; 0 where it is not known.
+        Largest number of steps; 0 if unknown.
     """
 
     name: str
@@ -115,19 +115,19 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Where a run is.
+    """Position of a run in its stages.
 
     Attributes
     ----------
     number, of : int
-        Which stage, counted from 1, of how many; 0 where it is not known.
+        Number of the stage, counted from 1, and number of stages; 0 if unknown.
     name : str
-        Of the stage.
+        Name of the stage.
     share : float
-        Share of the stage that is done, 0 to 1, if it takes its largest number of steps; nan where
-        that is not known.
+        Completed share of the stage, 0 to 1, relative to its largest number of steps; nan if
+        unknown.
     left : float
-        Time that it needs then, in s; nan where that is not known.
+        Remaining time at that rate, in s; nan if unknown.
     """
 
     number: int
@@ -138,28 +138,28 @@ class Where:
 
 
 class StageClock:
-    """Says in which stage a run is, how much of it is done and how long it takes at most.
+    """Clock that estimates the stage of a run, its completed share and its remaining time.
 
     Parameters
     ----------
     stages : sequence of Stage
-        In their order. What is not among them counts with the stage before.
+        The stages in order. Progress of other stages counts for the preceding one.
     """
 
     def __init__(self, stages: Sequence[Stage] = ()) -> None:
         self._stages = tuple(stages)
         self._reached = -1
         self._name = ""
-        # When the stage began, and the lines that had been solved then and at the last call.
+        # Start time of the stage, and the numbers of lines solved then and at the last call.
         self._begun, self._first, self._last = 0.0, 0, 0
 
     def read(self, progress: Step) -> Where:
-        """Return where the run is.
+        """Return the position of the run.
 
         Parameters
         ----------
         progress : Progress
-            What a callback is shown.
+            Argument of a progress callback.
 
         Returns
         -------
@@ -167,7 +167,7 @@ class StageClock:
         """
         found = self._find(progress.stage)
         name = progress.stage if found < 0 else self._stages[found].name
-        restarted = progress.lines_done < self._last  # pieces of other work, counted from 0
+        restarted = progress.lines_done < self._last  # parts of other work, counted from 0
         if name != self._name or restarted:
             self._name, self._begun = name, time.monotonic()
             self._first = 0 if restarted else progress.lines_done
@@ -177,14 +177,14 @@ class StageClock:
         return Where(self._reached + 1, len(self._stages), _short(progress.stage), share, left)
 
     def _find(self, text: str) -> int:
-        """Return the place of a stage; -1 where it is none of those known."""
+        """Return the index of a stage; -1 if it is unknown."""
         for number, stage in enumerate(self._stages):
             if re.match(rf"{re.escape(stage.name)}(?:[ :,]|$)", text):
                 return number
         return -1
 
     def _estimate(self, progress: Step, found: int) -> tuple[float, float]:
-        """Return the share of the stage that is done, and the time left, in s; nan if unknown."""
+        """Return the completed share of the stage and its remaining time in s; nan if unknown."""
         lines = progress.n_lines * self._stages[found].most_steps if found >= 0 else 0
         done = progress.lines_done - self._first
         if not 0 < done <= lines:
@@ -196,7 +196,7 @@ class StageClock:
 
 
 def _short(stage: str) -> str:
-    """Return the name of a stage without its count, which stands before it, and said once."""
+    """Return the name of a stage without its count and without repetition."""
     name, _, inner = re.sub(r" \(\d+ of \d+\)", "", stage).partition(": ")
     return name if inner in ("", name) else f"{name}: {inner}"
 
@@ -210,14 +210,14 @@ def _clock(seconds: float) -> str:
 
 # -- display ---------------------------------------------------------------------------------------
 class ProgressBar:
-    """Shows the progress of a fit: a bar on a terminal, plain lines elsewhere.
+    """Display of the progress of a fit: a bar in a terminal, plain lines elsewhere.
 
     Parameters
     ----------
     console : rich.console.Console
-        Where to write, usually stderr.
+        Console to write to, usually stderr.
     stages : sequence of Stage
-        Of the run, as far as they are known.
+        Known stages of the run.
     """
 
     def __init__(self, console: Console, stages: Sequence[Stage] = ()) -> None:
@@ -229,12 +229,12 @@ class ProgressBar:
         self._task: Any = None
 
     def show(self, progress: Step) -> None:
-        """Show a step, or the lines solved for the next one.
+        """Display a step, or the lines solved for the next step.
 
         Parameters
         ----------
         progress : Progress
-            What a callback is shown.
+            Argument of a progress callback.
         """
         if self._bar is not None:
             self._draw(progress)
@@ -254,7 +254,7 @@ class ProgressBar:
 
     # -- a bar
     def _draw(self, progress: Step) -> None:
-        """Bring the bar up to date."""
+        """Update the bar."""
         where = self._clock.read(progress)
         known = not math.isnan(where.share)
         self._bar.update(
@@ -267,7 +267,7 @@ class ProgressBar:
 
     # -- plain lines
     def _print(self, progress: Step) -> None:
-        """Print a plain line, where one is due."""
+        """Print a plain line if one is due."""
         step = -1 if math.isnan(progress.cost) else progress.accepted
         if not self._is_due(progress.stage, step):
             return
@@ -280,7 +280,7 @@ class ProgressBar:
         self.note(text)
 
     def _is_due(self, stage: str, step: int) -> bool:
-        """Return whether a plain line is printed: the first of a stage, or after a pause."""
+        """Return whether to print a plain line: the first of a stage, or after a pause."""
         shown_stage, shown_step, shown_at = self._shown
         if stage != shown_stage or shown_step < 0 <= step:
             return True
@@ -289,7 +289,7 @@ class ProgressBar:
 
     @contextmanager
     def drawn(self) -> Iterator[None]:
-        """Draw a bar where the console is a terminal that can."""
+        """Draw a bar if the console is a terminal that supports it."""
         if not self.console.is_terminal or self.console.is_dumb_terminal:
             yield
             return
@@ -317,7 +317,7 @@ def _name(where: Where) -> str:
 
 
 def _figures(progress: Step, where: Where) -> list[str]:
-    """Return what stands beside a bar."""
+    """Return the numbers displayed next to a bar."""
     figures = []
     if not math.isnan(progress.cost):
         figures = [f"iteration {progress.accepted}", f"cost {progress.cost:.3g}"]
@@ -327,14 +327,14 @@ def _figures(progress: Step, where: Where) -> list[str]:
 
 
 class NotebookBar:
-    """Shows the progress of a fit below the cell of a notebook.
+    """Display of the progress of a fit below the cell of a notebook.
 
     Parameters
     ----------
     display : callable
         `IPython.display.display`.
     stages : sequence of Stage
-        Of the run, as far as they are known.
+        Known stages of the run.
     """
 
     def __init__(self, display: Callable[..., Any], stages: Sequence[Stage] = ()) -> None:
@@ -343,12 +343,12 @@ class NotebookBar:
         self._last = -math.inf
 
     def show(self, progress: Step) -> None:
-        """Show a step, or the lines solved for the next one.
+        """Display a step, or the lines solved for the next step.
 
         Parameters
         ----------
         progress : Progress
-            What a callback is shown.
+            Argument of a progress callback.
         """
         where = self._clock.read(progress)
         now = time.monotonic()
@@ -358,7 +358,7 @@ class NotebookBar:
             self._handle.update(_Html(_bar(_name(where), where.share, figures)))
 
     def end(self) -> None:
-        """Take the bar away: the result says the rest."""
+        """Remove the bar."""
         self._handle.update(_Html(""))
 
 
@@ -376,7 +376,7 @@ class _Html:
 
 
 def _bar(name: str, share: float, figures: str) -> str:
-    """Return a bar as HTML; of an unknown share an empty one."""
+    """Return a bar as HTML; empty if the share is unknown."""
     done = 0.0 if math.isnan(share) else 100.0 * min(max(share, 0.0), 1.0)
     bar = (
         f'<span style="display:inline-block;width:10em;height:0.7em;margin:0 0.8em;'
@@ -389,17 +389,17 @@ def _bar(name: str, share: float, figures: str) -> str:
 
 @contextmanager
 def shown_progress(stages: Sequence[Stage] = ()) -> Iterator[Callable[[Step], None]]:
-    """Return what shows progress where Python runs: a notebook, a terminal (stderr), a log.
+    """Display progress in a notebook, in a terminal (stderr) or as lines of a log.
 
     Parameters
     ----------
     stages : sequence of Stage
-        Of the run, as far as they are known.
+        Known stages of the run.
 
     Yields
     ------
     callable
-        Shows a step.
+        Function that displays a step.
     """
     display = _notebook_display()
     if display is not None:
@@ -411,14 +411,14 @@ def shown_progress(stages: Sequence[Stage] = ()) -> Iterator[Callable[[Step], No
         return
     from rich.console import Console
 
-    stream = io.StringIO() if sys.stderr is None else None  # closed: nothing to write to
+    stream = io.StringIO() if sys.stderr is None else None  # stderr is closed
     shown = ProgressBar(Console(stderr=stream is None, file=stream), stages)
     with shown.drawn():
         yield shown.show
 
 
 def _notebook_display() -> Callable[..., Any] | None:
-    """Return the function that shows things in a notebook; None where Python runs in no kernel."""
+    """Return the display function of a notebook; None outside a notebook kernel."""
     shell = sys.modules.get("IPython")
     if shell is None or not hasattr(shell.get_ipython(), "kernel"):
         return None
