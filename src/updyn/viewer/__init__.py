@@ -1,4 +1,4 @@
-"""Structures in three dimensions: a scene of plain arrays, and its viewer for pages."""
+"""Interactive 3-D view of structures: a scene of plain arrays, and its viewer for HTML pages."""
 
 from updyn.viewer.bodies import arrows_at, entries_of, model_body, motions, sensor_body
 from updyn.viewer.colourings import by_size

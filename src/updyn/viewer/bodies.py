@@ -1,4 +1,4 @@
-"""Bodies of a scene from models and from measured DOFs, and how they move."""
+"""Bodies of a scene from models and from measured DOFs, and their displacements."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from updyn.viewer.scene import Arrow, Body, Entries
 
 __all__ = ["arrows_at", "entries_of", "model_body", "motions", "sensor_body"]
 
-#: Points on the rim of a disc, how many of them have a spoke, and its radius as a share of the
+#: Number of points on the rim of a disc, spacing of its spokes, and its radius as a fraction of the
 #: diagonal of the structure.
 _RIM = 16
 _SPOKE_EVERY = 4
 _DISC = 0.03
-#: Nodes that a group without lines and faces may have to be marked.
+#: Largest number of nodes for which a group without lines and faces is drawn as squares.
 _LUMPED = 4
 
 
 def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
-    """Return the body of a model: lines, faces, lumped parts, discs where nodes only rotate.
+    """Return the body of a model: lines, faces, lumped parts, and discs at nodes that only rotate.
 
     Parameters
     ----------
     model : Model
-        With a geometry.
+        A model with a geometry.
     dofs : iterable of str or Dof
-        Those of sensors and forces, the nodes of which are kept although nothing is drawn there.
+        DOFs of sensors and forces, whose nodes are kept even if nothing else is drawn there.
 
     Returns
     -------
     Body
-        Without the nodes within solids.
+        The body, without the nodes inside solids.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
     kept = np.zeros(len(geometry.nodes), dtype=np.bool_)
     for at in (lines, faces, points, np.flatnonzero(named), [node for node, _ in turning]):
         kept[np.asarray(at, dtype=np.intp)] = True
-    if not lines.size and not faces.size:  # nodes are all that there is to see
+    if not lines.size and not faces.size:  # draw the nodes, as there is nothing else
         loose = np.setdiff1d(np.arange(len(kept)), points)
         points = np.concatenate([points, loose])
         point_group = np.concatenate([point_group, np.full(len(loose), -1, dtype=np.intp)])
@@ -88,12 +88,12 @@ def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
 
 
 def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
-    """Return the body of measured nodes, with the lines of a geometry between them.
+    """Return the body of the measured nodes, with the lines of a geometry between them.
 
     Parameters
     ----------
     geometry : Geometry
-        Of the test or of the model. Nodes without a position are left out.
+        Geometry of the test or of the model. Nodes without a position are omitted.
     dofs : iterable of str or Dof
         The measured DOFs.
 
@@ -147,7 +147,7 @@ def _is_seen(
     faces: NDArray[np.intp],
     face_group: NDArray[np.intp],
 ) -> NDArray[np.bool_]:
-    """Return which lines are seen: not those of solids that end at a node within them."""
+    """Return which lines are visible, excluding lines of solids that end at an interior node."""
     on_face = np.isin(lines, faces).all(axis=1)
     return np.asarray(on_face | ~np.isin(line_group, face_group[face_group >= 0]))
 
@@ -161,7 +161,7 @@ def _squares(model: Model, groups: NDArray[np.intp]) -> tuple[NDArray[np.intp], 
 
 # -- discs ---------------------------------------------------------------------------------------
 def _only_turning(dofs: DofSet, geometry: Geometry) -> list[tuple[int, NDArray[np.float64]]]:
-    """Return node and axis of each rotation at nodes that have no translation."""
+    """Return (node, axis) of each rotational DOF at nodes without translational DOFs."""
     moving = set(dofs.nodes[dofs.axes < 3].tolist())
     place = {int(node): at for at, node in enumerate(geometry.nodes)}
     out = []
@@ -176,7 +176,7 @@ def _axes(geometry: Geometry, at: int) -> NDArray[np.float64]:
 
 
 def _with_discs(body: Body, turning: list[tuple[int, NDArray[np.float64]]]) -> Body:
-    """Return a body with a disc about each axis: a rim with spokes, which turns."""
+    """Return a body with a disc (a rim with spokes) added around each rotation axis."""
     if not turning:
         return body
     radius = _DISC * float(np.linalg.norm(np.ptp(body.xyz, axis=0))) or 1.0
@@ -211,16 +211,17 @@ def _with_discs(body: Body, turning: list[tuple[int, NDArray[np.float64]]]) -> B
 
 # -- motion --------------------------------------------------------------------------------------
 def entries_of(body: Body, geometry: Geometry, dofs: Iterable[str | Dof]) -> Entries:
-    """Return how the nodes of a body move with DOFs.
+    """Return the map from DOFs to displacements of a body's nodes.
 
     Parameters
     ----------
     body : Body
-        From `model_body` or `sensor_body`.
+        Result of `model_body` or `sensor_body`.
     geometry : Geometry
-        Where the directions of its nodes stand.
+        Geometry with the local axes of the nodes.
     dofs : iterable of str or Dof
-        Signed DOFs; those at other nodes move nothing. A rotation moves the rim of a disc.
+        Signed DOFs. Those at nodes outside the body have no effect. A rotation moves the rim of a
+        disc.
 
     Returns
     -------
@@ -261,14 +262,14 @@ def motions(body: Body, entries: Entries, shapes: ArrayLike) -> NDArray[np.gener
     body : Body
         The body.
     entries : Entries
-        From `entries_of`.
+        Result of `entries_of`.
     shapes : array_like of float or complex, shape (d, s)
-        Shapes as columns, DOF by DOF.
+        Shapes as columns, one row per DOF.
 
     Returns
     -------
     ndarray of float or complex, shape (s, n, 3)
-        In global components.
+        Displacements in global components.
     """
     given = np.asarray(shapes)
     n = len(body.nodes)
@@ -281,14 +282,14 @@ def motions(body: Body, entries: Entries, shapes: ArrayLike) -> NDArray[np.gener
 def arrows_at(
     body: Body, geometry: Geometry, responses: Iterable[str | Dof], references: Iterable[str | Dof]
 ) -> tuple[list[Arrow], list[str]]:
-    """Return arrows of sensors and forces, and the DOFs that have no position.
+    """Return arrows of sensors and forces, and the DOFs without a position.
 
     Parameters
     ----------
     body : Body
-        Where they stand.
+        Body on which the arrows are placed.
     geometry : Geometry
-        Where the directions of its nodes stand.
+        Geometry with the local axes of the nodes.
     responses, references : iterable of str or Dof
         Signed DOFs of sensors and forces.
 
@@ -301,7 +302,7 @@ def arrows_at(
     out: list[Arrow] = []
     missing: dict[str, None] = {}
     for kind, dofs in (("sensor", responses), ("force", references)):
-        # A DOF stands once, however many references share a sensor.
+        # Several references may share a sensor: keep each DOF once.
         for dof in dict.fromkeys(Dof.parse(dof) for dof in dofs):
             axis = DIRECTIONS.index(dof.direction)
             if dof.node not in real or dof.node not in rows:

@@ -1,4 +1,4 @@
-"""Colours of groups by a size: standard deviation, share of strain energy."""
+"""Colours of groups by magnitude, such as standard deviation or share of strain energy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from updyn.viewer.scene import Colouring
 
 __all__ = ["by_size"]
 
-#: Steps of the sequential map.
+#: Number of steps of the sequential colour map.
 _STEPS = 8
 
 
@@ -24,21 +24,21 @@ def by_size(
     by_row: ArrayLike | None = None,
     logarithmic: bool = False,
 ) -> Colouring:
-    """Return a colouring by sizes of one sign, in eight steps.
+    """Return a colouring by nonnegative values, in eight steps.
 
     Parameters
     ----------
     name, unit : str
-        What they are.
+        Name and unit of the values.
     values : array_like of float, shape (g,)
-        By group, at least 0; nan: not known; inf: not determined.
+        Nonnegative values by group; nan for unknown, inf for undetermined.
     groups : sequence of str
         Names of the groups.
     by_row : array_like of float, shape (r, g), optional
-        The same for each row of the modes of the scene.
+        The values for each row of the modes of the scene.
     logarithmic : bool
-        Whether steps are of equal ratio, from the least value to the largest; else of equal
-        difference, from 0.
+        Whether the steps have equal ratios, from the smallest to the largest value; else equal
+        differences, from 0.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def by_size(
 
 
 def _edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.float64]:
-    """Return the limits of the steps, shape (_STEPS + 1,); of zeros alone (2,), of nothing (0,)."""
+    """Return the step limits, shape (_STEPS + 1,); (2,) for zeros only, (0,) without values."""
     known = values[np.isfinite(values)]
     if not known.any():
         return np.zeros(2 if known.size else 0)
@@ -73,7 +73,7 @@ def _edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.floa
 
 
 def _look(name: str, unit: str, size: float, edges: NDArray[np.float64]) -> tuple[int, str]:
-    """Return the step of a size and what is said of it."""
+    """Return the step and the text of a value."""
     if np.isnan(size):
         return -1, ""
     if np.isinf(size):

@@ -1,4 +1,4 @@
-"""A scene as JSON: arrays as base64 of little-endian numbers, shapes in 16 bits."""
+"""A scene as JSON: arrays as base64 of little-endian numbers, shapes as 16-bit integers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from updyn.viewer.scene import Body, Entries, Layer, ModeShapes, OperatingShapes
 
 __all__ = ["FORMAT", "as_json", "embedded_json", "encoded"]
 
-#: Version of the JSON; the script refuses another.
+#: Version of the JSON; the script rejects other versions.
 FORMAT = 1
-#: Largest whole number that a displacement is written as: 1/32767 of the largest is finer than a
-#: pixel.
+#: Integer that represents the largest displacement; a resolution of 1/32767 is finer than a pixel.
 _FINEST = 32767
 
 
 def as_json(scene: Scene) -> str:
-    """Return a scene as JSON that cannot end the script element that holds it.
+    """Return a scene as JSON that is safe inside a script element.
 
     Parameters
     ----------
@@ -36,7 +35,7 @@ def as_json(scene: Scene) -> str:
 
 
 def embedded_json(value: Any) -> str:
-    """Return data as JSON that cannot end the script element that holds it, nor start a comment."""
+    """Return data as JSON that can neither end the enclosing script element nor start a comment."""
     text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -44,7 +43,7 @@ def embedded_json(value: Any) -> str:
 
 
 def encoded(scene: Scene) -> dict[str, Any]:
-    """Return a scene as what JSON holds.
+    """Return a scene as objects that JSON can represent.
 
     Parameters
     ----------
@@ -54,8 +53,8 @@ def encoded(scene: Scene) -> dict[str, Any]:
     Returns
     -------
     dict of str to object
-        Real arrays as base64 of float32, whole ones of int32. Shapes as ``data``, base64 of int16,
-        and ``scale``, which 32767 stands for.
+        Float arrays as base64 of float32, integer arrays as base64 of int32. Shapes as ``data``,
+        base64 of int16, and ``scale``, the value of the integer 32767.
     """
     return {
         "format": FORMAT,
@@ -96,7 +95,7 @@ def _whole(values: ArrayLike) -> str:
 
 
 def _scaled(values: NDArray[np.float64]) -> dict[str, Any]:
-    """Return values as whole numbers of 16 bits with the size of the largest."""
+    """Return values as 16-bit integers, with the value of the largest one."""
     scale = float(np.abs(values).max(initial=0.0))
     finest = np.zeros(values.shape, dtype="<i2")
     if scale > 0.0:
@@ -164,9 +163,9 @@ def _entries(entries: Entries) -> dict[str, Any]:
 
 
 def _reference(reference: Reference) -> dict[str, Any]:
-    """Return the layers of a reference; each line is scaled by its largest value in any of them.
+    """Return the layers of a reference, each line scaled by its largest value in any layer.
 
-    A shape is drawn at one size whatever its level, which the curve tells: the root mean square
+    Shapes are drawn at the same size at every line. The level is in the curve: the root mean square
     over the channels.
     """
     values = [layer.values for layer in reference.layers]

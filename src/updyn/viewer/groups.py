@@ -1,4 +1,4 @@
-"""Which group of a model each line and each face of its geometry belongs to."""
+"""Assignment of the lines and faces of a model's geometry to its groups."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ __all__ = ["groups_of_faces", "groups_of_lines", "nodes_of_groups"]
 def groups_of_lines(model: Model) -> NDArray[np.intp]:
     """Return the group of each line of the model's geometry.
 
-    A line has no group of its own in the model. Its group is the one whose stiffness matrix has the
-    largest entries (their norm) between the degrees of freedom of its two nodes. Where one of the
-    nodes has none, because it is held or follows others, it is the group with the largest entries
-    at the other; where both have none, there is no telling.
+    The model does not store the group of a line. It is determined as the group whose stiffness
+    matrix has the largest norm of the entries between the degrees of freedom of the two nodes. If
+    only one node has degrees of freedom (the other is fixed or a slave), it is the group with the
+    largest entries at that node; if neither has, the group is unknown.
 
     Parameters
     ----------
     model : Model
-        With a geometry of m lines.
+        A model with a geometry of m lines.
 
     Returns
     -------
     ndarray of int, shape (m,)
-        Positions among the model's groups; -1: not known.
+        Positions in the model's groups; -1 if unknown.
     """
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.line_ends)
@@ -38,19 +38,20 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
 def groups_of_faces(model: Model) -> NDArray[np.intp]:
     """Return the group of each face of the model's geometry.
 
-    It is the group whose stiffness matrix ties all nodes of the face, the diagonals among them:
-    that whose weakest tie is the strongest. Nodes without degrees of freedom do not count; where
-    one node is left it is as for lines, and where none is, there is no telling.
+    It is the group whose stiffness matrix couples all pairs of nodes of the face, diagonals
+    included, and whose weakest coupling is the strongest of all groups. Nodes without degrees of
+    freedom are ignored; with one node left the rule for lines applies, with none the group is
+    unknown.
 
     Parameters
     ----------
     model : Model
-        With a geometry of k faces.
+        A model with a geometry of k faces.
 
     Returns
     -------
     ndarray of int, shape (k,)
-        Positions among the model's groups; -1: not known.
+        Positions in the model's groups; -1 if unknown.
     """
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.face_corners)
@@ -89,7 +90,7 @@ def _groups_of_cells(model: Model, cells: NDArray[np.intp]) -> NDArray[np.intp]:
 def _ties(
     group: Group, at: NDArray[np.intp], n: int, wanted: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return squared norms of a stiffness between pairs of nodes (keys a n + b), and of nodes."""
+    """Return squared norms of the stiffness between pairs of nodes (keys a n + b) and at nodes."""
     assert group.stiffness is not None
     K = group.stiffness.tocoo()
     a, b = at[K.row], at[K.col]
@@ -105,7 +106,7 @@ def _ties(
 
 
 def _is_first(cells: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return where a node stands in its cell for the first time: of triangles one stands twice."""
+    """Return which corners are the first occurrence of their node; triangles repeat one node."""
     again = np.zeros(cells.shape, dtype=np.bool_)
     for i, j in combinations(range(cells.shape[1]), 2):
         again[:, j] |= cells[:, i] == cells[:, j]
@@ -115,21 +116,21 @@ def _is_first(cells: NDArray[np.intp]) -> NDArray[np.bool_]:
 def nodes_of_groups(
     model: Model, groups: NDArray[np.intp], most: int
 ) -> dict[int, NDArray[np.intp]]:
-    """Return the nodes of groups that are not drawn as lines: lumped masses, springs to the ground.
+    """Return the nodes of groups that have no lines: lumped masses, springs to the ground.
 
     Parameters
     ----------
     model : Model
-        With a geometry.
+        A model with a geometry.
     groups : ndarray of int
-        Positions among the model's groups.
+        Positions in the model's groups.
     most : int
-        Groups with more nodes than this are left out.
+        Groups with more nodes than this are omitted.
 
     Returns
     -------
     dict of int to ndarray of int
-        By group, positions among the nodes of the geometry.
+        Node positions in the geometry, by group.
     """
     at = _places(model)
     out = {}
@@ -143,7 +144,7 @@ def nodes_of_groups(
 
 
 def _used_dofs(group: Group) -> NDArray[np.intp]:
-    """Return the DOFs with stiffness or mass in a group; without either, those with damping."""
+    """Return the DOFs with stiffness or mass in a group, or with damping if it has neither."""
     used = []
     for matrix in (group.stiffness, group.mass):
         if matrix is not None:
@@ -154,7 +155,7 @@ def _used_dofs(group: Group) -> NDArray[np.intp]:
 
 
 def _places(model: Model) -> NDArray[np.intp]:
-    """Return, for each DOF, the position of its node in the geometry; -1 where it has none."""
+    """Return the position in the geometry of the node of each DOF; -1 if it has none."""
     assert model.geometry is not None
     nodes = model.geometry.nodes
     if not len(nodes):

@@ -30,15 +30,15 @@ def model_scene(
     Parameters
     ----------
     model : Model
-        With a geometry.
+        A model with a geometry.
     modes : Modes, optional
-        From `updyn.modes`: animated.
+        Result of `updyn.modes`, to animate.
     responses, references : iterable of str or Dof
         Sensors and forces, drawn as arrows.
     colourings : sequence of Colouring
-        Colours of the groups.
+        Colourings of the groups.
     title : str, optional
-        None: that of the model.
+        Title; None for that of the model.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def model_scene(
     Raises
     ------
     InputError
-        If the model has no geometry, or a sensor or a force has no position in it.
+        If the model has no geometry, or a sensor or force has no position in it.
     """
     sensors, forces = list(responses), list(references)
     body = model_body(model, [*sensors, *forces])

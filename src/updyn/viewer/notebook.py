@@ -1,4 +1,4 @@
-"""Models in the viewer as notebooks show them: what `updyn.notebook.VIEWERS` loads."""
+"""The viewer as the notebook representation of models, loaded by `updyn.notebook.VIEWERS`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from updyn.viewer.page import html
 
 __all__ = ["model_frame"]
 
-#: Larger models stay a still picture: a notebook keeps the data of every output.
+#: Largest number of nodes of an interactive model, because a notebook stores the data of each
+#: output.
 _MOST_NODES = 20_000
 #: Height of the frame in px.
 _HEIGHT = 440
@@ -21,12 +22,12 @@ def model_frame(model: Model) -> str | None:
     Parameters
     ----------
     model : Model
-        What is shown.
+        The model.
 
     Returns
     -------
     str or None
-        HTML; None where it has no geometry that can be drawn, or a very large one.
+        HTML; None if the model has no geometry to draw, or too many nodes.
     """
     if model.geometry is None or len(model.geometry.nodes) > _MOST_NODES:
         return None

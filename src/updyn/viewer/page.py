@@ -1,4 +1,4 @@
-"""A scene as HTML: a fragment for a page that holds the script, a page, a frame for a notebook."""
+"""A scene as HTML: a fragment of a page, a whole page, or a frame for a notebook."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from updyn.viewer.scene import Scene
 
 __all__ = ["POLICY", "fragment", "html", "page", "script"]
 
-#: Content security policy: the page loads nothing but itself.
+#: Content security policy: the page loads no other resource.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " font-src data:; base-uri 'none'; form-action 'none'"
 )
-#: Of the picture in a separate page: what the window has beside the controls.
+#: Height of the viewer in a separate page: the window without the controls.
 _HEIGHT = "max(300px, 100vh - 150px)"
 _WITHOUT_SCRIPTS = "The viewer is drawn by a script, and scripts are switched off here."
 
 
 @lru_cache(maxsize=1)
 def script() -> str:
-    """Return the viewer as JavaScript, safe inside a script element; ``updynViewer.start()`` draws.
+    """Return the script of the viewer, escaped for a script element; call ``updynViewer.start()``.
 
     Returns
     -------
@@ -37,14 +37,14 @@ def script() -> str:
 
 
 def fragment(scene: Scene, name: str = "updyn-scene") -> str:
-    """Return a scene for a page that holds `script` once, and the tokens of `updyn.style.css`.
+    """Return a scene as HTML for a page that has `script` and the variables of `updyn.style.css`.
 
     Parameters
     ----------
     scene : Scene
-        What is shown.
+        The scene.
     name : str
-        Id of the element that holds the data, unique in the page.
+        Id of the element with the data, unique in the page.
 
     Returns
     -------
@@ -59,12 +59,12 @@ def fragment(scene: Scene, name: str = "updyn-scene") -> str:
 
 
 def page(scene: Scene) -> str:
-    """Return a scene as a separate page, which needs no network and no other file.
+    """Return a scene as a whole page, which needs no network and no other file.
 
     Parameters
     ----------
     scene : Scene
-        What is shown.
+        The scene.
 
     Returns
     -------
@@ -84,19 +84,19 @@ def page(scene: Scene) -> str:
 
 
 def html(scene: Scene, *, height: int = 640) -> str:
-    """Return a scene as a frame for a notebook: sandboxed, and whole when the notebook is exported.
+    """Return a scene as a sandboxed frame for a notebook, complete also in an exported notebook.
 
     Parameters
     ----------
     scene : Scene
-        What is shown.
+        The scene.
     height : int
-        Of the frame, in px.
+        Height of the frame, in px.
 
     Returns
     -------
     str
-        HTML, 0.7 MB and the data of the scene.
+        HTML: 0.7 MB plus the data of the scene.
     """
     title = escape(scene.title or "Structure", quote=True)
     return (

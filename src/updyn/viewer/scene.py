@@ -1,4 +1,4 @@
-"""`Scene`: what a viewer shows, as arrays. Nothing here knows a model or a result."""
+"""`Scene`: the content of a viewer as plain arrays, independent of models and results."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Whole = NDArray[np.intp]
 
-#: Colours of layers: the three of an update, one of a model outside an update, and one of others.
+#: Colours of layers: the three states of an update, a model outside an update, and others.
 ROLES = (*STATES.values(), "plain", "third")
-#: How a layer is drawn: with faces in the colours of the groups, as lines, or as nodes with lines.
+#: Styles of layers: faces in the colours of the groups, lines, or nodes with lines.
 STYLES = ("surface", "wire", "dots")
 
 
@@ -43,30 +43,30 @@ class Body:
     Attributes
     ----------
     name : str
-        Such as ``"model"`` or ``"test"``.
+        Name such as ``"model"`` or ``"test"``.
     nodes : ndarray of int, shape (n,)
-        Node numbers. Those of the rims of discs, which stand last, are the numbers of the nodes
-        that the discs are about.
+        Node numbers. Nodes on the rims of discs come last and have the number of the node at the
+        centre of the disc.
     xyz : ndarray of float, shape (n, 3)
         Positions in m.
     lines : ndarray of int, shape (m, 2)
-        Ends, as positions among the nodes; so are the next two.
+        Ends of the lines, as positions in `nodes`.
     line_group : ndarray of int, shape (m,)
-        Positions in `groups`; -1: none. So are the next two.
+        Groups of the lines, as positions in `groups`; -1 for none.
     faces : ndarray of int, shape (k, 3)
-        Corners of triangles.
+        Corners of triangles, as positions in `nodes`.
     face_group : ndarray of int, shape (k,)
-        Groups of the triangles.
+        Groups of the triangles, as positions in `groups`; -1 for none.
     points : ndarray of int, shape (p,)
-        Nodes that are drawn as squares: lumped masses, springs to the ground.
+        Nodes drawn as squares (lumped masses, springs to the ground), as positions in `nodes`.
     point_group : ndarray of int, shape (p,)
-        Groups of the squares.
+        Groups of the squares, as positions in `groups`; -1 for none.
     groups : tuple of str
-        Names.
+        Names of the groups.
     real : int
-        How many of the nodes are not on the rim of a disc.
+        Number of nodes that are not on the rim of a disc.
     disc : float
-        Radius of the discs in m; they show the rotation of nodes that have no translation.
+        Radius of the discs in m. Discs show the rotation of nodes without translations.
     """
 
     name: str
@@ -114,17 +114,17 @@ class Colouring:
     Attributes
     ----------
     name, unit : str
-        What the colours mean; the unit may be empty.
+        Quantity shown by the colours, and its unit, which may be empty.
     steps : sequence of (str, str)
-        Colour and text of each step of the legend. Colours are names of variables of
-        ``viewer.css`` without their ``--v-``: ``less-4`` to ``more-4``, ``seq-0`` to ``seq-7``,
-        ``same``, ``none``.
+        Colour and text of each step of the legend. Colours are names of variables of ``viewer.css``
+        without their ``--v-``: ``less-4`` to ``more-4``, ``seq-0`` to ``seq-7``, ``same``,
+        ``none``.
     step_of_group : sequence of int
-        Step of each group; -1: ``none``.
+        Step of each group; -1 for ``none``.
     texts : sequence of str
-        What is said of each group when one of its nodes is picked.
+        Text about each group, shown when one of its nodes is selected.
     by_row : sequence of (sequence of int, sequence of str)
-        Steps and texts in their place for each row of the modes, where they differ by mode.
+        Steps and texts for each row of the modes, if they depend on the mode.
     """
 
     name: str
@@ -159,13 +159,13 @@ class Arrow:
     kind : str
         ``"sensor"`` or ``"force"``.
     node : int
-        Position among the nodes.
+        Position in the nodes of the body.
     vector : ndarray of float, shape (3,)
-        Direction, of length 1; of a rotation or a torque its axis.
+        Unit vector of the direction, or of the axis of a rotation or torque.
     rotation : bool
-        Whether it is one.
+        Whether it is a rotation or torque.
     label : str
-        The DOF.
+        Label of the DOF.
     """
 
     kind: str
@@ -182,15 +182,15 @@ class Layer:
     Attributes
     ----------
     name : str
-        Such as ``"updated"``.
+        Name such as ``"updated"``.
     role : str
-        Its colour, one of `ROLES`.
+        Colour, one of `ROLES`.
     style : str
-        One of `STYLES`; ``"surface"`` is for the first body only.
+        One of `STYLES`; ``"surface"`` is allowed for the first body only.
     body : int
-        Which of the bodies of the scene it moves.
+        Position of the animated body in the scene.
     shapes : ndarray of float or complex, shape (s, n, 3)
-        Displacements of its nodes in global components, in a unit that all layers of a row share.
+        Displacements of its nodes in global components, in a unit common to all layers of a row.
     """
 
     name: str
@@ -205,14 +205,14 @@ class Layer:
 
 @dataclass(frozen=True, slots=True)
 class ModeRow:
-    """The shapes that are shown together.
+    """Mode shapes that are shown together.
 
     Attributes
     ----------
     label : str
-        What is shown.
+        Text of the row.
     members : tuple of int
-        For each layer, which of its shapes; -1: it has none.
+        Number of the shape in each layer; -1 for none.
     """
 
     label: str
@@ -221,7 +221,7 @@ class ModeRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeShapes:
-    """Modes of several states, paired.
+    """Paired modes of several states.
 
     Attributes
     ----------
@@ -237,16 +237,16 @@ class ModeShapes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """How the nodes of a body move with the channels that measure them, in sparse form.
+    """The linear map from measurement channels to displacements of a body's nodes, in sparse form.
 
     Attributes
     ----------
     dof : ndarray of int, shape (e,)
         Channel of each entry.
     node : ndarray of int, shape (e,)
-        Node that it moves.
+        Node that the channel moves.
     vector : ndarray of float, shape (e, 3)
-        Displacement of the node for one unit of the channel.
+        Displacement of the node for a unit value of the channel.
     """
 
     dof: _Whole
@@ -261,9 +261,9 @@ class OperatingLayer:
     Attributes
     ----------
     name, role, style : str
-        As of `Layer`.
+        As in `Layer`.
     values : ndarray of complex, shape (n_f, d)
-        FRFs, channel by channel.
+        FRFs, one column per channel.
     """
 
     name: str
@@ -277,14 +277,14 @@ class OperatingLayer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """A force, and what moves under it.
+    """A force and the operating shapes that it excites.
 
     Attributes
     ----------
     name : str
-        Its DOF.
+        Label of its DOF.
     layers : sequence of OperatingLayer
-        The states; of each reference the same.
+        The states, the same for every reference.
     """
 
     name: str
@@ -293,20 +293,20 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OperatingShapes:
-    """Operating deflection shapes along the frequency.
+    """Operating deflection shapes over frequency.
 
     Attributes
     ----------
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     quantity, unit : str
-        Of the FRFs.
+        Quantity and unit of the FRFs.
     body : int
-        Which of the bodies of the scene moves.
+        Position of the animated body in the scene.
     entries : Entries
-        How it moves with the channels.
+        Map from channels to displacements.
     references : sequence of Reference
-        At least one.
+        At least one reference.
     """
 
     freq: _Real
@@ -328,16 +328,16 @@ class OperatingShapes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What a viewer shows.
+    """The content of a viewer.
 
     Attributes
     ----------
     bodies : sequence of Body
-        The structure first; others carry shapes that are known at other nodes, as of a test.
+        The structure, followed by bodies for shapes known at other nodes, such as those of a test.
     title : str
-        For pictures that are saved.
+        Title, used for saved pictures.
     colourings : sequence of Colouring
-        The first is shown first.
+        Colourings; the first one is active at the start.
     arrows : sequence of Arrow
         Sensors and forces on the first body.
     modes : ModeShapes, optional
@@ -345,12 +345,12 @@ class Scene:
     operating : OperatingShapes, optional
         Operating deflection shapes.
     notes : tuple of str
-        What is left out, in sentences for the page around.
+        Sentences about omitted items, for the surrounding page.
 
     Raises
     ------
     InputError
-        If a part names a body, a node, a group or a shape that is not there.
+        If a part refers to a body, node, group or shape that does not exist.
     """
 
     bodies: Sequence[Body]
