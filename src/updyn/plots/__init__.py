@@ -1,8 +1,8 @@
-"""Figures of matplotlib from the objects of updyn: each function takes an object, returns a figure.
+"""Matplotlib figures of updyn objects: each function takes an object and returns a figure.
 
-They draw what an object holds and compute no physics. ``ax=`` takes axes of the caller; without it
-a new figure is made, without pyplot, in the colours and sizes of `updyn.style`. matplotlib is
-loaded with the first figure; ``pip install "updyn[plots]"`` installs it.
+The functions draw the data of an object and compute no physics. Without ``ax=``, a new figure is
+made without pyplot, in the colours and sizes of `updyn.style`. matplotlib is imported with the
+first figure; ``pip install "updyn[plots]"`` installs it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = [
     "synthesis",
 ]
 
-#: What draws plants and loops.
+#: Location of the function that draws plants and loops.
 _BODE = "updyn.control.bode:bode"
 
 
@@ -45,20 +45,21 @@ def plant(
 ) -> Figure:
     """Draw the Bode diagram of a plant with its largest error, or of a loop with its margins.
 
-    Of one channel magnitude and phase are drawn, of several the magnitude of each in a panel. Of a
-    family the range of its magnitudes is shaded.
+    A single channel is drawn with magnitude and phase, several channels with their magnitude in one
+    panel each. For a family, the range of its magnitudes is shaded.
 
     Parameters
     ----------
     found : Plant, PlantFamily, Servo or Loop
-        From `updyn.plant`, `updyn.plant_family` or `updyn.servo`; of the latter the outermost loop
-        is drawn.
+        Result of `updyn.plant`, `updyn.plant_family` or `updyn.servo`; for the latter, the
+        outermost loop is drawn.
     freq : array_like of float, shape (n_f,), optional
-        Lines in Hz; by default dense ones over the band of the plant. A loop has its own.
+        Lines in Hz; by default dense lines over the band of the plant. Must be None for a
+        loop, which has its own lines.
     level : {"log", "dB", "linear"}, optional
-        Scale of the magnitude; by default logarithmic, of a loop dB.
+        Scale of the magnitude; by default dB for a loop, else logarithmic.
     ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw: for magnitude and phase, or one for each channel. None: a new figure.
+        Axes for magnitude and phase, or one for each channel. None for a new figure.
 
     Returns
     -------
@@ -67,7 +68,7 @@ def plant(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or an argument cannot be used.
+        If matplotlib is not installed, or an argument cannot be used.
     DataError
         If lines cannot be used, or there are more than 16 channels.
     """

@@ -37,17 +37,17 @@ __all__ = [
     "phase_axis",
 ]
 
-#: Axes of the caller: one, or one for each panel.
+#: Axes of the caller: one, or one per panel.
 WhichAxes = Any
-#: How magnitudes are drawn.
+#: Scales of magnitudes.
 LEVELS = ("log", "dB", "linear")
-#: Pixels an inch of a figure on screen.
+#: Pixels per inch of a figure on screen.
 _DPI = 100
-#: Cells up to which a map has its values printed.
+#: Largest number of cells of a map whose values are printed.
 _PRINTED_CELLS = 150
-#: Entries up to which there is a legend.
+#: Largest number of legend entries; with more, there is no legend.
 _LEGEND_ENTRIES = 12
-#: Width in px of a letter of the legend, and of a line beside it.
+#: Width in px of a legend letter and of the line sample with its margins.
 _LETTER, _HANDLE = 6.6, 42.0
 
 
@@ -56,7 +56,7 @@ def _points(px: float) -> float:
 
 
 def _settings() -> Any:
-    """Return the look as settings of matplotlib."""
+    """Return the style as matplotlib settings."""
     paper, small = style.PAPER, _points(style.FIGURE_TEXT - 1)
     return {
         "figure.dpi": _DPI,
@@ -92,14 +92,14 @@ def _settings() -> Any:
 
 @cache
 def _figure_class() -> type[Figure]:
-    """Return matplotlib's figure that also shows itself in a notebook, where pyplot is not used."""
+    """Return a matplotlib figure class with a notebook representation, which needs no pyplot."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise OptionError('figures need matplotlib: pip install "updyn[plots]"') from error
 
     class NotebookFigure(Figure):
-        """A figure that shows itself in a notebook."""
+        """A figure that displays itself in a notebook."""
 
         def _repr_png_(self) -> bytes:
             out = io.BytesIO()
@@ -116,9 +116,9 @@ class Canvas:
     Attributes
     ----------
     figure : matplotlib.figure.Figure
-        The whole figure, also where the axes are the caller's.
+        The whole figure, also if the caller owns the axes.
     axes : dict of str to matplotlib.axes.Axes
-        By panel, from the top down.
+        Axes by panel, from top to bottom.
     """
 
     figure: Figure
@@ -126,7 +126,7 @@ class Canvas:
 
     @property
     def first(self) -> Axes:
-        """The first of the axes."""
+        """The axes of the first panel."""
         return next(iter(self.axes.values()))
 
 
@@ -138,28 +138,29 @@ def canvas(
     *,
     share_x: bool = True,
 ) -> Iterator[Canvas]:
-    """Return panels one below the other, in a context with the style of updyn.
+    """Yield panels in one column, in a context with the style of updyn.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes, sequence of them, or None
-        Axes of the caller, for the panels from the first on; None for a new figure.
+        Axes of the caller, assigned to the panels in order; None for a new figure.
     panels : mapping of str to float
-        Names, and shares of the height.
+        Relative height by panel name.
     size : (float, float)
         Width and height of a new figure in px.
     share_x : bool
-        Whether the panels of a new figure have one x axis.
+        Whether the panels of a new figure share the x axis.
 
     Yields
     ------
     Canvas
-        With those panels that there are axes for.
+        The panels for which there are axes.
 
     Raises
     ------
     OptionError
-        If matplotlib is not there, `ax` is no axes, or there are more of them than panels.
+        If matplotlib is not installed, `ax` is not an axes object, or there are more axes than
+        panels.
     """
     new_figure = _figure_class()
     import matplotlib
@@ -181,18 +182,18 @@ def canvas(
 def grid_canvas(
     ax: WhichAxes | None, names: Sequence[str], size: tuple[float, float], columns: int
 ) -> Iterator[Canvas]:
-    """Return panels beside and below each other, in a context with the style of updyn.
+    """Yield panels in a grid, in a context with the style of updyn.
 
     Parameters
     ----------
     ax : sequence of matplotlib.axes.Axes, or None
         One for each panel; None for a new figure.
     names : sequence of str
-        Of the panels, row by row.
+        Names of the panels, row by row.
     size : (float, float)
         Width and height of a panel of a new figure in px.
     columns : int
-        Panels beside each other.
+        Number of columns.
 
     Yields
     ------
@@ -201,7 +202,7 @@ def grid_canvas(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or `ax` is not one for each panel.
+        If matplotlib is not installed, or `ax` does not have one axes object per panel.
     """
     new_figure = _figure_class()
     import matplotlib
@@ -224,7 +225,7 @@ def grid_canvas(
 
 
 def _given(ax: WhichAxes, panels: Sequence[str]) -> list[Axes]:
-    """Return axes of the caller as a list."""
+    """Return the axes of the caller as a list."""
     from matplotlib.axes import Axes
 
     given = [ax] if isinstance(ax, Axes) else list(np.ravel(np.asarray(ax, dtype=object)))
@@ -247,24 +248,25 @@ def _whole(axes: Axes) -> Figure:
 
 # -- magnitude and phase ---------------------------------------------------------------------------
 def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
-    """Return magnitudes as they are drawn.
+    """Return magnitudes on the scale on which they are drawn.
 
     Parameters
     ----------
     values : array_like of complex
-        In their unit.
+        Values in their unit.
     level : {"log", "dB", "linear"}
-        As what.
+        Scale.
 
     Returns
     -------
     ndarray of float
-        In their unit, or in dB relative to 1 of it; nan instead of the logarithm of zero.
+        Magnitudes in the same unit, or in dB relative to 1 unit; nan in place of the logarithm of
+        zero.
 
     Raises
     ------
     OptionError
-        If `level` is none of these.
+        If `level` is not one of these.
     """
     if level not in LEVELS:
         raise OptionError(f"level {level!r}: {suggest(str(level), LEVELS)}")
@@ -276,26 +278,26 @@ def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
 
 
 def level_axis(axes: Axes, name: str, unit: str, level: str) -> None:
-    """Name the y axis of magnitudes, with its unit and scale."""
+    """Label the y axis of magnitudes with its unit, and set its scale."""
     if level == "log":
         log_axis(axes, "y")
     axes.set_ylabel(f"{name} (dB re 1 {unit})" if level == "dB" else f"{name} ({unit})")
 
 
 def phase_axis(axes: Axes) -> None:
-    """Name the y axis of phases from -180 to 180 degrees, and mark its quarters."""
+    """Label the y axis of phases from -180 to 180 degrees, with ticks every 90 degrees."""
     axes.set_ylabel("phase (°)")
     axes.set_ylim(-190.0, 190.0)
     axes.set_yticks([-180, -90, 0, 90, 180])
 
 
 def log_axis(axes: Axes, which: str = "x") -> None:
-    """Make an axis logarithmic, marked at 1, 2 and 5 of each decade where these are few.
+    """Make an axis logarithmic, with ticks at 1, 2 and 5 if it spans few decades.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        With what is drawn on it.
+        Axes that already contain the curves.
     which : {"x", "y"}
         Which axis.
     """
@@ -312,7 +314,7 @@ def log_axis(axes: Axes, which: str = "x") -> None:
 
 # -- names -----------------------------------------------------------------------------------------
 def legend_above(axes: Axes, title: str = "") -> None:
-    """Put a legend above the axes, in as many columns as fit; of many curves only their number."""
+    """Put a legend above the axes, in as many columns as fit, or the number of curves if many."""
     labels = list(map(str, axes.get_legend_handles_labels()[1]))
     if not labels:
         return
@@ -333,7 +335,7 @@ def legend_above(axes: Axes, title: str = "") -> None:
 
 
 def legend_outside(made: Canvas) -> None:
-    """Put the legend of the first of several panels above all of them; of axes given, inside."""
+    """Put the legend of the first panel above all panels; inside it for axes of the caller."""
     handles, labels = made.first.get_legend_handles_labels()
     if made.figure.get_layout_engine() is None or len(made.axes) < len(made.figure.axes):
         made.first.legend()
@@ -342,7 +344,7 @@ def legend_outside(made: Canvas) -> None:
 
 
 def named_rows(axes: Axes, names: Sequence[str]) -> None:
-    """Name the rows of an axis from the top down, smaller where there are many."""
+    """Label the rows of the y axis from top to bottom, in a smaller font for many rows."""
     size = _points(style.FIGURE_TEXT - 1 if len(names) <= 40 else 8)
     axes.set_yticks(range(len(names)), list(names), fontsize=size)
     axes.set_ylim(len(names) - 0.4, -0.6)
@@ -351,7 +353,7 @@ def named_rows(axes: Axes, names: Sequence[str]) -> None:
 
 # -- maps ------------------------------------------------------------------------------------------
 def colour_map(stops: Sequence[str]) -> Colormap:
-    """Return a map of `updyn.style` as one of matplotlib."""
+    """Return a colour map of `updyn.style` as a matplotlib colour map."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("updyn", list(stops)).with_extremes(
@@ -368,22 +370,22 @@ def heat_map(
     signed: bool = False,
     panel: str | None = None,
 ) -> None:
-    """Draw a map of rows and columns with its colour bar, the first row at the top.
+    """Draw a matrix as a colour map with a colour bar, first row at the top.
 
     Parameters
     ----------
     found : Canvas
-        Where.
+        The canvas.
     values : ndarray of float, shape (n_rows, n_columns)
-        From 0 to 1, or from -1 to 1 where `signed`; nan: not known.
+        Values from 0 to 1, or from -1 to 1 if `signed`; nan for unknown values.
     names : (sequence of str, sequence of str)
-        Of rows and columns.
+        Names of rows and columns.
     title : str
-        Of the colour bar, with the unit.
+        Title of the colour bar, with the unit.
     signed : bool
-        Which of the two scales.
+        Whether the scale is -1 to 1.
     panel : str, optional
-        Which panel; the first where not said.
+        Name of the panel; the first one by default.
     """
     axes = found.first if panel is None else found.axes[panel]
     mesh = axes.pcolormesh(
@@ -412,7 +414,7 @@ def heat_map(
 
 
 def _print_values(axes: Axes, values: NDArray[np.float64]) -> None:
-    """Print values in the cells of a map, light on dark ones."""
+    """Print the values in the cells of a map, in a light colour on dark cells."""
     for (i, j), value in np.ndenumerate(values):
         if np.isfinite(value):
             text = f"{value:.2f}".replace("-0.00", "0.00").replace("-", "−")

@@ -1,4 +1,4 @@
-"""Figures of FRFs: magnitude, phase and coherence; computed over measured."""
+"""Figures of FRFs: magnitude, phase and coherence; computed over measured FRFs."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = ["frf", "overlay"]
 
-#: Channels of an overlay at most, and lines up to which the measured ones are points.
+#: Largest number of channels of an overlay, and of measured lines drawn as points.
 _MOST_CHANNELS, _MOST_POINTS = 16, 200
-#: Dashes of the models of an update; other computed curves have those of `DASHES`.
+#: Line styles of the models of an update; other computed curves use `DASHES`.
 _DASHES = {"start": ":", "updated": "-"}
 _FREQUENCY = "frequency (Hz)"
 
@@ -49,18 +49,18 @@ def frf(
     Parameters
     ----------
     *frfs : FRF
-        At least one; all of one quantity. ``frf["3:Z", "1:Z"]`` is one channel of an FRF.
+        At least one FRF, all of one quantity. ``frf["3:Z", "1:Z"]`` is one channel of an FRF.
     labels : sequence of str, optional
-        What the FRFs are called in the legend; by default their source, or their number.
+        Names of the FRFs in the legend; by default their source, or their number.
     level : {"log", "dB", "linear"}
         Scale of the magnitude.
     log_frequency : bool
         Whether the frequency axis is logarithmic.
     coherence : bool
-        Whether to draw coherence, where there is any.
+        Whether to draw the coherence, if known.
     ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw: for the magnitude, then the phase, then the coherence. With fewer axes the
-        latter are left out. None: a new figure.
+        Axes for the magnitude, the phase and the coherence, in this order. With fewer axes, the
+        latter are omitted. None for a new figure.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def frf(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or an option cannot be used.
+        If matplotlib is not installed, or an option cannot be used.
     DataError
         If there is no FRF, or quantities differ.
     """
@@ -98,7 +98,7 @@ def frf(
 
 
 def _channels(made: Canvas, one: FRF, name: str, number: int, level: str) -> int:
-    """Draw the channels of an FRF; return the number of the next curve."""
+    """Draw the channels of an FRF, and return the number of the next curve."""
     size = level_values(one.values, level)
     for i, response in enumerate(one.responses.labels):
         for j, reference in enumerate(one.references.labels):
@@ -119,7 +119,7 @@ def _channels(made: Canvas, one: FRF, name: str, number: int, level: str) -> int
 
 
 def _names(frfs: Sequence[FRF], labels: Sequence[str] | None) -> list[str]:
-    """Return what stands before the channels of each FRF in the legend."""
+    """Return the prefix of the legend entries of each FRF."""
     if labels is not None:
         if isinstance(labels, str) or len(labels) != len(frfs):
             raise OptionError(f"labels: expected {len(frfs)}, one for each FRF, found {labels!r}")
@@ -133,7 +133,7 @@ def _names(frfs: Sequence[FRF], labels: Sequence[str] | None) -> list[str]:
 
 
 def _units(frfs: Sequence[FRF]) -> str:
-    """Return the units of the channels, each once."""
+    """Return the units of the channels, without duplicates."""
     found: dict[str, None] = {}
     for one in frfs:
         for response in one.responses.labels:
@@ -169,24 +169,27 @@ def overlay(
 ) -> Figure:
     """Draw computed FRFs over a measured one, channel by channel.
 
-    Of one channel magnitude and phase are drawn, of several the magnitude of each in a panel.
+    A single channel is drawn with magnitude and phase, several channels with their magnitude in one
+    panel each.
 
     Parameters
     ----------
     measured : FRF or Correlation
-        The measured FRF; or a correlation (`updyn.correlate`), which has the computed one too.
+        The measured FRF, or a correlation (`updyn.correlate`), which also contains the computed
+        one.
     *computed : FRF
-        At the DOFs of the measured one and possibly more; their lines may be others, such as finer
-        ones. The quantity is converted.
+        FRFs at the DOFs of the measured one, and possibly more. Their lines may differ, such as
+        finer ones. The quantity is converted.
     labels : sequence of str, optional
-        What the computed FRFs are called; by default ``computed``, of two ``start`` and
-        ``updated``. Those of these two names have the colours of the report; others have others.
+        Names of the computed FRFs; by default ``computed``, or ``start`` and ``updated`` for two.
+        These two names have the colours of the report; others have different ones.
     level : {"log", "dB", "linear"}
         Scale of the magnitude.
     log_frequency : bool
         Whether the frequency axis is logarithmic.
     ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw. Of one channel: for magnitude and phase. Of several: one for each.
+        Axes for the magnitude and phase of a single channel, or one for each of several channels.
+        None for a new figure.
 
     Returns
     -------
@@ -195,11 +198,11 @@ def overlay(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or an option cannot be used.
+        If matplotlib is not installed, or an option cannot be used.
     DataError
         If there is nothing to compare, or there are more than 16 channels.
     DofError
-        If a DOF of the measured FRF is not in a computed one.
+        If a DOF of the measured FRF is missing in a computed one.
     """
     if isinstance(measured, Correlation):
         computed, measured = (measured.computed, *computed), measured.measured
@@ -258,20 +261,20 @@ def one_channel(
     looks: Mapping[str, Mapping[str, Any]] | None = None,
     agreement: str = "",
 ) -> Figure:
-    """Draw magnitude and phase of the only channel.
+    """Draw magnitude and phase of a single channel.
 
     Parameters
     ----------
     measured : FRF
-        Of one channel.
+        An FRF with one channel.
     fitted : mapping of str to FRF
-        Computed ones, by their names in the legend.
+        Computed FRFs by their name in the legend.
     level, log_frequency, ax
         As for `overlay`.
     looks : mapping of str to mapping, optional
-        Look of each computed curve; None: by its name.
+        Line properties of each computed curve; None to choose them by name.
     agreement : str
-        What is added to the title.
+        Text added to the title.
     """
     looks = _computed_looks(fitted) if looks is None else looks
     with canvas(ax, {"magnitude": 2.2, "phase": 1.0}, (960, 520)) as made:
@@ -311,7 +314,7 @@ def _levels(
 
 
 def _measured_look(n_lines: int) -> dict[str, Any]:
-    """Return the look of what was measured: points, or of many lines a wide line below the rest."""
+    """Return the line properties of measured data: points, or a wide line if there are many."""
     colour = PAPER[STATES["measured"]]
     if n_lines <= _MOST_POINTS:
         return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 3.6}
@@ -319,12 +322,12 @@ def _measured_look(n_lines: int) -> dict[str, Any]:
 
 
 def _shown(n_lines: int) -> dict[str, Any]:
-    """Return what a curve needs to be seen: of a single line a marker, as nothing is connected."""
+    """Return a marker for a curve with a single line, which would otherwise be invisible."""
     return {"marker": "o", "markersize": 5.0} if n_lines == 1 else {}
 
 
 def _computed_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the looks of computed curves: start dotted, updated solid, others as they come."""
+    """Return line properties of computed curves: start dotted, updated solid, others in turn."""
     looks: dict[str, dict[str, Any]] = {}
     others = 0
     for name in names:

@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
 __all__ = ["frac", "mac"]
 
-#: Size in px of a cell, and limits of the height of a map.
+#: Size of a cell, and smallest and largest height of a map, in px.
 _CELL, _LOWEST, _HIGHEST = 30, 280, 900
-#: What `frac` shows, with its name and whether it has a sign.
+#: Criteria of `frac`: name, and whether the criterion is signed.
 _CRITERIA = {"frac": ("FRAC", False), "frf_correlation": ("FRF correlation", True)}
 
 
 def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Figure:
-    """Draw the MAC of computed and measured modes as a map; pairs have a frame.
+    """Draw the MAC of computed and measured modes as a map, with paired modes framed.
 
-    Close modes have one frame together, with the MAC of their subspaces.
+    Close modes share one frame, labelled with their subspace MAC.
 
     Parameters
     ----------
     found : ModeCorrelation or ModeSet
-        From `updyn.correlate`; of modes alone, AutoMAC is drawn.
+        Result of `updyn.correlate`, or modes, for which the AutoMAC is drawn.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; None: a new figure.
+        Axes; None for a new figure.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Fig
     Raises
     ------
     OptionError
-        If matplotlib is not there, or `found` is neither.
+        If matplotlib is not installed, or `found` is of another type.
     """
     subspaces: tuple[Subspace, ...] = ()
     if isinstance(found, ModeSet):
@@ -78,11 +78,12 @@ def frac(found: Correlation, *, criterion: str = "frac", ax: WhichAxes | None = 
     Parameters
     ----------
     found : Correlation
-        From `updyn.correlate`.
+        Result of `updyn.correlate`.
     criterion : {"frac", "frf_correlation"}
-        FRAC, from 0 to 1; or the FRF correlation, from -1 to 1, which sees signs and phase too.
+        FRAC, from 0 to 1; or the FRF correlation, from -1 to 1, which depends also on sign and
+        phase.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; None: a new figure.
+        Axes; None for a new figure.
 
     Returns
     -------
@@ -91,7 +92,7 @@ def frac(found: Correlation, *, criterion: str = "frac", ax: WhichAxes | None = 
     Raises
     ------
     OptionError
-        If matplotlib is not there, or `found` or `criterion` cannot be used.
+        If matplotlib is not installed, or `found` or `criterion` cannot be used.
     """
     if not isinstance(found, Correlation):
         raise OptionError(f"plots.frac: expected a Correlation, found {type(found).__name__}")
@@ -111,7 +112,7 @@ def _frequencies(frequency: np.ndarray) -> list[str]:
 
 
 def _size(shape: tuple[int, ...]) -> tuple[float, float]:
-    """Return width and height of a figure in px that hold a map."""
+    """Return width and height in px of a figure for a map."""
     rows, columns = shape
     height = min(max(130 + _CELL * rows, _LOWEST), _HIGHEST)
     width = min(max(260 + 1.6 * _CELL * columns, 420), 1280)
@@ -130,7 +131,7 @@ def _frame(made: Canvas, top: int, bottom: int, left: int, right: int) -> None:
 
 
 def _label(made: Canvas, block: tuple[int, int, int, int], text: str) -> None:
-    """Print the MAC of subspaces in the middle of their frame, between the cells."""
+    """Print the subspace MAC in the middle of its frame."""
     top, bottom, left, right = block
     made.first.text(
         0.5 * (left + right + 1),

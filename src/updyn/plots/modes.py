@@ -1,4 +1,4 @@
-"""Pictures by which modes are picked: stabilisation diagram, and FRFs synthesised from modes."""
+"""Figures for mode identification: stabilisation diagram, and FRFs synthesised from modes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["stabilisation", "synthesis"]
 
-#: Colour of what the modes are or give, as in the page of ``updyn modes``.
+#: Colour of modes and synthesised FRFs, as in the page of ``updyn modes``.
 _MODES = PAPER["after"]
 
 
@@ -33,14 +33,14 @@ def stabilisation(
     Parameters
     ----------
     modes : ModeSet
-        From `updyn.identify_modes`.
+        Result of `updyn.identify_modes`.
     frf : FRF, optional
-        The measurement, whose complex mode indicator function (CMIF) is drawn behind the poles, on
-        an axis on the right: the singular values of the accelerances at each line.
+        The measurement. Its complex mode indicator function (CMIF), the singular values of the
+        accelerances at each line, is drawn behind the poles with an axis on the right.
     level : {"log", "dB", "linear"}
-        Scale of that.
+        Scale of the CMIF.
     ax : matplotlib.axes.Axes, optional
-        Where to draw. None: a new figure.
+        Axes; None for a new figure.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def stabilisation(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or the modes have no diagram.
+        If matplotlib is not installed, or the modes have no diagram.
     """
     if not isinstance(modes, ModeSet):
         raise OptionError(f"plots.stabilisation: expected a ModeSet, found {type(modes).__name__}")
@@ -87,13 +87,13 @@ def stabilisation(
 
 
 def _points(axes: Axes, x: Any, y: Any, name: str, colour: str, marker: str, size: float) -> None:
-    """Draw marks that are not connected."""
+    """Draw unconnected markers."""
     look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markersize": size}
     axes.plot(x, y, color=colour, label=name, **look)
 
 
 def _behind(axes: Axes, frf: FRF, level: str) -> None:
-    """Draw the mode indicator function behind what the axes show."""
+    """Draw the mode indicator function behind the poles."""
     found = cmif(frf)
     behind = axes.twinx()
     for k in range(found.values.shape[1]):
@@ -119,23 +119,23 @@ def synthesis(
 ) -> Figure:
     """Draw the FRF synthesised from modes over the measured one, with its FRAC.
 
-    The poles of the modes, and residual terms for modes outside the band, are fitted to the FRFs by
+    Residues of the modes, and residual terms for modes outside the band, are fitted to the FRFs by
     least squares (LSFD).
 
     Parameters
     ----------
     modes : ModeSet
-        From `updyn.identify_modes`.
+        Result of `updyn.identify_modes`.
     frf : FRF
-        The measurement. Of several channels the one with the lowest FRAC is drawn, from five
-        half-power bandwidths below the lowest mode to five above the highest one;
-        ``frf["4:Z", "1:Z"]`` chooses another.
+        The measurement. Of several channels, the one with the lowest FRAC is drawn. The FRAC is
+        computed from five half-power bandwidths below the lowest mode to five above the highest
+        one. ``frf["4:Z", "1:Z"]`` chooses another channel.
     level : {"log", "dB", "linear"}
         Scale of the magnitude.
     log_frequency : bool
         Whether the frequency axis is logarithmic.
     ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw: for magnitude and phase. None: a new figure.
+        Axes for magnitude and phase; None for a new figure.
 
     Returns
     -------
@@ -144,9 +144,9 @@ def synthesis(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or an option cannot be used.
+        If matplotlib is not installed, or an option cannot be used.
     DataError
-        If the loss factor of a mode is not known, or there are too few lines.
+        If the loss factor of a mode is unknown, or there are too few lines.
     """
     if not isinstance(modes, ModeSet):
         raise OptionError(f"plots.synthesis: expected a ModeSet, found {type(modes).__name__}")

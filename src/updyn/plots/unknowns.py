@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["identifiability", "parameters"]
 
-#: Outcomes of an unknown: legend and marker.
+#: Legend entry and marker by outcome of an unknown.
 _OUTCOMES: dict[str, tuple[str, dict[str, Any]]] = {
     "determined": ("estimate with its interval", {"marker": "o", "color": PAPER["after"]}),
     "bound": ("estimate at a bound", {"marker": "D", "color": PAPER["before"]}),
@@ -49,17 +49,17 @@ def parameters(
 ) -> Figure:
     """Draw the changes of the unknowns from their start, with confidence intervals.
 
-    Unknowns that start at 0 have no change in percent: their values are drawn in a panel below, one
-    for each kind.
+    Unknowns that start at 0 have no change in percent; their values are drawn in further panels,
+    one for each kind.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
-        From `updyn.update`.
+        Result of `updyn.update`.
     level : float
         Probability that an interval covers the true value.
     ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw, one for each panel; None: a new figure.
+        Axes, one for each panel; None for a new figure.
 
     Returns
     -------
@@ -68,8 +68,8 @@ def parameters(
     Raises
     ------
     OptionError
-        If matplotlib is not there, `result` is none, the level is not between 0 and 1, or `ax` has
-        not one axes for each panel.
+        If matplotlib is not installed, `result` is not the result of an update, the level is not
+        between 0 and 1, or `ax` does not have one axes object per panel.
     """
     _check_result(result, "parameters")
     if not 0.0 < level < 1.0:
@@ -135,12 +135,12 @@ def _estimates(
 
 
 def _drawn(p: Parameter, value: float, percent: bool) -> float:
-    """Return a value as it is drawn: its change in percent, or itself."""
+    """Return a value as drawn: the change in percent, or the value itself."""
     return 100.0 * (value / p.start - 1.0) if percent else value
 
 
 def _bounds(axes: Axes, limits: NDArray[np.float64]) -> None:
-    """Draw the bounds that lie in view, which they do not change."""
+    """Draw the bounds inside the current limits of the x axis, and keep these limits."""
     low, high = axes.get_xlim()
     rows, _ = np.nonzero((limits > low) & (limits < high))
     inside = limits[(limits > low) & (limits < high)]
@@ -168,15 +168,15 @@ def identifiability(
 ) -> Figure:
     """Draw which combinations of the unknowns the data determine.
 
-    The panels: singular values of the scaled Jacobian; the undetermined combinations, as weights
-    by unknown, where there are any; of a result, the correlation of the estimates.
+    The panels show the singular values of the scaled Jacobian; the undetermined combinations as
+    weights by unknown, if there are any; and, for a result, the correlation of the estimates.
 
     Parameters
     ----------
     found : UpdateResult, JointResult or Identifiability
         A result, or its ``identifiability``.
     ax : matplotlib.axes.Axes or sequence of them, optional
-        Where to draw, for the panels from the first on; None: a new figure.
+        Axes, assigned to the panels in order; None for a new figure.
 
     Returns
     -------
@@ -185,7 +185,7 @@ def identifiability(
     Raises
     ------
     OptionError
-        If matplotlib is not there, or `found` is none of these.
+        If matplotlib is not installed, or `found` is none of these types.
     """
     matrix = None
     names: list[str] = []
@@ -236,7 +236,7 @@ def _words(name: str) -> str:
 
 
 def _singular_values(axes: Axes, ident: Identifiability) -> None:
-    """Draw the singular values, determined and undetermined ones apart."""
+    """Draw the singular values, determined and undetermined ones with different markers."""
     values = np.array(ident.singular_values, dtype=np.float64)
     positive = values[values > 0]
     foot = float(positive.min()) / 10.0 if positive.size else 1e-16
