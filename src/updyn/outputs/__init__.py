@@ -1,8 +1,8 @@
-"""What updyn writes into a folder: it replaces only its own files, and a set of them as one.
+"""Writing of results: updyn replaces only its own files, and a set of files at once.
 
-``manifest.json`` in the folder lists each file that updyn wrote there, with the id of its run and
-its SHA-256 digest. A file that is not listed, or that has been changed since, is a user's: it is
-neither replaced nor removed (`updyn.outputs.manifest`). A lock keeps a second process out
-(`updyn.outputs.lock`). New files are written beside the old ones and take their places together; an
-interrupted switch is completed by the next process (`updyn.outputs.switch`).
+``manifest.json`` in a folder lists each file that updyn wrote there, with the id of its run and its
+SHA-256 digest. A file that is not listed, or that has changed since, belongs to a user and is
+neither replaced nor removed (`updyn.outputs.manifest`). A lock excludes a second process
+(`updyn.outputs.lock`). New files are written next to the old ones and replace them together; the
+next process completes an interrupted switch (`updyn.outputs.switch`).
 """

@@ -1,4 +1,4 @@
-"""One writer a folder: a lock that ends with its process, however that ends."""
+"""Folder lock for a single writer, released by the system when its process ends."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from updyn.errors import FormatError, InputError, UpdynWarning
 
 __all__ = ["LOCK", "InUseError", "locked", "release_all"]
 
-#: The file that is locked. The system drops a lock when its process ends; the file says whose it
-#: is, and one that a killed process left behind locks nothing.
+#: Name of the locked file. The system drops a lock when its process ends. The file names the owner;
+#: a file left by a killed process is not locked.
 LOCK = ".updyn.lock"
 _START = "updyn process "
-#: What the system says of a lock that another process holds.
+#: Error codes of a lock held by another process.
 _HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
-#: Lock files of this process, removed where it ends without unwinding.
+#: Lock files of this process, removed if it ends without unwinding.
 _ours: set[Path] = set()
 
 
@@ -35,7 +35,7 @@ if sys.platform == "win32":
 
     def _lock(number: int) -> None:
         """Lock an open file, or raise OSError at once."""
-        os.lseek(number, 1 << 30, os.SEEK_SET)  # the text at the start stays readable
+        os.lseek(number, 1 << 30, os.SEEK_SET)  # keep the text at the start readable
         msvcrt.locking(number, msvcrt.LK_NBLCK, 1)
         os.lseek(number, 0, os.SEEK_SET)
 
@@ -49,24 +49,24 @@ else:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes, and other threads, that would write to it.
+    """Lock a folder against writing by other processes and threads.
 
     Parameters
     ----------
     folder : Path
-        It exists.
+        An existing folder.
 
     Raises
     ------
     InUseError
-        If it is locked; the process is named.
+        If it is locked; the message names the process.
     FormatError
-        If the lock file cannot be written, or is a user's.
+        If the lock file cannot be written, or belongs to a user.
 
     Warns
     -----
     UpdynWarning
-        If the file system knows no locks.
+        If the file system does not support locks.
     """
     path = folder / LOCK
     number = _acquired(path)
@@ -75,7 +75,7 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         _ours.discard(path)
-        if sys.platform == "win32":  # an open file cannot be removed there
+        if sys.platform == "win32":  # Windows cannot remove an open file
             os.close(number)
             with suppress(OSError):
                 path.unlink()
@@ -86,14 +86,14 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def release_all() -> None:
-    """Remove the lock files of this process, which is about to end without unwinding."""
+    """Remove the lock files of this process before it ends without unwinding."""
     for path in tuple(_ours):
         with suppress(OSError):
             path.unlink()
 
 
 def _acquired(path: Path) -> int:
-    """Return the descriptor of the locked file."""
+    """Return the file descriptor of the locked file."""
     while True:
         with ExitStack() as refused:
             number = _opened(path)
@@ -102,11 +102,11 @@ def _acquired(path: Path) -> int:
             if _is_still(number, path):
                 refused.pop_all()
                 return number
-            # else its owner has just removed it
+            # else the owner has just removed the file: try again
 
 
 def _opened(path: Path) -> int:
-    """Open the lock file, made where there is none; one of a user is refused."""
+    """Open the lock file, creating it if missing; raise an error for a user's file."""
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
     except OSError as error:
@@ -119,7 +119,7 @@ def _opened(path: Path) -> int:
 
 
 def _take(number: int, path: Path) -> None:
-    """Lock an open file and write whose it is."""
+    """Lock an open file and write the owner into it."""
     try:
         _lock(number)
     except OSError as error:
@@ -142,13 +142,13 @@ def _take(number: int, path: Path) -> None:
 
 
 def _text(number: int) -> str:
-    """Return the start of an open file."""
+    """Return the start of an open file as text."""
     os.lseek(number, 0, os.SEEK_SET)
     return os.read(number, 256).decode("utf-8", "replace")
 
 
 def _is_still(number: int, path: Path) -> bool:
-    """Return whether the name is still that of the open file."""
+    """Return whether the path still refers to the open file."""
     try:
         return os.path.samestat(os.fstat(number), path.stat())
     except FileNotFoundError:

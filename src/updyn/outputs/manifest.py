@@ -1,4 +1,4 @@
-"""``manifest.json``: which files of a folder updyn wrote, so that it may replace them."""
+"""``manifest.json``: the files that updyn wrote into a folder, and may therefore replace."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ __all__ = [
     "obstacles",
 ]
 
-#: Name of the file.
+#: Name of the manifest.
 MANIFEST = "manifest.json"
-#: Fixed names of files that the commands write into a folder of results or into the folder of a
-#: test in it. A manifest can be copied or forged: files of other names are not removed for it.
+#: Fixed names of the files that commands write into a results folder or a test's folder in it. A
+#: manifest can be copied or forged, so files with other names are never removed because of it.
 OUTPUT_NAMES = frozenset(
     {
         "model.h5",
@@ -55,7 +55,7 @@ OUTPUT_NAMES = frozenset(
         ),
     }
 )
-#: Folders above an output: none, or that of a test.
+#: Largest number of folders above an output: the folder of a test.
 _DEEPEST = 1
 FORMAT, SCHEMA = "updyn manifest", 1
 _ABOUT = (
@@ -90,24 +90,24 @@ class Manifest:
     Attributes
     ----------
     entries : mapping of str to Entry
-        By path relative to the folder, with slashes.
+        Entries by path relative to the folder, with slashes.
     """
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
 
     @classmethod
     def read(cls, folder: Path) -> Manifest:
-        """Return the manifest of a folder; one without entries where there is no file.
+        """Return the manifest of a folder; an empty one if there is no file.
 
         Parameters
         ----------
         folder : Path
-            It need not exist.
+            The folder, which need not exist.
 
         Raises
         ------
         FormatError
-            If the file is no manifest of updyn.
+            If the file is not a manifest of updyn.
         """
         path = folder / MANIFEST
         if not path.exists() and not path.is_symlink():
@@ -139,14 +139,14 @@ class Manifest:
         write_json(content, folder / MANIFEST)
 
     def obstacle(self, folder: Path, name: str) -> str:
-        """Return why a file may be neither replaced nor removed; empty where it may.
+        """Return the reason why a file must not be replaced or removed; empty if it may.
 
         Parameters
         ----------
         folder : Path
             The folder of the manifest.
         name : str
-            Path of the file relative to it.
+            Path of the file relative to the folder.
         """
         entry = self.entries.get(name)
         return obstacle(folder, name, () if entry is None else (entry.sha256,))
@@ -158,7 +158,7 @@ def _files(content: Any) -> Mapping[str, Any]:
     Raises
     ------
     ValueError
-        If it is none.
+        If the content is not a manifest.
     """
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ValueError(f"expected 'format': {FORMAT!r}")
@@ -174,7 +174,7 @@ def _files(content: Any) -> Mapping[str, Any]:
 
 
 def _why(error: Exception) -> str:
-    """Return what is wrong with a file, in short."""
+    """Return a short description of a read error."""
     if isinstance(error, OSError):
         return str(error.strerror)
     return str(error) or type(error).__name__
@@ -186,7 +186,7 @@ def is_inside(name: str) -> bool:
     Parameters
     ----------
     name : str
-        With slashes.
+        Path with slashes.
     """
     parts = PurePosixPath(name).parts
     plain = bool(parts) and ".." not in parts and not PurePosixPath(name).is_absolute()
@@ -194,7 +194,7 @@ def is_inside(name: str) -> bool:
 
 
 def is_output(name: str) -> bool:
-    """Return whether a file has a fixed output name of the commands, not one that a job chose.
+    """Return whether a file has a fixed output name of the commands, not a name chosen in a job.
 
     Parameters
     ----------
@@ -219,16 +219,16 @@ def file_digest(path: Path) -> str:
 
 
 def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
-    """Return why a file may be neither replaced nor removed; empty where it may.
+    """Return the reason why a file must not be replaced or removed; empty if it may.
 
     Parameters
     ----------
     folder : Path
         The folder.
     name : str
-        Path of the file relative to it.
+        Path of the file relative to the folder.
     digests : iterable of str
-        Of the contents that may be replaced.
+        Digests of the contents that may be replaced.
     """
     path = folder / name
     for parent in reversed(PurePosixPath(name).parents[:-1]):
@@ -252,24 +252,24 @@ def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
 
 
 def obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Return which files of a folder may not be replaced, and why.
+    """Return the files of a folder that must not be replaced, with the reasons.
 
     Parameters
     ----------
     folder : Path
-        It need not exist.
+        The folder, which need not exist.
     names : iterable of str
-        Paths relative to it.
+        Paths relative to the folder.
 
     Returns
     -------
     dict of str to str
-        Reasons by name; empty where all may be written.
+        Reasons by name; empty if all may be written.
 
     Raises
     ------
     FormatError
-        If ``manifest.json`` is another file.
+        If ``manifest.json`` is not a manifest of updyn.
     """
     manifest = Manifest.read(folder)
     reasons = {name: manifest.obstacle(folder, name) for name in names}

@@ -1,11 +1,12 @@
-"""Files of a folder, replaced as one.
+"""Atomic replacement of a set of files in a folder.
 
-All files are first written to ``.unfinished-ID``. Once they are on disk, with a plan of the switch,
-that folder is renamed to ``.finished-ID``; from then on the new set counts. Its files are then
-moved to their places, and files of the old set that have no successor removed. After a kill or a
-loss of power, the next process completes what is in ``.finished-ID`` (`recover`), and removes
-``.unfinished-ID``: the folder holds the whole old or the whole new set. The plan has digests of old
-and new files, so that a file that a user has put there meanwhile is kept.
+All files are first written to ``.unfinished-ID``. When they are on disk, together with a plan of
+the switch, that folder is renamed to ``.finished-ID``; from then on the new set is valid. Its files
+are then moved to their places, and files of the old set without a successor are removed. After a
+kill or a power failure, the next process completes ``.finished-ID`` (`recover`) and removes
+``.unfinished-ID``, and the folder contains either the whole old or the whole new set. The plan
+contains digests of old and new files, which protect files that a user has put there in the
+meantime.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ from updyn.outputs.manifest import (
 
 __all__ = ["PLAN", "create_folder", "open_folder", "recover", "replaced"]
 
-#: Name of the plan in the folder of a set; it tells such a folder from one of a user.
+#: Name of the plan in the folder of a set, which distinguishes such a folder from a user's.
 PLAN = ".updyn.switch"
-#: How the name of a file ends that saves the work under way.
+#: Suffix of the files that save the work in progress.
 _JOURNAL = ".journal"
 _NAME = re.compile(r"\.(unfinished|finished)-[0-9a-f]{16}")
 
@@ -47,13 +48,13 @@ _NAME = re.compile(r"\.(unfinished|finished)-[0-9a-f]{16}")
 # -- the folder ------------------------------------------------------------------------------------
 @contextmanager
 def open_folder(folder: Path) -> Iterator[None]:
-    """Make a folder where there is none, lock it, and complete what was interrupted there.
+    """Create a folder if missing, lock it, and complete an interrupted switch in it.
 
     Parameters
     ----------
     folder : Path
-        The folder. If the block raises, it and its parents are removed again where they were made
-        here and are empty.
+        The folder. If the block raises, the folder and its parents are removed again, if they were
+        created here and are empty.
 
     Raises
     ------
@@ -67,7 +68,7 @@ def open_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def create_folder(folder: Path) -> Iterator[None]:
-    """Create a folder and its parents; remove those again that are empty when the block raises.
+    """Create a folder and its parents; if the block raises, remove those of them that are empty.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def create_folder(folder: Path) -> Iterator[None]:
 
 def _remove_empty(folders: Iterable[Path]) -> None:
     """Remove folders, innermost first, up to the first that is not empty."""
-    with suppress(OSError):  # not empty: it holds the journal of a run that was interrupted
+    with suppress(OSError):  # not empty: it holds the journal of an interrupted run
         for folder in folders:
             folder.rmdir()
 
@@ -92,28 +93,28 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 # -- a new set -------------------------------------------------------------------------------------
 @contextmanager
 def replaced(folder: Path, command: str, names: Collection[str] = ()) -> Iterator[Path]:
-    """Yield a folder to write a set of files to; at the end they take their places together.
+    """Yield a folder to write a set of files to; at the end, they replace the old set together.
 
     Parameters
     ----------
     folder : Path
-        Where the files belong; it is locked.
+        Destination of the files; it is locked.
     command : str
-        What writes them, for the manifest.
+        Name of the command that writes them, for the manifest.
     names : collection of str
-        Files of the set, in the order in which they appear; one that is not written is removed from
-        `folder`. What is written besides belongs to the set, too.
+        Files of the set, in the order in which they appear. A file that is not written is removed
+        from `folder`. Further files that are written belong to the set, too.
 
     Yields
     ------
     Path
-        An empty folder inside `folder`, but for a hidden plan.
+        A folder inside `folder`, empty except for a hidden plan.
 
     Raises
     ------
     InputError
-        If a file that updyn did not write has come up under a name of the set. The new set is kept
-        in a separate folder then, which the message names.
+        If a file that updyn did not write has appeared under a name of the set. The new set is then
+        kept in a separate folder, which the message names.
     """
     run = secrets.token_hex(8)
     staging = folder / f".unfinished-{run}"
@@ -129,15 +130,14 @@ def replaced(folder: Path, command: str, names: Collection[str] = ()) -> Iterato
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """How a new set takes its place.
+    """The plan of a switch to a new set of files.
 
     Attributes
     ----------
     moved : dict of str to list
-        By name, in their order, the digests of the file to be replaced (None where there is none)
-        and of the new one.
+        Digests of the file to replace (None if missing) and of the new file, by name, in order.
     removed : dict of str to str
-        By name, the digest of a file that goes.
+        Digest of each file to remove, by name.
     """
 
     moved: dict[str, list[str | None]]
@@ -145,7 +145,7 @@ class _Plan:
 
 
 def _commit(staging: Path, folder: Path, run: str, command: str, names: Collection[str]) -> None:
-    """Put the files of a finished set into their places."""
+    """Move the files of a complete set to their places."""
     found = [p.relative_to(staging).as_posix() for p in staging.rglob("*") if p.is_file()]
     written = [name for name in names if name in found]
     written += sorted(set(found) - {*names, PLAN})
@@ -175,7 +175,7 @@ def _commit(staging: Path, folder: Path, run: str, command: str, names: Collecti
 def _set_aside(
     staging: Path, folder: Path, run: str, new: dict[str, Entry], wrong: dict[str, str]
 ) -> None:
-    """Keep a set that cannot take its place in a separate folder, and say so."""
+    """Move a set that cannot replace the old one to a separate folder, and raise an error."""
     aside = folder / f"results-{run}"
     Manifest(MappingProxyType(new)).write(staging)
     staging.rename(aside)
@@ -185,12 +185,12 @@ def _set_aside(
 
 
 def _digest_of(path: Path) -> str | None:
-    """Return the digest of a file; None where there is none."""
+    """Return the digest of a file; None if there is no file."""
     return file_digest(path) if path.is_file() else None
 
 
 def _sync(folder: Path) -> None:
-    """Wait until the files of a folder, and of those in it, are on disk."""
+    """Flush the files of a folder and its subfolders to disk."""
     for path in folder.rglob("*"):
         if path.is_dir():
             sync_folder(path)
@@ -202,7 +202,7 @@ def _sync(folder: Path) -> None:
 
 # -- the switch ------------------------------------------------------------------------------------
 def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
-    """Move and remove what a plan says, as far as it has not been done."""
+    """Move and remove the files of a plan, as far as not yet done."""
     touched = {folder}
     for name in plan.moved:
         source, target = finished / name, folder / name
@@ -227,19 +227,19 @@ def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
 
 
 def recover(folder: Path) -> None:
-    """Complete or remove what processes that were killed have left in a folder.
+    """Complete or remove the interrupted switches that killed processes left in a folder.
 
     Parameters
     ----------
     folder : Path
-        It need not exist.
+        The folder, which need not exist.
 
     Raises
     ------
     InUseError
-        If a process that is alive is about to replace the files.
+        If a running process is about to replace the files.
     InputError
-        If a file that updyn did not write has come up under a name of the new set.
+        If a file that updyn did not write has appeared under a name of the new set.
     """
     found = list(_left(folder)) if folder.is_dir() else []
     if not found:
@@ -253,17 +253,17 @@ def recover(folder: Path) -> None:
 
 
 def _left(folder: Path) -> Iterator[Path]:
-    """Yield the folders of sets that have not taken their places."""
+    """Yield the folders of interrupted switches."""
     for path in folder.iterdir():
         if _NAME.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
             yield path
 
 
 def _recover(folder: Path) -> None:
-    """Complete or remove what was interrupted in a folder that is locked."""
+    """Complete or remove interrupted switches in a locked folder."""
     for path in sorted(_left(folder)):
         if not (path / PLAN).is_file():
-            _remove_empty([path])  # of ours only where it is empty
+            _remove_empty([path])  # an empty folder may be ours; keep any other
         elif path.name.startswith(".unfinished-"):
             _discard(path)
         else:
@@ -274,7 +274,7 @@ def _recover(folder: Path) -> None:
 
 
 def _discard(staging: Path) -> None:
-    """Remove the folder of a set, the plan that tells it from a user's last."""
+    """Remove the folder of a set; its plan, which identifies it, is removed last."""
     for path in staging.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
@@ -285,7 +285,7 @@ def _discard(staging: Path) -> None:
 
 
 def _read_plan(finished: Path) -> _Plan:
-    """Return the plan of a switch that was interrupted."""
+    """Return the plan of an interrupted switch."""
     path = finished / PLAN
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
@@ -300,7 +300,7 @@ def _read_plan(finished: Path) -> _Plan:
 
 
 def _is_pair(digests: Any) -> bool:
-    """Return whether a value is a list of an old digest, or None, and a new one."""
+    """Return whether a value is a list of an old digest (or None) and a new one."""
     return isinstance(digests, list) and list(map(type, digests)) in ([type(None), str], [str, str])
 
 
@@ -312,10 +312,10 @@ def _is_free(name: str) -> bool:
 
 
 def _check(finished: Path, folder: Path, plan: _Plan) -> None:
-    """Check that no file of a user has come up under a name of an interrupted switch.
+    """Check that no user's file has appeared under a name of an interrupted switch.
 
-    The plan may be forged: the digest that it states of an old file counts only for the fixed names
-    of outputs (`is_output`) and for the manifest.
+    The plan may be forged: its digests of old files are accepted only for the fixed names of
+    outputs (`is_output`) and for the manifest.
     """
     wrong: dict[str, str] = {}
     for name, (before, after) in plan.moved.items():
