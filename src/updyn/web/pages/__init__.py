@@ -1,4 +1,4 @@
-"""The pages of the window: one module each, and a line in `PAGES`."""
+"""The pages of the app: one module each, and an entry in `PAGES`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from updyn.web.workspace import Workspace
 
 __all__ = ["PAGES", "add_pages"]
 
-#: The pages by their address: name, and function that fills it.
+#: The pages by address: name, and function that fills the page.
 PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/": ("Start", start.show),
     "/job": ("Job file", job.show),
@@ -34,7 +34,7 @@ PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/plant": ("Plant", task_page("plant")),
 }
 _MOST_MODES = 100
-#: A written page may run its own script and nothing else, and cannot ask this server for anything.
+#: A written page may run its own script only, and cannot send requests to this server.
 _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
 
@@ -57,7 +57,7 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
         try:
             content = workspace.ask(structure, modes)
         except UpdynError as error:
-            return _plain(str(error), 200)  # the page around it says the same
+            return _plain(str(error), 200)  # the surrounding page shows the same message
         return _sandbox_page(content, workspace.theme)
 
     @app.get("/embedded/page/{name:path}")
@@ -80,7 +80,7 @@ def _sandbox_page(page: str, theme: str) -> HTMLResponse:
 
 
 def _plain(text: str, status: int = 404) -> HTMLResponse:
-    """Return a text as a page that replaces a page that cannot be shown."""
+    """Return a page with a text, for a page that cannot be shown."""
     head = (
         '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
         '<meta name="color-scheme" content="light dark">'

@@ -26,23 +26,23 @@ _DARK = {"auto": None, "light": False, "dark": True}
 def add_frame(
     workspace: Workspace, places: Mapping[str, str], here: str, fill: Callable[[Workspace], Any]
 ) -> Callable[[], Awaitable[None]]:
-    """Return a page with its frame.
+    """Return a function that builds a page with its frame.
 
     Parameters
     ----------
     workspace : Workspace
         The shared state.
     places : mapping of str to str
-        Names of the pages by their place.
+        Names of the pages by address.
     here : str
-        The place of this one.
+        Address of this page.
     fill : callable
-        Makes its content.
+        Builds the content.
 
     Returns
     -------
     callable
-        Makes the page.
+        Builds the page.
     """
 
     async def page() -> None:
@@ -68,7 +68,7 @@ def add_frame(
 
 
 def _theme(workspace: Workspace) -> None:
-    """Offer the look of the pages."""
+    """Show a menu for light or dark pages."""
 
     def chosen(theme: str) -> Callable[[], None]:
         def choose() -> None:
@@ -132,7 +132,7 @@ def _job_bar(workspace: Workspace) -> None:
 def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
     """Call a function whenever a value has changed, also by another tab or a run.
 
-    It has to be called before the value is shown, to detect changes in the meantime.
+    Call this before the value is shown, to detect later changes.
 
     Parameters
     ----------
@@ -154,9 +154,9 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
 
 
 def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
-    """Show other options in an existing chart.
+    """Update the options of an existing chart.
 
-    A rebuilt chart might be removed before the browser has drawn it, which causes an error of the
+    A rebuilt chart might be removed before the browser has drawn it, which causes an error in the
     browser.
 
     Parameters
@@ -238,16 +238,16 @@ async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
 
 
 def embed_page(place: str, title: str, height: str) -> None:
-    """Show another page within this one; it can reach this one only by messages.
+    """Show another page in a frame; it can reach this page only by messages.
 
     Parameters
     ----------
     place : str
-        Its address on this server.
+        Address on this server.
     title : str
-        Its title, for screen readers.
+        Title, for screen readers.
     height : str
-        In the units of style sheets.
+        Height in CSS units.
     """
     frame = ui.element("iframe").classes("w-full").style(f"height: {height}; border: 0")
     frame._props.update(src=place, title=title)

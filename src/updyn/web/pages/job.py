@@ -1,4 +1,4 @@
-"""The page Job file: its text and its faults."""
+"""The page Job file: its text and its errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["no_job", "show", "troubles"]
 
 
 def no_job(workspace: Workspace) -> bool:
-    """Return whether no job is open, and show this.
+    """Return whether no job is open; if so, show a message.
 
     Parameters
     ----------

@@ -22,9 +22,9 @@ _MODES = [
     {"name": "frequency", "label": "frequency (Hz)", "field": "frequency"},
     {"name": "damping", "label": "loss factor (1)", "field": "damping"},
 ]
-#: Channels that are drawn at once, and points of each.
+#: Largest number of channels drawn at once, and number of points of each.
 _MOST_CHANNELS, _FEW_POINTS = 200, 600
-#: A click during which the pointer moved by at most a few px, as the frequency of its position.
+#: Scripts that send the frequency of a click, if the pointer moved by at most 3 px.
 _PRESSED = "(e) => { window.updynPressed = e.offsetX; }"
 _CLICKED = """(e) => {
   if (Math.abs(e.offsetX - window.updynPressed) > 3) return;
@@ -79,7 +79,7 @@ class _Choice:
 
 
 class _Measurement:
-    """One test.
+    """The view of one test.
 
     Parameters
     ----------
@@ -88,14 +88,14 @@ class _Measurement:
     test : TestView
         The test.
     choice : _Choice
-        Its selected view.
+        The selected channel, scale and mode.
     """
 
     def __init__(self, workspace: Workspace, test: TestView, choice: _Choice) -> None:
         self._workspace, self._test, self._choice = workspace, test, choice
 
     def show(self) -> None:
-        """Make the part of the page."""
+        """Build this part of the page."""
         test, choice = self._test, self._choice
         if test.name:
             ui.label(test.name).classes("text-lg")
@@ -131,7 +131,7 @@ class _Measurement:
         self._validation()
 
     def _validation(self) -> None:
-        """Offer to hold responses out of the fit."""
+        """Show a selection of responses to hold out of the fit."""
         test = self._test
 
         def held(event: events.ValueChangeEventArguments[Any]) -> None:
@@ -151,7 +151,7 @@ class _Measurement:
         chosen.classes("min-w-64 max-w-full").props("use-chips").on_value_change(held)
 
     def _ready(self) -> None:
-        """Let the pointer drag, once the chart is there."""
+        """Enable dragging after the chart is drawn."""
         if not self._is_ready:
             self._is_ready = True
             cursor = {
@@ -206,7 +206,7 @@ class _Measurement:
             show_errors(self._apply)(low, high)
 
     def _exclude_click(self, event: events.GenericEventArguments) -> None:
-        """Leave out the line that is nearest to a click."""
+        """Exclude the line nearest to a click."""
         if self._choice.mode == "exclude" and isinstance(event.args, int | float):
             freq = self._test.freq
             line = float(freq[np.argmin(np.abs(freq - event.args))])
@@ -236,12 +236,12 @@ class _Measurement:
 
 
 def _places(chosen: int, n: int) -> range:
-    """Return one place, or all."""
+    """Return the chosen position, or all positions."""
     return range(n) if chosen == _ALL else range(chosen, chosen + 1)
 
 
 def _look_for_faults(workspace: Workspace) -> None:
-    """Offer a search for faults of the data, with a button for each repair."""
+    """Show a button that searches for faults of the data, and a button for each repair."""
 
     async def look() -> None:
         button.delete()

@@ -1,6 +1,6 @@
 """The page Structure: the model with its sensors, and the matching of sensors to nodes.
 
-A sensor is moved by two clicks: on it, in the table or in the picture, and on its node.
+A sensor is moved by two clicks: on the sensor, in the table or in the picture, and on its node.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class _Mover:
     Parameters
     ----------
     workspace : Workspace
-        With the job.
+        The shared state.
     """
 
     def __init__(self, workspace: Workspace) -> None:
@@ -109,7 +109,7 @@ class _Mover:
         self._sensor_of: dict[str, str] = {}
 
     def show(self, tests: Sequence[TestView | ModalView]) -> None:
-        """Show which sensor is chosen, and what to do."""
+        """Show the selected sensor and the next step."""
         rows = [row for test in tests for row in test.matches]
         self._sensor_of = {_strip_sign(row["dof"]): row["sensor"] for row in rows}
         with ui.row().classes("items-center"):
@@ -121,7 +121,7 @@ class _Mover:
         self._choose(self._sensor)
 
     def select(self, event: events.TableSelectionEventArguments) -> None:
-        """Take a row of the table."""
+        """Select the sensor of a table row."""
         self._choose(str(event.selection[0]["sensor"]) if event.selection else "")
 
     def take(self, picked: Mapping[str, Any]) -> None:
@@ -141,7 +141,7 @@ class _Mover:
         try:
             dof = Dof.parse(sensor)
         except UpdynError:
-            pass  # the test labels it otherwise: the direction is left to the user
+            pass  # a label of another form: the user sets the direction
         else:
             self._direction.value, self._flip.value = dof.direction, dof.sign < 0
         self._says.text = (

@@ -1,4 +1,4 @@
-"""`hear_picks`: what is clicked in an embedded page, which can only send messages."""
+"""`hear_picks`: receive clicks in an embedded page, which can only send messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from nicegui import events, ui
 
 __all__ = ["hear_picks"]
 
-#: Only frames of this page are listened to, and only what is expected is passed on.
+#: Accept messages only from frames of this page and only of the expected form.
 _LISTEN = """
 window.addEventListener("message", (event) => {
   const frames = [...document.querySelectorAll("iframe")];
@@ -26,7 +26,7 @@ def hear_picks(hear: Callable[[Mapping[str, Any]], Any]) -> None:
     Parameters
     ----------
     hear : callable
-        Takes the message of the embedded page, which is not checked.
+        Takes the message of the embedded page, which is not validated.
     """
 
     def take(event: events.GenericEventArguments) -> None:

@@ -15,7 +15,7 @@ from updyn.web.workspace import Workspace
 
 __all__ = ["compared", "show"]
 
-#: Figures of agreement that are compared, by their key in the record.
+#: Figures of agreement to compare, by their key in the record.
 _FIGURES = {
     "frac_median": "FRAC after, median",
     "correlation_median": "signed correlation after, median",
@@ -81,12 +81,12 @@ def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[
     Parameters
     ----------
     runs : mapping of str to RunFolder
-        By name.
+        Runs by name.
 
     Returns
     -------
     columns, rows : list of dict
-        As a table takes them.
+        In the format of a table.
     """
     keys = {name: f"run{number}" for number, name in enumerate(runs)}  # no dots in keys
     columns: list[dict[str, Any]] = [
@@ -118,7 +118,7 @@ def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[
 
 
 def _with_std(unknown: Mapping[str, Any]) -> str:
-    """Return the value of an unknown with its standard deviation, as far as they are known."""
+    """Return the value of an unknown with its standard deviation, if known."""
     value, std = unknown.get("value"), unknown.get("std")
     if not isinstance(value, int | float):
         return "not known"

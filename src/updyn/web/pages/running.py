@@ -1,4 +1,4 @@
-"""The page Run: begin, watch, stop and resume a run; it goes on when the page is closed."""
+"""The page Run: start, watch, stop and resume a run, which continues if the page is closed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ async def show(workspace: Workspace) -> None:
 
 
 def _watched(workspace: Workspace) -> None:
-    """Show how it is with the run."""
+    """Show the state of the run."""
 
     @ui.refreshable
     def state() -> None:
@@ -75,7 +75,7 @@ def _watched(workspace: Workspace) -> None:
 
 
 async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, float]) -> None:
-    """Show measured data, the model where it started and where it is."""
+    """Show the measured FRF, the start model and the current model."""
     shown: dict[str, Any] = {"response": 0, "reference": 0, "scale": "log"}
     kept: dict[tuple[int, int], Curve] = {}
     begun = 0
@@ -99,7 +99,7 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
             if values:
                 now = await run_slow(workspace.ask, curve, values, test.number, row, column)
         if number != begun:
-            return  # a later step is drawn meanwhile
+            return  # a later step is already being drawn
         curves = {"measured": (test.freq[test.used], test.values[test.used, row, column])}
         if now is not None:
             curves["updated"] = _pair(now)
@@ -130,6 +130,6 @@ def _pair(found: Curve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
 
 
 def _step(workspace: Workspace) -> object:
-    """Return what changes with every step of the run."""
+    """Return a value that changes with every step of the run."""
     run = workspace.run
     return None if run is None else (id(run), run.now.get("accepted"), run.state)

@@ -1,4 +1,4 @@
-"""The page Start: the jobs of the project, a new one, the demos, and files for the project."""
+"""The page Start: jobs of the project, a new job, demos, and files of the project."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
 
-#: Files that are listed.
+#: Largest number of files in the list.
 _MOST_FILES = 200
 _UNKNOWN = "as the file says"
 
@@ -80,7 +80,7 @@ def _demos(workspace: Workspace) -> None:
 
 
 class _Stated:
-    """What is chosen for a new job, kept when a file is added."""
+    """Selections for a new job, kept when a file is added."""
 
     def __init__(self) -> None:
         self.model: str | None = None
@@ -89,7 +89,7 @@ class _Stated:
 
 
 def _new(workspace: Workspace, stated: _Stated) -> None:
-    """Offer to write a job for a model and a measurement."""
+    """Show a form that writes a job for a model and a measurement."""
     ui.label("New job").classes("text-lg")
     names = [workspace.project.name_of(path) for path in workspace.project.inputs()]
     if not names:
@@ -127,7 +127,7 @@ def _new(workspace: Workspace, stated: _Stated) -> None:
 
 
 def _files(workspace: Workspace, added: Callable[[], object]) -> None:
-    """Show the files of the folder, and let more be added; `added` is called for each."""
+    """Show the files of the folder and an upload; `added` is called for each new file."""
     ui.label("Files").classes("text-lg")
     ui.label("A file that is added is copied into the folder; none is written over.")
 
@@ -138,7 +138,7 @@ def _files(workspace: Workspace, added: Callable[[], object]) -> None:
         except (UpdynError, OSError) as error:
             complain(str(error))
             return
-        if kept is not None:  # None: the server is being ended
+        if kept is not None:  # None: the server is shutting down
             ui.notify(f"{workspace.project.name_of(kept)} added", type="positive")
             listed.refresh()
             added()

@@ -1,4 +1,4 @@
-"""Pages of tasks: begin one, watch it, stop it, see the page that it writes."""
+"""Pages of tasks: start and stop a task, and show its progress and the page that it writes."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _STATES = {
 
 
 def controls(workspace: Workspace, task: str, *, begin: str) -> None:
-    """Show the folder for the results, and the buttons.
+    """Show the results folder and the buttons of a task.
 
     Parameters
     ----------
     workspace : Workspace
-        What the page shows.
+        The shared state.
     task : str
-        Its name.
+        Name of the task in `TASKS`.
     begin : str
-        What the button says.
+        Text of the start button.
     """
     with ui.row().classes("items-center"):
         folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
@@ -65,9 +65,9 @@ def state_of(worker: Worker, workspace: Workspace) -> None:
     Parameters
     ----------
     worker : Worker
-        Of the task.
+        Worker of the task.
     workspace : Workspace
-        What the page shows.
+        The shared state.
     """
     text, now = _STATES[worker.state], worker.now
     if worker.active and now:
@@ -98,7 +98,7 @@ def task_page(task: str) -> Callable[[Workspace], None]:
     Parameters
     ----------
     task : str
-        Its name in `TASKS`.
+        Name of the task in `TASKS`.
 
     Returns
     -------
@@ -133,16 +133,16 @@ def task_page(task: str) -> Callable[[Workspace], None]:
 
 
 def _written_pages(workspace: Workspace, task: str, known: dict[str, str]) -> None:
-    """Show the page that the task wrote last for the job, and offer the others of the project.
+    """Show the latest page that the task wrote for the job, with a selection of other pages.
 
     Parameters
     ----------
     workspace : Workspace
-        What the page shows.
+        The shared state.
     task : str
-        Its name in `TASKS`.
+        Name of the task in `TASKS`.
     known : dict
-        ``picks`` of the job as the page that was written shows them.
+        ``picks`` of the job as shown on the written page.
     """
     pages, latest = workspace.pages(task)
     if not pages:
@@ -176,10 +176,9 @@ def _version(worker: Worker | None) -> object:
 
 # -- keys of the table -----------------------------------------------------------------------------
 def _form(workspace: Workspace, task: str) -> None:
-    """Show the keys of the job's table, to be set.
+    """Show entries for the keys of the job's table.
 
-    The entries stay the same while the job changes: what is typed into one that is made anew
-    meanwhile would be lost.
+    The entries are never rebuilt while the job changes, because text typed meanwhile would be lost.
     """
     shown: dict[str, Any] = {}
     with ui.row().classes("items-center"):
@@ -208,13 +207,13 @@ def _form(workspace: Workspace, task: str) -> None:
 
 
 def _state_of_form(workspace: Workspace, task: str) -> object:
-    """Return what changes when what a form shows has changed."""
+    """Return a value that changes with the content of a form."""
     form = workspace.form(task)
     return tuple(form.pending.items()), form.reason
 
 
 def _entry(workspace: Workspace, task: str, field: Field) -> Any:
-    """Show one key."""
+    """Show an entry for one key."""
     text = workspace.entries(task)[field.key]
 
     if field.kind == "choice":
@@ -237,14 +236,14 @@ def _entry(workspace: Workspace, task: str, field: Field) -> Any:
 
 
 def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
-    """Let the page that shows modes pick them for the job.
+    """Let the page of modes set the picks of the job.
 
     Parameters
     ----------
     workspace : Workspace
-        What the page shows.
+        The shared state.
     known : dict
-        ``picks`` of the job as the page that was written shows them.
+        ``picks`` of the job as shown on the written page.
     """
 
     def take(picked: Mapping[str, Any]) -> None:
@@ -269,7 +268,7 @@ def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
 
 
 def _picks_of(workspace: Workspace) -> str:
-    """Return the picks of the open job as the fragment of an address."""
+    """Return the picks of the open job as a URL fragment."""
     if workspace.document is None:
         return ""
     table = written_table(workspace.opened.text, "modes")
@@ -278,11 +277,11 @@ def _picks_of(workspace: Workspace) -> str:
 
 
 def _are_frequencies(given: object) -> TypeGuard[list[float]]:
-    """Whether something that a page sent is a list of frequencies in Hz."""
+    """Whether a value sent by a page is a list of positive frequencies in Hz."""
     return isinstance(given, list) and all(is_number(f) and 0 < f < math.inf for f in given)
 
 
 def _listed(given: object) -> list[str]:
-    """Return the frequencies that a job lists, as texts."""
+    """Return the frequencies listed in a job as texts."""
     items = given if isinstance(given, list) else [given]
     return [f"{item:.7g}" for item in items if is_number(item)]

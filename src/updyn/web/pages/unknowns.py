@@ -1,4 +1,4 @@
-"""The page Unknowns: which quantities of which groups are sought, and what the data determine."""
+"""The page Unknowns: selection of quantities by group, and their identifiability."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ async def show(workspace: Workspace) -> None:
 
     hear_picks(take)
 
-    # side by side, on a narrow screen one below the other
+    # side by side; one below the other on a narrow screen
     with ui.row().classes("w-full items-start max-md:flex-col md:flex-nowrap"):
         picture = ui.column().classes("w-full md:w-1/2")
         picture.set_visibility(False)
@@ -58,7 +58,7 @@ async def show(workspace: Workspace) -> None:
                 if view is None:
                     return
                 troubles(view)
-                if view.has_picture and not picture.visible:  # it stays while the job is edited
+                if view.has_picture and not picture.visible:  # keep it while the job is edited
                     picture.set_visibility(True)
                     with picture:
                         _structure()
@@ -82,15 +82,14 @@ def _structure() -> None:
 
 
 class _Choices:
-    """A box for each quantity of each group, or of the groups at a picked node.
+    """A check box for each quantity of each group, or of the groups at a picked node.
 
-    The boxes stay the same while the job is edited: a click on one that is made anew meanwhile
-    would be lost.
+    The boxes are not rebuilt while the job is edited, because a click meanwhile would be lost.
 
     Parameters
     ----------
     workspace : Workspace
-        With the job.
+        The shared state.
     """
 
     def __init__(self, workspace: Workspace) -> None:
@@ -101,35 +100,35 @@ class _Choices:
         self._boxes: dict[tuple[str, str], ui.checkbox] = {}
 
     def show(self) -> None:
-        """Make the part of the page, empty until a view of the job is taken."""
+        """Build this part of the page, empty until `take` is called."""
         self._place = ui.column().classes("w-full")
 
     def take(self, view: View) -> None:
-        """Take the groups of a model; the boxes are made anew if the groups have changed."""
+        """Set the groups of the model; rebuild the boxes if the groups have changed."""
         if (view.groups, view.able) != (self._groups, self._able):
             self._groups, self._able = view.groups, view.able
             self._draw()
 
     def pick(self, groups: set[str]) -> None:
-        """Show the boxes of some groups; of all groups if the model has none of these."""
+        """Show the boxes of some groups; of all groups if none of these is in the model."""
         self._picked = groups
         self._draw()
 
     def update(self) -> None:
-        """Set the boxes to the choice of the job."""
+        """Set the boxes to the selection in the job."""
         chosen = self._chosen()
         for (group, quantity), box in self._boxes.items():
             box.set_value(group in chosen[quantity])
 
     def _chosen(self) -> dict[str, set[str]]:
-        """Return the groups that the job chooses as its text is now, by quantity."""
+        """Return the groups that the current job text selects, by quantity."""
         try:
             return edits.chosen_groups(self._workspace.opened.text, self._able)
         except (UpdynError, TOMLKitError, RecursionError):  # shown as a fault of the job
             return {quantity: set() for quantity in self._able}
 
     def _draw(self) -> None:
-        """Make the boxes."""
+        """Build the boxes."""
         self._place.clear()
         self._boxes = {}
         groups = [name for name in self._groups if name in self._picked] or self._groups
@@ -139,7 +138,7 @@ class _Choices:
             if len(groups) < len(self._groups):
                 every = ui.button("Show all groups", on_click=lambda: self.pick(set()))
                 every.props("flat dense no-caps")
-            columns = " ".join(["auto"] * (1 + len(CHOICES)))  # as wide as their names
+            columns = " ".join(["auto"] * (1 + len(CHOICES)))  # column widths fit the names
             frame = ui.column().classes("w-full overflow-auto").style("max-height: 420px")
             with frame, ui.grid(columns=columns).classes("items-center gap-x-4 md:gap-x-8 gap-y-0"):
                 ui.label("group").classes("font-bold")
@@ -148,7 +147,7 @@ class _Choices:
                 self._draw_boxes(groups)
 
     def _draw_boxes(self, groups: Sequence[str]) -> None:
-        """Make a row of boxes for each group."""
+        """Build a row of boxes for each group."""
         chosen = self._chosen()
         for group in groups:
             ui.label(group)
@@ -167,11 +166,11 @@ class _Choices:
         def change(event: events.ValueChangeEventArguments[Any]) -> None:
             names = self._chosen()
             if bool(event.value) == (group in names[quantity]):
-                return  # the box shows what the job says
+                return  # the box already agrees with the job
             (names[quantity].add if event.value else names[quantity].discard)(group)
             edit = edits.set_unknowns(names, self._able)
             show_errors(self._workspace.edit)(f"{group}.{quantity}", edit)
-            self.update()  # as it was, where the edit is refused
+            self.update()  # restores the box if the edit was rejected
 
         return change
 
@@ -220,7 +219,7 @@ def _table(workspace: Workspace, view: View, found: Separability) -> None:
 
 
 def _bounds(workspace: Workspace, view: View, unknown: UnknownRow) -> None:
-    """Ask for the bounds of an unknown."""
+    """Show a dialog for the bounds of an unknown."""
     with ui.dialog() as dialog, ui.card():
         ui.label(unknown.name).classes("text-lg")
         low = ui.number("lower bound", value=unknown.lower)
