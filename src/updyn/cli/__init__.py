@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "TERMINATED", "main"]
 
 #: The commands by name: functions whose signature and docstring `cyclopts` turns into options and
-#: help. Another package adds one by a call of `COMMANDS.register`, or an entry point of the group
-#: ``updyn.commands``; its module is imported when the command is called. A command returns its exit
-#: code, and prints by `updyn.cli.terminal`.
+#: help. Another package adds a command with `COMMANDS.register`, or with an entry point of the
+#: group ``updyn.commands``; the module is imported when the command is called. A command returns
+#: its exit code and prints with `updyn.cli.terminal`.
 COMMANDS: Registry[Any] = Registry(
     "command",
     "updyn.commands",
@@ -58,7 +58,7 @@ COMMANDS: Registry[Any] = Registry(
 )
 
 
-#: Descriptions of the commands, to list them without importing any.
+#: Descriptions of the commands, to list them without importing the commands.
 _ABOUT = {
     "new": "Write a commented job file for a model and a measurement.",
     "run": "Run a job and write its results.",
@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     with suppress(KeyboardInterrupt):
         return _run(arguments)
-    return stop_code()  # while a message was printed
+    return stop_code()  # interrupted while a message was printed
 
 
 def _run(arguments: Sequence[str] | None) -> int:

@@ -38,11 +38,11 @@ __all__ = [
     "describe_records",
 ]
 
-#: Size in DOFs up to which natural frequencies are computed.
+#: Largest model, in DOFs, whose natural frequencies are computed.
 _MODES_UP_TO = 20_000
 #: Number of natural frequencies.
 _MODES = 8
-#: Number of DOFs that are named.
+#: Largest number of DOFs that are named.
 _LABELS = 12
 
 
@@ -132,7 +132,7 @@ def describe_frf(frf: FRF) -> str:
 
 
 def _spacing_text(frf: FRF) -> str:
-    """Return the distance of the lines as text, or an empty text for a single line."""
+    """Return the spacing of the lines as text, empty for a single line."""
     steps = np.diff(frf.freq)
     if not len(steps):
         return ""
@@ -176,7 +176,7 @@ def _known(value: float, form: str) -> str:
 
 
 def describe_geometry(geometry: Geometry) -> str:
-    """Return the number of nodes and the box around them, as text."""
+    """Return the number of nodes and their bounding box, as text."""
     low, high = geometry.xyz.min(axis=0), geometry.xyz.max(axis=0)
     box = ", ".join(f"{a} {p:g} to {q:g}" for a, p, q in zip("XYZ", low, high, strict=True))
     return (
@@ -185,7 +185,7 @@ def describe_geometry(geometry: Geometry) -> str:
 
 
 def describe_contents(found: Contents) -> str:
-    """Return tables, matrices, geometry and modes of a file of several contents, as text."""
+    """Return tables, matrices, geometry and modes of a file with several contents, as text."""
     program = f" of {found.program}" if found.program.strip("X") else ""
     texts = [f"OUTPUT2 file{program}: tables {', '.join(dict.fromkeys(found.tables)) or '-'}"]
     for name, (rows, columns) in found.matrices.items():
@@ -258,7 +258,7 @@ def _labels(dofs: DofSet) -> str:
 
 
 def _n_dofs(group: Group) -> int:
-    """Return on how many DOFs a group acts."""
+    """Return the number of DOFs of a group."""
     used = []
     for matrix in (group.stiffness, group.mass, group.viscous):
         if matrix is not None:

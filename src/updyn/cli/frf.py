@@ -26,9 +26,9 @@ from updyn.text_table import text_table
 
 __all__ = ["describe_recorded", "frf"]
 
-#: Rows of the table of coherences; the lowest come first.
+#: Rows of the coherence table, lowest coherence first.
 _ROWS = 20
-#: Lines with less coherence than this are counted.
+#: Lines with a coherence below this limit are counted.
 _LOW = 0.9
 
 
@@ -122,7 +122,7 @@ def _setup_text(setup: RecordedSetup) -> str:
 
 
 def _deviation_table(frf: FRF) -> str:
-    """Return the standard deviation of each pair over |H|, the highest first."""
+    """Return a table of the standard deviation of each pair relative to |H|, highest first."""
     assert frf.variance is not None
     size = np.maximum(np.abs(frf.values), np.finfo(float).tiny)
     share = np.sqrt(frf.variance) / size
@@ -136,7 +136,7 @@ def _deviation_table(frf: FRF) -> str:
 
 
 def _coherence_table(frf: FRF) -> str:
-    """Return the coherence of each pair, the lowest first."""
+    """Return a table of the coherence of each pair, lowest first."""
     assert frf.coherence is not None
 
     def cells(column: NDArray[np.float64]) -> list[str]:
@@ -159,22 +159,22 @@ def _pair_table(
     cells: Callable[[NDArray[np.float64]], list[str]],
     rest: str,
 ) -> str:
-    """Return a table of the pairs with the least medians.
+    """Return a table of the pairs with the smallest (or largest) medians.
 
     Parameters
     ----------
     frf : FRF
-        Of these pairs.
+        FRF with these pairs.
     values : ndarray of float, shape (n_f, n_i, n_j)
-        By line and pair.
+        Values by line and pair.
     sign : float
-        -1 for the largest medians.
+        1 for the smallest medians first, -1 for the largest.
     header : tuple of str
         Names of the columns after response and reference.
     cells : callable
         Returns these columns from the values of a pair, shape (n_f,).
     rest : str
-        Words on the pairs that are not in the table.
+        Description of the pairs omitted from the table.
     """
     flat = values.reshape(len(frf.freq), -1)
     order = np.argsort(sign * np.median(flat, axis=0), kind="stable")

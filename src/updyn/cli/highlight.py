@@ -1,4 +1,4 @@
-"""Colours of the terminal: the same text with a style for some words."""
+"""Colours of terminal output: styles for some words of the unchanged text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files written by a command: complete, and replacing existing files only by force."""
+"""Files written by a command: written completely, and never replaced without force."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNFINISHED = ".unfinished-"
 
 
 def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
-    """Write a file and its companion files; replace existing files only by force.
+    """Write a file and its companion files; replace existing files only if forced.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _staging_folder(target: Path) -> Iterator[Path]:
 
 
 def check_free(files: Iterable[Path], *, force: bool) -> None:
-    """Refuse to replace files, except by force."""
+    """Raise an error if a file exists, unless forced, or is a folder."""
     for path in files:
         if path.is_dir() or (not force and os.path.lexists(path)):
             what = "is a folder" if path.is_dir() else "exists already; --force writes over it"

@@ -1,4 +1,4 @@
-"""The progress of a run at the command line: its display, and the handling of Ctrl-C."""
+"""Progress of a run at the command line: display, and handling of Ctrl-C."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ProgressDisplay", "show_progress"]
 
-#: Behaviour of a run that is requested to stop.
+#: Message after a request to stop.
 _STOPPING = "Stopping after this step; the results so far will be written."
 _AGAIN = "Ctrl-C again to leave at once."
 _LEAVING = "Leaving at once."
@@ -33,11 +33,11 @@ class ProgressDisplay(ProgressBar):
     Parameters
     ----------
     console : rich.console.Console
-        Where to write, usually stderr.
+        Console to write to, usually stderr.
     stages : sequence of Stage
         Stages of the run, as far as known.
     stopping : str
-        Behaviour of the work after a request to stop, in a sentence.
+        Sentence on the behaviour after a request to stop.
     """
 
     def __init__(
@@ -87,16 +87,16 @@ class ProgressDisplay(ProgressBar):
 def show_progress(
     console: Console, stages: Sequence[Stage] = (), stopping: str = _STOPPING
 ) -> Iterator[ProgressDisplay]:
-    """Return a display as a context: Ctrl-C asks the run to stop, a second one ends it.
+    """Yield a display in a context: Ctrl-C asks the run to stop, a second one ends it.
 
     Parameters
     ----------
     console : rich.console.Console
-        Where to write.
+        Console to write to.
     stages : sequence of Stage
         Stages of the run, as far as known.
     stopping : str
-        Behaviour of the work after a request to stop, in a sentence.
+        Sentence on the behaviour after a request to stop.
 
     Yields
     ------

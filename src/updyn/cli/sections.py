@@ -1,7 +1,7 @@
-"""What the commands print, section by section: `RUN`, `CHECK` and `CORRELATE` list them in order.
+"""Sections of the printed output of commands: `RUN`, `CHECK` and `CORRELATE` list them in order.
 
-A section is a function that returns text, empty where it has nothing to say; `joined` puts a blank
-line between them. Colours are added when the text is printed (`updyn.cli.highlight`).
+A section is a function that returns text, or an empty string; `joined` separates sections by a
+blank line. Colours are added when the text is printed (`updyn.cli.highlight`).
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def joined(sections: Sequence[Callable[[T], str]], content: T) -> str:
     Parameters
     ----------
     sections : sequence of callable
-        Each returns text, or nothing.
+        Each returns text, which may be empty.
     content : object
-        What they are about.
+        Argument of the sections.
     """
     texts = [section(content) for section in sections]
     return "\n\n".join(filter(None, texts))
@@ -57,7 +57,7 @@ class Ran:
     job : Job
         The job.
     run : JobRun
-        What it gave.
+        Its results.
     """
 
     job: Job
@@ -75,17 +75,17 @@ def _results(ran: Ran) -> str:
 
 
 def _to_go_on(ran: Ran) -> str:
-    """Return how a run that has not finished goes on."""
+    """Return how to continue an unfinished run."""
     status, trust = ran.run.result.status, ran.run.result.trust
     if ran.run.stopped:
         return f"To go on from here: {_AGAIN}"
-    # From data that are not to be believed more steps lead nowhere.
+    # More steps are useless if the data are not credible.
     if status == "max-iterations" and (trust is None or trust.credible):
         return f"To go on from here, with more max_iterations: {_AGAIN}"
     return ""
 
 
-#: Of ``updyn run``.
+#: Sections of ``updyn run``.
 RUN: tuple[Callable[[Ran], str], ...] = (_summary, _results, _to_go_on)
 
 
@@ -99,17 +99,17 @@ class Checked:
     ready : Prepared
         The job with model, data and unknowns.
     selection : Selection or None
-        What was joined and chosen of the unknowns.
+        Selection of the unknowns before the fit.
     found : Identifiability
-        What the data could determine.
+        Identifiability of the unknowns at the start.
     faults : mapping of str to tuple of Finding
-        What seems to be wrong with the data, by the names of the tests.
+        Suspected faults in the data, by test name.
     folder : Path
-        Where its results would go.
+        Folder for the results of a run.
     agreement : mapping of str to mapping of str to float
-        Figures of agreement at the start with the data of the fit, by the names of the tests.
+        Figures of agreement at the start with the data of the fit, by test name.
     counterparts : mapping of str to Counterparts
-        How many measured modes have a counterpart in the model, by the names of the tests.
+        Number of measured modes with a counterpart in the model, by test name.
     """
 
     ready: Prepared
@@ -122,7 +122,7 @@ class Checked:
 
     @property
     def alien(self) -> bool:
-        """Whether it is known of every test that it has few modes or none in common."""
+        """Whether every test is known to have few or no modes in common with the model."""
         return all(one.few for one in self.counterparts.values())
 
 
@@ -141,7 +141,7 @@ def _unknowns(checked: Checked) -> str:
 
 
 def _announced(checked: Checked) -> str:
-    """Return what the further tables ask for."""
+    """Return the announcements of the further tables of the job."""
     from updyn.job.job_table import JOB_TABLES
 
     texts = [JOB_TABLES[name].announce(checked.ready) for name in checked.ready.job.tables]
@@ -159,7 +159,7 @@ def _identifiability(checked: Checked) -> str:
 
 
 def _agreement(checked: Checked) -> str:
-    """Return the figures of agreement of the start of each test that measured FRFs."""
+    """Return the figures of agreement of the start for each FRF test."""
     return agreement_table(
         {f"{name} start".lstrip(): figures for name, figures in checked.agreement.items()}
     )
@@ -170,7 +170,7 @@ def _faults(checked: Checked) -> str:
 
 
 def _counterparts(checked: Checked) -> str:
-    """Return how many measured modes have a counterpart in the model, and what to do if few."""
+    """Return the number of measured modes with a counterpart, with a remedy if there are few."""
     from updyn.updating.before_search import REMEDY
 
     texts = []
@@ -190,7 +190,7 @@ def _can_run(checked: Checked) -> str:
     return f"The job can be run; results would go to {checked.folder}."
 
 
-#: Of ``updyn check``.
+#: Sections of ``updyn check``.
 CHECK: tuple[Callable[[Checked], str], ...] = (
     _job,
     _matches,
@@ -215,13 +215,13 @@ class Compared:
     ready : Prepared
         The job with model, data and unknowns.
     test : str
-        Name of the test; empty where it has none.
+        Name of the test, or an empty string.
     figures : mapping of str to float
         Figures of agreement with the data of the fit.
     found : Correlation
-        Model against all data of the test.
+        Correlation of the model with all data of the test.
     faults : mapping of str to tuple of Finding
-        What seems to be wrong with the data, by the names of the tests.
+        Suspected faults in the data, by test name.
     """
 
     ready: Prepared
@@ -240,7 +240,7 @@ def _figures(compared: Compared) -> str:
 
 
 def _by_response(compared: Compared) -> str:
-    """Return figures response by response."""
+    """Return the figures of agreement by response."""
     by_response = compared.found.by_response()
     names = [name for name in SHORT_NAMES if name in next(iter(by_response.values()))]
     rows = []
@@ -262,7 +262,7 @@ def _modes(compared: Compared) -> str:
     return start_modes_text(test, compared.ready.parameters)
 
 
-#: Of ``updyn correlate``, for each test.
+#: Sections of ``updyn correlate``, for each test.
 CORRELATE: tuple[Callable[[Compared], str], ...] = (
     _test,
     _figures,
@@ -274,11 +274,11 @@ CORRELATE: tuple[Callable[[Compared], str], ...] = (
 
 # -- several commands ------------------------------------------------------------------------------
 def _causes(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, ...]]) -> str:
-    """Return what seems to be wrong with the data of tests, each with what to do about it."""
+    """Return the suspected faults in the data of tests, each with its remedy."""
     from updyn.modal import ModeSet
 
     if all(isinstance(test.data, ModeSet) for test in tests):
-        return ""  # faults are known of FRFs only
+        return ""  # faults are searched for in FRFs only
     texts = []
     for test in tests:
         for one in faults[test.name]:
@@ -308,7 +308,7 @@ def overview(ready: Prepared) -> str:
     return "\n".join(texts)
 
 
-#: Groups and held-out responses that are named.
+#: Largest number of groups and held-out responses that are named.
 _NAMED = 6
 
 
@@ -337,7 +337,7 @@ def _test_text(test: PreparedTest) -> str:
 
 
 def _fit_text(test: PreparedTest) -> str:
-    """Return which lines and responses are fitted, and what is held out."""
+    """Return the fitted lines and responses, and the held-out data."""
     from updyn.modal import ModeSet
 
     chosen, held = test.job.method.lines, test.job.validation
@@ -361,7 +361,7 @@ def _fit_text(test: PreparedTest) -> str:
 
 
 def _modes_text(fitted: int, measured: int, held: Any) -> str:
-    """Return which modes are fitted, and what is held out."""
+    """Return the numbers of fitted and measured modes, and the held-out band."""
     text = f"fit: {fitted} of {measured} modes"
     return f"{text}; held out: {held[0]:.4g} to {held[1]:.4g} Hz" if held else text
 

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C (SIGINT) and SIGTERM: an immediate answer, and an end within limited time."""
+"""Handling of Ctrl-C (SIGINT) and SIGTERM: an immediate answer, and an end within a time limit."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ TERMINATED = 143  # stopped by SIGTERM
 
 
 def encode_anything() -> None:
-    """Let stdout and stderr escape characters that their encoding does not support."""
+    """Make stdout and stderr escape characters that their encoding does not support."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -78,7 +78,7 @@ def print_text(text: str) -> None:
 
     A closed pipe (``updyn info FILE | head``) is not an error.
     """
-    if sys.stdout is None:  # closed before the start
+    if sys.stdout is None:  # closed before the start of the process
         return
     with _ignore_closed_pipe(sys.stdout):
         if sys.stdout.isatty():
@@ -108,9 +108,9 @@ def _print_coloured(text: str) -> None:
 
 
 def wrap_text(text: str, width: int) -> str:
-    """Return text with its sentences wrapped to the width of the terminal, except rows of tables.
+    """Return text with its sentences wrapped to a width; table rows are not wrapped.
 
-    A row of a table has two blanks between its columns.
+    A table row has two blanks between its columns.
     """
     lines = []
     for line in text.splitlines():

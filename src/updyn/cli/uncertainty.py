@@ -21,7 +21,7 @@ def _is_of_uncertainty(path: Path) -> bool:
     return True
 
 
-#: Draws and profiles, in a module that only such a file loads: it needs `updyn.uncertainty`.
+#: Draws and profiles; a separate module, because it imports `updyn.uncertainty`.
 UNCERTAINTY = FileKind(
     "draws or profiles",
     read_uncertainty,

@@ -216,5 +216,5 @@ def _describe_file(path: Path) -> str:
     return describe(path)
 
 
-#: Its content is its description.
+#: The content of such a file is its description.
 WRITTEN = FileKind("a file that updyn writes", _describe_file, str, _is_written, is_tried=False)
