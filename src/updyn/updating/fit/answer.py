@@ -1,4 +1,4 @@
-"""`Answer`: where a descent ended, and what is known there."""
+"""`Answer`: the end of a descent with its likelihood, noise and local problem."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """Where a descent ended.
+    """End of a descent.
 
     Attributes
     ----------
     x : ndarray of float, shape (n,)
         The estimate.
     reason : str
-        Why it ended.
+        Why the descent ended.
     unlikelihood : float
-        Minus the logarithm of the likelihood, but for a constant that all answers share.
+        Minus the log-likelihood, except for a constant that all answers share.
     noises : sequence of NoiseModel
-        For each part of the problem, the noise of the last descent.
+        Noise model of the last descent, for each part of the problem.
     residual : Each
-        The residual, whitened by it.
+        The residual whitened by this noise.
     local : Local or None
-        The reduced problem at x, priors included; None after a stop.
+        The reduced problem at x, including priors; None after a stop.
     held : int or None
         The unknown that was held, at the far end of a valley.
     """

@@ -1,4 +1,4 @@
-"""Whether the place where tries of a search ended may be the answer."""
+"""Decision whether the end of tries of a search may be the answer."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ __all__ = ["SAME", "Belief"]
 
 _Vector = NDArray[np.float64]
 
-#: Costs that differ by less than this share are those of one basin.
+#: Costs that differ by less than this share belong to the same basin.
 SAME = 1e-3
-#: A serial correlation of the residual that noise may have, and that noise alone has.
+#: Largest serial correlation of a residual that may be noise, and of one that is certainly noise.
 _CORRELATED, _UNCORRELATED = 0.3, 0.1
-#: Times the log error that noise explains, an error that it may explain.
+#: Ratio to the expected log error of the noise up to which the noise may explain an error.
 _MARGIN = 1.5
-#: A log misfit above this (rms) is no noise.
+#: A log misfit above this (rms) is not noise.
 _GROSS = 0.3
-#: A log misfit below this (rms) is exact data; there is nothing better to find.
+#: A log misfit below this (rms) is rounding of exact data; no better answer exists.
 _EXACT = 1e-7
-#: Fewest lines of which a serial correlation is judged.
+#: Least number of lines for a judgement of the serial correlation.
 _ENOUGH_LINES = 8
-#: So often an answer is found to be believed: that looks like noise, that may, that does not.
+#: Number of tries that have to reach an answer before it is accepted: if its residual looks like
+#: noise, may be noise, or is not noise.
 _TWICE, _THRICE, _OFTEN = 2, 3, 6
 
 
@@ -39,20 +40,20 @@ class Belief:
     Parameters
     ----------
     problem : Problem
-        What was searched; its data carry what is known of the noise.
+        The problem of the search; its data carry the known part of the noise.
     noise_known : bool
-        Whether its size is known, so that more misfit is no noise.
+        Whether the size of the noise is known; a larger misfit is then not noise.
     """
 
     problem: Problem
     noise_known: bool = False
 
     def believed(self, ends: Sequence[Outcome]) -> bool:
-        """Whether the best basin was found often enough.
+        """Return whether the best basin was found often enough.
 
-        Once of exact data; twice where its residual looks like noise; three times where it may be
-        noise; and else as often as a round has random tries: the tries before them begin with the
-        same stiffnesses and masses.
+        Once is enough for exact data, twice if the residual looks like noise, three times if it may
+        be noise. Otherwise, as many times as a round has random tries: the tries before them begin
+        with the same stiffnesses and masses.
         """
         if not ends:
             return False
@@ -66,36 +67,26 @@ class Belief:
         return agree >= (_TWICE if self.is_noise(best.x) else _THRICE)
 
     def exact(self, end: Outcome) -> bool:
-        """Whether the residual of an end is only rounding of the data."""
+        """Return whether the residual of an end is only rounding of the data."""
         return _power(self._misfits(end.x)) < _EXACT**2
 
     def plausible(self, end: Outcome) -> bool:
-        """Whether an end may be the answer: its residual looks like noise, or is no larger."""
+        """Return whether an end may be the answer: its residual is like noise, or no larger."""
         if self._explained(end.local.cost):
             return True
         return not self.noise_known and self.is_noise(end.x, _UNCORRELATED)
 
     def is_answer(self, x: _Vector, cost: float) -> bool:
-        """Whether the residual at x looks like noise, and is no larger than noise of known size.
+        """Return whether the residual at x looks like noise, no larger than noise of known size.
 
-        Parameters
-        ----------
-        x : ndarray of float, shape (n,)
-            Where.
-        cost : float
-            Half the sum of the squared log error there.
+        `cost` is half the sum of the squared log error at x.
         """
         return self.is_noise(x, _UNCORRELATED) and (not self.noise_known or self._explained(cost))
 
     def is_noise(self, x: _Vector, most: float = _CORRELATED) -> bool:
-        """Whether the residual looks like noise: small, and hardly serially correlated.
+        """Return whether the residual at x looks like noise: small, and hardly serially correlated.
 
-        Parameters
-        ----------
-        x : ndarray of float, shape (n,)
-            Where.
-        most : float
-            Largest correlation of neighbouring lines.
+        `most` is the largest accepted correlation of neighbouring lines.
         """
         misfits = self._misfits(x)
         power = _power(misfits)
@@ -108,22 +99,21 @@ class Belief:
         return cost <= _MARGIN * self.expected()
 
     def expected(self) -> float:
-        """Return the log error that the noise alone leaves at the truth, about."""
+        """Return the approximate log error of the noise alone, at the true values."""
         total = 0.0
         for part, error in zip(self.problem.parts, log_error(self.problem).errors, strict=True):
             assert part.frf.variance is not None
             assert error.weight is not None
             power = np.where(error.weight > 0.0, np.abs(part.frf.values) ** 2, 1.0)
             share = np.where(error.weight > 0.0, part.frf.variance / power, 0.0)
-            # |ln(1 + s z)|^2 is s^2 where the noise is small; where it is large, the phase is
-            # anything from -pi to pi, with a mean square of pi^2 / 3, and the level is that of the
-            # noise.
+            # |ln(1 + s z)|^2 is s^2 for small noise. For large noise, the phase is uniform between
+            # -pi and pi, with a mean square of pi^2 / 3, and the level is that of the noise.
             most = np.pi**2 / 3.0 + 0.25 * np.log1p(share) ** 2
             total += 0.5 * float(np.sum(error.weight**2 * share / (1.0 + share / most)))
         return total
 
     def _misfits(self, x: _Vector) -> list[NDArray[np.complex128]]:
-        """Return w ln(H_A / H_X) of each part, 0 where either is zero."""
+        """Return w ln(H_A / H_X) of each part, 0 if either value is zero."""
         out = []
         for part, error in zip(self.problem.parts, log_error(self.problem).errors, strict=True):
             H, measured = part.responses(x), part.frf.values

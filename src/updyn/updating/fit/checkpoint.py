@@ -1,9 +1,9 @@
 """Checkpoint of a run: a file of its evaluations, from which an interrupted run is resumed.
 
-The file holds a head, which identifies the run, and records, each with its length and a checksum:
-a record that was cut short by a crash is left out. Only arrays are written, in the npy format, and
-nothing is unpickled. A resumed run starts again from the beginning and takes the evaluations that
-the file holds from it (see `updyn.updating.problem.session`).
+The file holds a header, which identifies the run, and records, each with its length and a checksum:
+a record truncated by a crash is ignored. Only arrays are written, in the npy format, and nothing is
+unpickled. A resumed run starts again from the beginning and reads the evaluations of the file
+instead of repeating them (see `updyn.updating.problem.session`).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ __all__ = ["Checkpoint", "fingerprint", "kept_in_file"]
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
 _LENGTH = 8
-#: Interval between calls of fsync, in seconds, against a loss of power. Every record is written at
-#: once, against the end of the process.
+#: Interval between calls of fsync in seconds, as a protection against power loss. Every record is
+#: written at once, as a protection against the end of the process.
 _SYNC_S = 1.0
 
 
@@ -47,16 +47,17 @@ class Checkpoint:
     Parameters
     ----------
     path : Path
-        The file. It appears with the first evaluation, and replaces a file that is there.
+        The file. It is created with the first evaluation and replaces an existing file.
     head : mapping
-        From `fingerprint`.
+        Header from `fingerprint`.
     resume : bool
-        Resume the run of the file that is there; where there is none, begin anew, with a warning.
+        Whether to resume the run of an existing file; without a file, the run begins anew with a
+        warning.
 
     Raises
     ------
     OptionError
-        If there is no folder for it; to resume, if it is of another problem.
+        If the folder does not exist, or the file to resume belongs to another problem.
     FormatError
         If the file to resume is not a checkpoint.
     """
@@ -84,7 +85,7 @@ class Checkpoint:
         return _unpack(self._file.read(length))
 
     def put(self, key: bytes, record: Record) -> None:
-        """Write an evaluation; where the disk is full or gone, warn and go on without the file."""
+        """Write an evaluation; if the disk is full or lost, warn and continue without the file."""
         if key in self._places or self._broken:
             return
         try:
@@ -104,7 +105,7 @@ class Checkpoint:
         )
 
     def keep(self) -> None:
-        """Make sure that there is a file to resume from, even before the first evaluation."""
+        """Create the file, if none exists, to resume from even before the first evaluation."""
         if self._file is None and not self._broken:
             try:
                 self._file = self._created()
@@ -123,7 +124,7 @@ class Checkpoint:
             self._file = None
 
     def _give_up(self, error: OSError) -> None:
-        """Say, once, that the file cannot be written."""
+        """Warn, once, that the file cannot be written."""
         if not self._broken:
             self._broken = True
             warnings.warn(
@@ -137,19 +138,19 @@ class Checkpoint:
         return len(self._places)
 
     def _created(self) -> FileIO:
-        # Under another name first: a file of the right name always has a whole head.
+        # Written under another name first: a file of the final name always has a complete header.
         temporary = self.path.with_name(f".{self.path.name}-{secrets.token_hex(6)}")
         try:
             temporary.write_bytes(_MAGIC + _framed(self._head.encode()))
             temporary.replace(self.path)
         finally:
             temporary.unlink(missing_ok=True)
-        # Without a buffer: what a full disk refused is not tried again at every later call.
+        # Unbuffered: bytes that a full disk rejected are not written again by later calls.
         return self.path.open("r+b", buffering=0)
 
     def _open(self) -> None:
         if not self.path.exists():
-            # One command, or one script, for the first start and for every later one.
+            # Not an error: the same command or script serves the first start and every later one.
             warnings.warn(
                 f"nothing to resume: {str(self.path)!r} does not exist; the run begins anew",
                 UpdynWarning,
@@ -191,23 +192,23 @@ def kept_in_file(
     *,
     resume: bool,
 ) -> Iterator[None]:
-    """Let a session keep its evaluations in a checkpoint; without a path leave it as it is.
+    """Store the evaluations of a session in a checkpoint; without a path, do nothing.
 
     Parameters
     ----------
     session : Session
-        Of the run.
+        Session of the run.
     path : path, optional
         The file.
     head : callable
         Returns the `fingerprint` of the run.
     resume : bool
-        Whether to go on with the run of the file.
+        Whether to continue the run of the file.
 
     Raises
     ------
     OptionError, FormatError
-        As `Checkpoint`; if there is no path to resume from.
+        As for `Checkpoint`; also if there is no path to resume from.
     """
     if path is None:
         if resume:
@@ -225,7 +226,7 @@ def kept_in_file(
 def fingerprint(
     problem: Problem, data: Sequence[FRF | ModeSet], options: Mapping[str, object]
 ) -> dict[str, Any]:
-    """Return the data that identify a run, as plain data.
+    """Return the identification of a run as plain data.
 
     Parameters
     ----------
@@ -234,7 +235,7 @@ def fingerprint(
     data : sequence of FRF or ModeSet
         All data of each test.
     options : mapping
-        Other options that change what is evaluated. The number of steps is not one of them: a run
+        Other options that change the evaluations. The number of steps is not one of them: a run
         that ended at the largest number of steps can be resumed with more.
 
     Returns
@@ -281,7 +282,7 @@ def fingerprint(
 
 
 def _differing(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """Say in what two fingerprints differ; empty where they do not."""
+    """Return the differences of two fingerprints as text; empty if they agree."""
     if then["updyn"] != now["updyn"]:
         return f"updyn {then['updyn']} wrote it, this is {now['updyn']}"
     parts = []
@@ -309,13 +310,13 @@ def _checksum(content: bytes) -> bytes:
 
 
 def _write(file: FileIO, content: bytes) -> None:
-    """Write all of a content; OSError where the disk takes a part of it only."""
+    """Write all of a content; raise OSError if the disk takes only a part of it."""
     if file.write(content) < len(content):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _records(file: FileIO) -> Iterator[tuple[int, bytes]]:
-    """Yield place and content of each record up to the first that is incomplete."""
+    """Yield position and content of each record up to the first incomplete one."""
     size = os.fstat(file.fileno()).st_size
     while True:
         length = int.from_bytes(file.read(_LENGTH), "little")

@@ -1,4 +1,4 @@
-"""Watching a fit: the history of its steps, progress to the caller, and what may end it early."""
+"""Monitoring of a fit: history of steps, progress callback, and conditions that end it early."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ __all__ = [
     "iterations_made",
 ]
 
-#: Stages after a fit, whatever the method: what the data determine, and why a misfit is left.
+#: Stages after a fit with any method: identifiability, and causes of the residual.
 JUDGE, CAUSES = "judge", "causes"
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a callback is shown after every step, and within a step between blocks of lines.
+    """Progress passed to a callback after every step, and within a step between blocks of lines.
 
     Attributes
     ----------
     stage : str
         Part of the method.
     iteration : int
-        The latest step, counted from 0 through all stages.
+        Number of the latest step, counted from 0 through all stages.
     cost : float
         Half the sum of squared weighted residuals after that step; nan before the first.
     lines_done, n_lines : int
-        Lines solved so far in the whole run, and lines that a step solves.
+        Number of lines solved so far in the whole run, and that of a step.
     accepted : int
-        Accepted steps so far, as `UpdateResult.iterations` counts them.
+        Number of accepted steps so far, as counted by `UpdateResult.iterations`.
     values : mapping of str to float
         The unknowns after that step; empty before the first.
     """
@@ -60,24 +60,24 @@ class Progress:
 
 @dataclass(slots=True)
 class Monitor:
-    """Collects history and timing; the only object of a fit that changes.
+    """Collects history and durations; the only mutable object of a fit.
 
     Parameters
     ----------
     problem : Problem
-        What is fitted.
+        The fitted problem.
     callback : callable, optional
-        Called with a `Progress` after every step and between blocks of lines; returning True stops
-        the fit.
+        Called with a `Progress` after every step and between blocks of lines; a return value of
+        True stops the fit.
 
     Attributes
     ----------
     overrule : callable, optional
-        Looks at the data, and returns whether a fault of theirs leaves nothing to search for.
+        Examines the data and returns whether a fault of the data makes a search pointless.
     history : list of Iteration
-        Every step so far.
+        All steps so far.
     timing_s : dict of str to float
-        Seconds by stage.
+        Duration of each stage, in seconds.
     """
 
     problem: Problem
@@ -97,24 +97,24 @@ class Monitor:
 
     @property
     def stopped(self) -> bool:
-        """Whether the callback has asked to stop."""
+        """Whether the callback has requested a stop."""
         return self.problem.session.stopped
 
     def is_in_vain(self) -> bool:
-        """Return whether there is nothing to search for, as a fault of the data explains them.
+        """Return whether a fault of the data makes a search pointless.
 
-        It is looked for when this is first asked: a search that arrives at once need not ask.
+        The data are examined at the first call, so a search that succeeds at once does not need it.
         """
         if self._in_vain is None:
             self._in_vain = self.overrule is not None and self.overrule()
         return self._in_vain
 
     def ended(self, outcome: Outcome) -> None:
-        """Remember where a descent has ended."""
+        """Store the outcome of the latest descent."""
         self._latest = outcome
 
     def resumed(self, settings: TrustRegion, x: NDArray[np.float64]) -> TrustRegion:
-        """Return settings with the radius of the latest descent, where it ran out of steps at x."""
+        """Return settings with the radius of the latest descent if it ran out of steps at x."""
         latest = self._latest
         if latest is None or not np.array_equal(latest.x, x):
             return settings
@@ -122,14 +122,14 @@ class Monitor:
 
     @contextmanager
     def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
-        """Name the steps made inside, and time them.
+        """Assign the steps made inside to a stage, and time them.
 
         Parameters
         ----------
         name : str
             Part of the method.
         problem : Problem, optional
-            What is fitted inside, where it is not the whole.
+            The problem fitted inside, if it is not the whole one.
         """
         before, start = (self._stage, self._n_lines), time.perf_counter()
         self._stage, self._n_lines = name, (problem or self.problem).n_lines
@@ -145,7 +145,7 @@ class Monitor:
         return bool(self.history) and self.history[-1].stage == self._stage
 
     def start(self, x: NDArray[np.float64], local: Local) -> None:
-        """Record where a stage starts."""
+        """Record the starting point of a stage."""
         self.step(Step(x, local, 0.0, True))
 
     def step(self, step: Step) -> bool:
@@ -169,7 +169,7 @@ class Monitor:
         return self.stopped
 
     def _shown(self) -> bool:
-        """Show where the fit is; return whether it should stop."""
+        """Call the callback with the current progress; return whether the fit should stop."""
         session = self.problem.session
         if self.callback is not None:
             number, cost = 0, np.nan
@@ -184,13 +184,7 @@ class Monitor:
 
 
 def condition(R: NDArray[np.float64]) -> float:
-    """Return the condition number of a Jacobian with its columns scaled to unit norm.
-
-    Parameters
-    ----------
-    R : ndarray of float, shape (k, n)
-        Jacobian, or the triangle of its QR factors.
-    """
+    """Return the condition number of a Jacobian R with its columns scaled to unit norm."""
     norms = np.linalg.norm(R, axis=0)
     if not norms.all() or not np.isfinite(norms).all():
         return np.inf
@@ -200,15 +194,15 @@ def condition(R: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Iteration:
-    """One accepted or refused step.
+    """One accepted or rejected step.
 
     Attributes
     ----------
     stage : str
-        Which part of the method made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
+        Part of the method that made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
         ...).
     number : int
-        Counted from 0 (the start) through all stages.
+        Number of the step, counted from 0 (the start) through all stages.
     cost : float
         Half the sum of squared weighted residuals.
     step : float
@@ -216,7 +210,7 @@ class Iteration:
     condition : float
         Condition number of the Jacobian with columns scaled to unit norm.
     accepted : bool
-        Whether the step was taken.
+        Whether the step was accepted.
     values : dict of str to float
         The unknowns after the step.
     """
@@ -231,15 +225,15 @@ class Iteration:
 
     @property
     def counts(self) -> bool:
-        """Whether it is an accepted step, and not a start."""
+        """Whether the entry is an accepted step and not a start."""
         return self.accepted and self.number > 0 and self.step > 0
 
 
 def iterations_made(history: Sequence[Iteration]) -> list[int]:
-    """Return how many iterations had been made at each entry of a history.
+    """Return the number of iterations up to each entry of a history.
 
-    An iteration is a step that was taken. Refused steps, and the points where stages and tries
-    begin, are entries too, but no iterations.
+    An iteration is an accepted step. Rejected steps and the starting points of stages and tries are
+    entries but not iterations.
     """
     made, out = 0, []
     for step in history:

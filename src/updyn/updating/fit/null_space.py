@@ -22,7 +22,7 @@ __all__ = [
 _Matrix = NDArray[np.float64]
 
 #: Singular values of the column-scaled Jacobian below this share of the largest count as zero: no
-#: measurement is as exact as the 8 digits that it would take to see them.
+#: measurement has the 8 exact digits needed to resolve them.
 RANK_TOLERANCE = 1e-8
 
 #: A direction with a larger standard deviation than this (of a logarithm, or of a loss factor) is
@@ -31,11 +31,11 @@ WIDEST = 1.0
 #: Relative rounding of a standard deviation.
 _ROUNDING = 1e-9
 
-#: One over a standard deviation that says nothing.
+#: Inverse of a standard deviation that means no information.
 _BLIND = 1e-9
 
-#: Standard deviation along a direction from which on it is all the same how large it is; what lies
-#: within `WIDEST` is told apart beside it.
+#: Limit on the standard deviation of a direction: larger ones have the same meaning, and would hide
+#: those within `WIDEST` in rounding.
 _FURTHEST = 1e12
 
 #: Weights of an unknown in a direction below this count as zero.
@@ -49,17 +49,17 @@ class Resolution:
     Attributes
     ----------
     singular_values : ndarray of float, shape (n,)
-        Of the Jacobian with columns scaled to unit norm, falling.
+        Singular values of the Jacobian with columns scaled to unit norm, in descending order.
     full_rank : bool
         Whether all of them are above `RANK_TOLERANCE` times the largest.
     null_space : ndarray of float, shape (n, k)
         Orthonormal basis of the undetermined directions: those below `RANK_TOLERANCE`, and those
         with a standard deviation above `WIDEST`.
     covariance : ndarray of float, shape (n, n)
-        Over the directions above `RANK_TOLERANCE`.
+        Covariance over the directions above `RANK_TOLERANCE`.
     involved : ndarray of bool, shape (n,)
-        Unknowns that are undetermined: they take part in a direction below `RANK_TOLERANCE`, or
-        lead one with a standard deviation above `WIDEST`.
+        Whether an unknown is undetermined: it has a share in a direction below `RANK_TOLERANCE`, or
+        leads a direction with a standard deviation above `WIDEST`.
     """
 
     singular_values: NDArray[np.float64]
@@ -70,7 +70,7 @@ class Resolution:
 
 
 def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> Resolution:
-    """Return what a reduced Jacobian determines.
+    """Return the determined and undetermined directions of a reduced Jacobian.
 
     Parameters
     ----------
@@ -79,16 +79,16 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     inflation : float
         Factor on the standard deviations.
     even : ndarray of float, shape (n, n), optional
-        One of the same null space, whose rows are of one size: arithmetic rank is told from it, and
-        singular values are its own.
+        Jacobian of the same null space with rows of equal size, used for the rank and the singular
+        values.
     """
     scale, s, Vt = _scaled_svd(R if even is None else even)
     seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
     unseen = _orthonormal(Vt[~seen].T / scale[:, None])
-    # Columns of one standard deviation each.
+    # Columns are directions of one standard deviation each.
     if even is None:
         spread = (Vt[seen].T / s[seen]) / scale[:, None]
-        # Of what is determined up to the open directions, the part that these do not change.
+        # Of directions determined up to the null space, keep the part orthogonal to it.
         spread -= unseen @ (unseen.T @ spread)
     else:
         within = complement(unseen)
@@ -98,10 +98,10 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     lengths = np.linalg.norm(spread, axis=0)
     short = spread * np.minimum(1.0, _FURTHEST / np.maximum(lengths, 1.0))
     axes, std, _ = np.linalg.svd(short, full_matrices=False)
-    # A prior of this deviation has exactly it, up to rounding, along a direction without data.
+    # Along a direction without data, a prior of this standard deviation gives it up to rounding.
     known = std <= WIDEST * (1.0 + _ROUNDING)
     blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
-    # Not from the axes: the small standard deviations beside a huge one are rounding there.
+    # Not computed from the axes, where a huge standard deviation reduces small ones to rounding.
     covariance = spread @ spread.T
     involved = (np.linalg.norm(unseen, axis=1) > VISIBLE) | _led(axes[:, ~known], std[~known])
     return Resolution(s, bool(seen.all()), blind, covariance, involved)
@@ -116,12 +116,12 @@ def null_space(R: _Matrix) -> _Matrix:
 
 
 def complement(basis: _Matrix) -> _Matrix:
-    """Return an orthonormal basis of the directions beyond those of another, shape (n, n - k)."""
+    """Return an orthonormal basis, shape (n, n - k), of the complement of an orthonormal basis."""
     return np.asarray(scipy.linalg.null_space(basis.T)) if basis.size else np.eye(len(basis))
 
 
 def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
-    """Return the covariance, shape (n, n), within the span of orthonormal columns, shape (n, k)."""
+    """Return the covariance, shape (n, n), in the span of orthonormal columns, shape (n, k)."""
     if within.shape[1] == 0:
         return np.zeros((len(within), len(within)))
     triangle = np.linalg.qr(R @ within, mode="r")
@@ -130,21 +130,20 @@ def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:
 
 
 def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _Matrix]:
-    """Return the column norms, and singular values and V^T of the columns at unit norm."""
+    """Return the column norms, and singular values and V^T of the columns scaled to unit norm."""
     n = R.shape[1]
     norms = np.linalg.norm(R, axis=0)
-    # An unknown without any effect has a zero column; scaling it by 1 keeps it zero.
+    # An unknown without effect has a zero column; a scale of 1 keeps it zero.
     scale = np.where(norms > 0, norms, 1.0)
     _, s, Vt = np.linalg.svd(np.vstack([R / scale, np.zeros((max(0, n - len(R)), n))]))
     return scale, s, Vt
 
 
 def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which unknowns a noisy direction leaves undetermined.
+    """Return which unknowns the noisy directions leave undetermined.
 
-    These are its leading ones, and all with a standard deviation along it above half of `WIDEST`.
-
-    The others have a share in it that leaves them determined.
+    These are the leading unknowns of a direction, and all with a standard deviation along it above
+    half of `WIDEST`. Others have a small share in it and remain determined.
     """
     reach = np.abs(axes) * std
     leads = (np.abs(axes) >= 0.5 * np.abs(axes).max(axis=0, initial=0.0)).any(axis=1)

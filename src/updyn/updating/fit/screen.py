@@ -1,7 +1,7 @@
-"""`Screen`: which points may fit as well as an answer, told from few lines.
+"""`Screen`: selection, from few lines, of points that may fit as well as an answer.
 
-What the lines leave only adds up, so that a few of them show that a point is far off. Most points
-that are looked at beside an answer are, by so much that one line in ten is enough.
+The sum of squares over lines only grows, so a few lines suffice to show that a point is far off.
+Most of the points near an answer are so far off that one line in ten is sufficient.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ __all__ = ["Screen"]
 
 _Vector = NDArray[np.float64]
 
-#: Fewest lines of a part that are looked at first, with as many values as there are unknowns.
+#: Least number of lines in the first piece of a part; the piece has at least as many values as
+#: unknowns.
 _TOGETHER = 4
-#: A point is far off that leaves this many times what the answer does. Where the size of the noise
-#: is not known, its log-likelihood is then lower by a half for each measured number.
+#: A point is far off if its sum of squares exceeds this multiple of the answer's. For noise of
+#: unknown size, its log-likelihood is then lower by a half for each measured number.
 _FAR = math.e
-#: Share of the points that each piece leaves where they are only ranked.
+#: Share of the points kept after each piece in a ranking.
 _RANKED = 0.25
-#: Few data count as so many values.
+#: Least number of values assumed in the limit on the sum of squares.
 _FEWEST = 50
 
 
@@ -42,9 +43,9 @@ class _Piece:
     Attributes
     ----------
     part : Part
-        On these lines.
+        The part on these lines.
     H : ndarray of complex, shape (n_f, n_i, n_j)
-        The model's there, of the answer.
+        FRFs of the model at the answer.
     weight : ndarray of float, shape (n_f, n_i, n_j)
         Inverse standard deviations of the data.
     """
@@ -54,16 +55,16 @@ class _Piece:
     weight: NDArray[np.float64]
 
     def left_at(self, x: _Vector) -> float:
-        """Return the sum of squares that x leaves; inf where the model cannot be solved."""
+        """Return the sum of squared residuals at x; inf if the model cannot be solved."""
         try:
             return self.left(self.part.responses(x))
         except SolverError:
             return np.inf
 
     def left(self, H: NDArray[np.complex128]) -> float:
-        """Return the sum of squares that a model leaves, in variances of the data.
+        """Return the sum of squared residuals of a model, in variances of the data.
 
-        Noise that grows with the response is taken as that of the larger of both models.
+        If noise grows with the response, that of the larger response of both models is used.
         """
         larger = np.maximum(np.abs(H), np.abs(self.H))
         share = np.divide(np.abs(self.H), larger, out=np.ones(H.shape), where=larger > 0.0)
@@ -72,14 +73,14 @@ class _Piece:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screen:
-    """Tells points that are far off from those that may fit as well as an answer.
+    """Separates points that are far off from those that may fit as well as an answer.
 
     Attributes
     ----------
     pieces : tuple
-        The lines: a few, twice as many others, and so on, each of them spread over the band.
+        Sets of lines: a few, twice as many others, and so on, each spread over the band.
     most : float
-        Sum of squares beyond which a point is far off.
+        Sum of squares above which a point is far off.
     """
 
     pieces: tuple[_Piece, ...]
@@ -89,21 +90,21 @@ class Screen:
     def of(
         cls, problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
     ) -> Screen:
-        """Return the screen about an answer.
+        """Return the screen of an answer.
 
         Parameters
         ----------
         problem : Problem
-            What was fitted.
+            The fitted problem.
         x : ndarray of float, shape (n,)
             The answer.
         noises : sequence of NoiseModel
-            The noise of its last descent, of each part.
+            Noise model of its last descent, for each part.
         residual : Each
-            The residual, whitened by it.
+            The residual whitened by this noise.
         """
         if any(noise.heavy_tails for noise in noises):
-            return cls((), np.inf)  # a few lines say nothing of the rest
+            return cls((), np.inf)  # a few lines are not representative
         pieces = [
             list(_pieces(part, residual.of(i).weight / np.sqrt(2.0), x))
             for i, part in enumerate(problem.parts)
@@ -114,16 +115,9 @@ class Screen:
         return cls(tuple(piece for piece in by_turns if piece is not None), most)
 
     def promising(self, points: Sequence[_Vector], number: int) -> list[_Vector]:
-        """Return the points that leave least, best first, without those that are far off.
+        """Return the points of least sum of squares, best first, without those that are far off.
 
-        After each piece the worse half of the points is left out, until so many are left.
-
-        Parameters
-        ----------
-        points : sequence of ndarray of float, shape (n,)
-            The points.
-        number : int
-            How many of them are enough.
+        After each piece the worse half of the points is dropped, down to `number` points.
         """
         kept = [(0.0, x) for x in points]
         for piece in self.pieces:
@@ -138,21 +132,22 @@ class Screen:
     def ranked(
         self, points: Sequence[_Vector], distances: Sequence[float], number: int
     ) -> list[_Vector]:
-        """Return the points that leave least for their distance from the answer, best first.
+        """Return the points of least sum of squares over distance from the answer, best first.
 
-        For points at which the model is off by more than the noise, so that none is far off for
-        what it leaves. As more lines say little more, three quarters are left out after each piece.
-        (Measured and left out: what a point leaves alone, by which those that the data hardly tell
-        from the answer come first; over the square of the distance, by which the farthest do.)
+        This is for points at which the error of the model exceeds the noise, so none can be
+        rejected by its sum of squares. More lines add little, so three quarters of the points are
+        dropped after each piece, down to `number` points. (Measured and rejected: the sum of
+        squares alone, which prefers points that the data hardly distinguish from the answer; the
+        sum of squares over the squared distance, which prefers the farthest points.)
 
         Parameters
         ----------
         points : sequence of ndarray of float, shape (n,)
             The points.
         distances : sequence of float
-            Of each, in standard deviations of the data.
+            Their distances from the answer, in standard deviations of the data.
         number : int
-            How many of them are enough.
+            Sufficient number of points.
         """
         tiny = np.finfo(float).tiny
         kept = [(0.0, max(far, tiny), x) for far, x in zip(distances, points, strict=True)]
@@ -169,7 +164,7 @@ def _pieces(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Pi
     """Yield the lines of a part: a few of them, twice as many others, and so on."""
     H, freq = part.responses(x), part.frf.freq
     few = max(_TOGETHER, -(-part.n // H[0].size))
-    # As points are left out, the work stays about the same.
+    # The number of points halves with each piece, so the work of each piece is about the same.
     ends = few * (2 ** np.arange(1, int(np.log2(len(freq) / few + 1.0)) + 1) - 1)
     for some in np.split(_spread(len(freq)), ends):
         if len(some):
@@ -178,7 +173,7 @@ def _pieces(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Pi
 
 
 def _spread(number: int) -> NDArray[np.intp]:
-    """Return 0 ... number - 1 in an order of which every run is spread over them: bits reversed."""
+    """Return 0 ... number - 1 in bit-reversed order, in which every run spans the range."""
     bits = int(number - 1).bit_length()
     order = np.zeros(1, dtype=np.intp)
     for bit in range(bits):

@@ -1,8 +1,8 @@
-"""How far the data let an unknown go from an answer, all others following: valleys of the misfit.
+"""Valleys of the misfit: how far an unknown can move from an answer while all others follow.
 
-The curvature at a minimum says how firmly the data hold an unknown only where the misfit is a
-parabola. Along a curved valley it may hardly rise for many of the standard deviations that the
-curvature claims. So the valley is followed: the unknown is held at a distance, and all others are
+The curvature at a minimum gives the uncertainty of an unknown only if the misfit is a parabola.
+Along a curved valley it may hardly increase over many of the standard deviations that the curvature
+gives. The valley is therefore followed: the unknown is held at a distance, and all others are
 fitted again (profile likelihood; Raue et al., Bioinformatics 25 (2009) 1923).
 """
 
@@ -23,20 +23,20 @@ __all__ = ["Valley", "holding", "valleys"]
 
 _Vector = NDArray[np.float64]
 
-#: Unknowns with a smaller standard deviation are not followed: so near, misfits are parabolas.
+#: Unknowns with a smaller standard deviation are not followed: misfits are parabolas so near.
 _SURE = 0.01
-#: A valley is followed so far, in standard deviations, by steps of this size.
+#: Distance over which a valley is followed, and size of a step, in standard deviations.
 _FAR, _STEP = 8.0, 2.0
-#: It is open if it can be followed at least so far (a bound may end it),
+#: Least distance at which a valley counts as open (a bound may end it there).
 _LEAST = 3.0
-#: and the misfit there has risen by less than this share of what a parabola does;
+#: Largest rise of the misfit at the end of an open valley, as a share of that of the parabola.
 _OPEN = 0.25
-#: on the way it may rise by this share.
+#: Largest rise of the misfit on the way, as a share of that of the parabola.
 _SWELL = 0.5
 
 
 def holding(problem: Problem, x: _Vector, i: int) -> Problem:
-    """Return the problem with unknown `i` held where it is at x."""
+    """Return the problem with unknown `i` fixed at its value in x."""
     lower, upper = (bound.copy() for bound in problem.coordinates.bounds)
     lower[i] = upper[i] = x[i]
     return problem.with_box((lower, upper))
@@ -44,20 +44,20 @@ def holding(problem: Problem, x: _Vector, i: int) -> Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Valley:
-    """One unknown and a side of it.
+    """One unknown and one direction in which it moves.
 
     Attributes
     ----------
     problem : Problem
         Model, data and unknowns.
     answer : Answer
-        Where it begins.
+        Beginning of the valley.
     unknown : int
-        Which unknown.
+        Index of the unknown.
     side : float
         1: upwards, -1: downwards.
     ridge : ndarray of float, shape (n,)
-        How all unknowns move with this one, to first order, by one standard deviation of it.
+        Change of all unknowns, to first order, for one standard deviation of this one.
     """
 
     problem: Problem
@@ -68,16 +68,16 @@ class Valley:
 
     @property
     def std(self) -> float:
-        """Standard deviation of the unknown, by the curvature at the answer."""
+        """Standard deviation of the unknown from the curvature at the answer."""
         return float(self.ridge[self.unknown])
 
     def end(self, refitted: Callable[[_Vector, int], Answer | None]) -> Answer | None:
-        """Return its far end, where all along it the data are fitted as well; None: it is closed.
+        """Return the far end if the data are fitted equally well all along, else None.
 
         Parameters
         ----------
         refitted : callable
-            Returns the answer from a point with one unknown held; None where there is none.
+            Returns the answer from a point with one unknown held; None if the fit fails.
         """
         last, slope, step, gone = self.answer, self.side * self.ridge, _STEP, 0.0
         while gone < _FAR - 1e-9 and not self._at_bound(last.x):
@@ -87,7 +87,7 @@ class Valley:
             if here is None or self._rise(here) > max(AS_WELL, _SWELL * _parabola(far)):
                 if step < _STEP:
                     return None
-                step = 0.5 * _STEP  # the valley may have turned away from the straight line
+                step = 0.5 * _STEP  # the valley may curve away from the straight line
                 continue
             slope, step = (here.x - last.x) / (far - gone), _STEP
             gone, last = far, here
@@ -95,11 +95,11 @@ class Valley:
         return last if gone >= _LEAST and is_open else None
 
     def distance(self, x: _Vector) -> float:
-        """Return how far the unknown is from the answer on this side, in standard deviations."""
+        """Return the distance of the unknown from the answer, in standard deviations."""
         return self.side * float(x[self.unknown] - self.answer.x[self.unknown]) / self.std
 
     def is_covered(self, x: _Vector) -> bool:
-        """Whether a point is already so far on this side."""
+        """Return whether a point already lies far along this side."""
         return self.distance(x) >= _LEAST
 
     def _rise(self, other: Answer) -> float:
@@ -114,12 +114,12 @@ class Valley:
 
 
 def _parabola(far: float) -> float:
-    """Return by how much the log-likelihood falls so many standard deviations off."""
+    """Return the decrease of a parabolic log-likelihood at a number of standard deviations."""
     return 0.5 * far**2
 
 
 def valleys(problem: Problem, answer: Answer) -> Iterator[Valley]:
-    """Yield both sides of each unknown that the data hold, the least sure first."""
+    """Yield both sides of each determined unknown, the most uncertain first."""
     if answer.local is None:
         return
     known = resolve(answer.local.R)
