@@ -1,1 +1,1 @@
-"""Model updating: unknowns, residuals, methods of the fit, and assessment of its result."""
+"""Model updating: unknowns, residuals, methods of the fit, and assessment of the result."""

@@ -1,1 +1,1 @@
-"""The fit: methods, optimiser, search for a start, reduced tier, regularisation, checkpoints."""
+"""The fit: methods, optimiser, search for a start, reduced tier, regularisation and checkpoints."""

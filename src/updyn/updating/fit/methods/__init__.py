@@ -1,10 +1,10 @@
-"""The methods by name: one module each, imported when first used.
+"""Registry of the methods: one module each, imported when first used.
 
 A method is a frozen dataclass derived from `updyn.updating.fit.method.Method`: its fields are its
-options, and its class attributes state what it needs and can do. Another package adds one by
+options, and its class attributes state its requirements and abilities. Another package adds one by
 ``METHODS.register("my-method", MyMethod)``, or by an entry point of the group ``updyn.methods``.
 
-A residual alone will do: ``RESIDUALS.register("my-residual", MyResidual)``, with a class derived
+A residual is sufficient: ``RESIDUALS.register("my-residual", MyResidual)``, with a class derived
 from `updyn.updating.problem.residuals.LineResidual`, or an entry point of the group
 ``updyn.residuals``, makes ``method="my-residual"`` minimise it by least squares, within bounds and
 with priors (`updyn.updating.fit.methods.least_squares.LeastSquares`).
@@ -32,7 +32,7 @@ _HERE = "updyn.updating.fit.methods."
 
 
 class _Methods(Registry[type[Method]]):
-    """The methods, and the residuals that no method is named after."""
+    """Registry of the methods, and of the residuals without a method of the same name."""
 
     def __getitem__(self, name: str) -> type[Method]:
         if not super().__contains__(name) and name in RESIDUALS:
@@ -72,12 +72,12 @@ METHODS = _Methods(
 
 
 def methods_with(attribute: str) -> tuple[str, ...]:
-    """Return the names of the methods that state something.
+    """Return the names of the methods for which an attribute of `Method` is true.
 
     Parameters
     ----------
     attribute : str
-        Of `Method`, such as ``"can_regularise"``.
+        Name of the attribute, such as ``"can_regularise"``.
     """
     return tuple(name for name in METHODS if getattr(METHODS[name], attribute))
 
@@ -88,20 +88,20 @@ def options_of(name: str) -> dict[str, Any]:
     Raises
     ------
     OptionError
-        If there is no such method; the nearest is named.
+        If the method does not exist; the message names the nearest.
     """
     fields = dataclasses.fields(cast(Any, METHODS.find(name)))
     return {f.name: f.default for f in fields}
 
 
 def make_method(name: str, options: Mapping[str, Any]) -> Method:
-    """Make a method from its name and options.
+    """Return a method from its name and options.
 
     Raises
     ------
     OptionError
-        If the method or an option is not known (the nearest is named), or a value has the wrong
-        type or sign.
+        If the method or an option is not known (the message names the nearest), or a value has the
+        wrong type or sign.
     """
     made, defaults = METHODS.find(name), options_of(name)
     plain = {}
@@ -130,7 +130,7 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
     Raises
     ------
     OptionError
-        If it compares with the measurement as it stands.
+        If the method uses the measurement without calibration.
     """
     sensors = [p.name for p in parameters if p.is_channel]
     if sensors and not method.calibrates:
@@ -142,7 +142,7 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
 
 
 def check_modes(tests: Sequence[Test], method: Method) -> None:
-    """Check that a method fits modes, if a test measured any.
+    """Check that a method fits modes, if the data of a test are modes.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def check_modes(tests: Sequence[Test], method: Method) -> None:
     Raises
     ------
     OptionError
-        If it fits FRFs only.
+        If the method fits FRFs only.
     """
     if method.fits_modes or not any(isinstance(test.data, ModeSet) for test in tests):
         return
@@ -163,7 +163,7 @@ def check_modes(tests: Sequence[Test], method: Method) -> None:
 
 
 def _check(key: str, value: Any, default: Any) -> None:
-    if default is None:  # an object, which the method itself looks at
+    if default is None:  # an object, which the method itself checks
         return
     kind: Any = (int, float) if isinstance(default, float) else type(default)
     if isinstance(value, bool) != isinstance(default, bool) or not isinstance(value, kind):

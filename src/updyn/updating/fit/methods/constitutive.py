@@ -46,24 +46,24 @@ _NOTE = (
 class ConstitutiveMethod(Method):
     """Error in the constitutive relations with a measurement term (method ``"constitutive"``).
 
-    Fields u, v, w that balance the forces, K v - omega^2 M w = f, may break stress-strain (u - v)
-    and force-acceleration relations (u - w), and may miss the measurement. What has to be broken
-    and missed at least,
+    Fields u, v, w that balance the forces, K v - omega^2 M w = f, may violate the stress-strain
+    relations (u - v) and the force-acceleration relations (u - w), and may differ from the
+    measurement. The least such error,
 
         E = 1/2 |u - v|_K^2 + omega^2/2 |u - w|_M^2 + r / (1 - r) 1/2 |Pi u - h_X|_G^2,
 
     is summed over lines and references and minimised over the unknowns (Ladeveze, Nedjar & Reynier,
     AIAA J. 32 (1994) 1485; Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng. 191
     (2002) 2427, whose form this is, here with damping; Banerjee, Walsh, Aquino & Bonnet, Comput.
-    Methods Appl. Mech. Eng. 253 (2013) 60). The fields are eliminated exactly. What remains is the
-    output error weighted by what errors of the model would make of it.
+    Methods Appl. Mech. Eng. 253 (2013) 60). The fields are eliminated exactly, which leaves the
+    output error weighted by the effect of model errors on it.
 
     Parameters
     ----------
     weight : float
-        r, above 0 and at most 1. Near 0 the model is trusted and the output error is minimised with
-        fixed weights; at 1 the measurement is matched exactly, and with all DOFs measured this is
-        the equation error in the norm of the energy, biased by noise as that is.
+        r, above 0 and at most 1. Near 0 the model is trusted, and the output error is minimised
+        with fixed weights. At 1 the measurement is matched exactly; with all DOFs measured this is
+        the equation error in the norm of the energy, with the same bias by noise.
     max_iterations : int
         Largest number of steps.
     tolerance : float
@@ -93,13 +93,11 @@ class ConstitutiveMethod(Method):
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         with monitor.stage(_NAME):
             try:
                 residual = EachOf(tuple(_at_start(part, self.weight) for part in problem.parts))
-                local_of(
-                    problem, residual, x
-                )  # a start that cannot be solved is said with its line
+                local_of(problem, residual, x)  # raises an error that names the line if singular
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
             except Stopped:
@@ -115,26 +113,25 @@ class ConstitutiveError(LineResidual):
     Parameters
     ----------
     slack : ndarray of float, shape (n_f, n_i), or None
-        (1 - r) / r / G: what the measurement may be missed by, squared over energy, in m/N; None:
-        by nothing.
+        (1 - r) / r / G: accepted difference from the measurement, squared, over energy, in m/N;
+        None for 0.
     level : float
-        What the residual is divided by, so that it is of the size of a relative misfit.
+        Divisor of the residual, which makes it the size of a relative misfit.
     compliance : ndarray of float, shape (N,), optional
-        Takes the place of W, as its diagonal: then forces stand for the error, each in proportion
-        to its own.
+        Diagonal that replaces W: the error is then one of forces, each weighted by its compliance.
     name : str
-        How the report calls it.
+        Name in the report.
 
     Notes
     -----
-    With coefficients c_t of Z = sum c_t A_t the relations of each matrix are broken in the energy
-    of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t. Stationarity gives
+    With coefficients c_t of Z = sum c_t A_t the error in the relations of each matrix is measured
+    in the energy of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t.
+    Stationarity gives
 
         Z u - W lambda = f,    Z^H lambda = -G Pi^T (Pi u - h_X).
 
-    With P = Z^-1 Pi^T and S = P^T W conj(P) the misfit of the model's own h is
-    h - h_X = (1 + S G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives use adjoint
-    fields: P and
+    With P = Z^-1 Pi^T and S = P^T W conj(P), the misfit of the model's h is h - h_X = (1 + S G) d,
+    and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives use adjoint fields: P and
     Y = Z^-1 W conj(P) serve all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and
     dr = L^-1 (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up to a rotation that changes neither E nor its
     derivatives.
@@ -152,7 +149,7 @@ class ConstitutiveError(LineResidual):
         return np.concatenate([[self.level], *given])
 
     def on(self, part: Part, lines: slice) -> Self:
-        """Return it with the slack of a block of lines."""
+        """Return the residual with the slack of a block of lines."""
         if self.slack is None:
             return self
         return replace(self, slack=self.slack[lines])
@@ -203,11 +200,11 @@ def adjoint_fields(
     part : Part
         Model and data.
     state : State
-        Of the model.
+        State of the model.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     compliance : ndarray of float, shape (N,), optional
-        Diagonal of W; else W is that of the constitutive relations.
+        Diagonal of W; by default W is that of the constitutive relations.
 
     Returns
     -------
@@ -289,25 +286,25 @@ def _diagonal(part: Part, item: tuple[slice]) -> _Vector:
 def constitutive_weights(
     system: AffineSystem, state: State, omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return the coefficients of Z and those of the energy in which its breach is measured.
+    """Return the coefficients of Z and of W, the energy norm of the error.
 
     Parameters
     ----------
     system : AffineSystem
         The compiled model.
     state : State
-        Its numbers.
+        Its state.
     omega : ndarray of float, shape (n_f,)
         Lines in rad/s.
 
     Returns
     -------
     c : ndarray of complex, shape (n_terms, n_f)
-        Of Z.
+        Coefficients of Z.
     w : ndarray of float, shape (n_terms, n_f)
-        Of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
-        With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from
-        those of u by W lambda.
+        Coefficients of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c
+        (viscous). With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v
+        differ from those of u by W lambda.
     """
     c = system.coefficients(state, omega)
     elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]

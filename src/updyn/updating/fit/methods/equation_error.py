@@ -28,7 +28,7 @@ __all__ = ["EquationErrorMethod"]
 
 @dataclass(frozen=True, slots=True)
 class EquationErrorMethod(PublishedMethod):
-    """r = Z_red h_X - e_j at every line and reference.
+    """r = Z_red h_X - e_j at every line and reference (method ``"equation-error"``).
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class EquationErrorMethod(PublishedMethod):
         ``gauss-newton``: epsilon of the paper's stopping rule ||Z_red H_X - I||_inf <= epsilon.
         ``trust-region``: relative step.
     solver : {"trust-region", "gauss-newton"}
-        The plain iteration as published, or the safeguarded one with bounds.
+        The safeguarded iteration with bounds, or the plain one as published.
     """
 
     max_iterations: int = 100
@@ -60,7 +60,7 @@ class EquationErrorMethod(PublishedMethod):
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         self.check_priors(problem)
         residual = EquationError()
         with monitor.stage(self.name):
@@ -95,12 +95,13 @@ def _gauss_newton(
 ) -> tuple[NDArray[np.float64], str]:
     """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
 
-    Real over imaginary rows, real unknowns (eqs. 12, 20-22); no step control and no bounds.
+    Real rows are stacked on imaginary rows, with real unknowns (eqs. 12, 20-22); no step control
+    and no bounds.
 
     Raises
     ------
     SolverError
-        If it diverges.
+        If the iteration diverges.
     """
     coordinates = problem.coordinates
     length, before = 0.0, x

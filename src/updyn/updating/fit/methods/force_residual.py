@@ -1,4 +1,4 @@
-"""Force residual with dynamic expansion (Farhat & Hemez 1993; Hemez, paper's [5])."""
+"""Force residual with dynamic expansion (Farhat & Hemez 1993; Hemez, the paper's [5])."""
 
 from __future__ import annotations
 
@@ -44,24 +44,25 @@ _UNBOUNDED = "The published iteration knows no bounds. "
 class ForceResidualMethod(PublishedMethod):
     """||Z(p) h - f|| minimised over the unknowns and the unmeasured motion (``"force-residual"``).
 
-    In turn: the measured motion is expanded to all DOFs such that the present model leaves the
-    least unbalanced force; then, with that motion, the residual is linear in the unknowns and is
+    Two steps alternate: the measured motion is expanded to all DOFs with the least unbalanced force
+    of the present model; then, with that motion, the residual is linear in the unknowns and is
     minimised (Farhat & Hemez, AIAA J. 31 (1993) 1702; for frequency responses Hemez, as Bao, Wang &
-    Cheng 2010 quote him in [5]). Each half lowers the same sum of squares, so that the iteration
-    descends, but slowly where much is expanded: motion and unknowns hold each other.
+    Cheng 2010 quote him in [5]). Both steps lower the same sum of squares, so the iteration
+    descends, but slowly if most of the motion is expanded, because motion and unknowns restrain
+    each other.
 
-    Where rotations are among the DOFs, moments count over the length at which rotational and
+    If rotations are among the DOFs, moments are divided by the length at which rotational and
     translational stiffnesses of the start are equal.
 
     Parameters
     ----------
     max_iterations : int
-        Largest number of rounds (of steps).
+        Largest number of rounds (of steps for ``"trust-region"``).
     tolerance : float
         Relative step at which it has converged.
     solver : {"alternating", "trust-region"}
-        As published; or the same sum of squares with the motion eliminated, within bounds and with
-        priors, in far fewer steps.
+        The published iteration; or the same sum of squares with the motion eliminated, within
+        bounds and with priors, in far fewer steps.
     """
 
     max_iterations: int = 2000
@@ -77,7 +78,7 @@ class ForceResidualMethod(PublishedMethod):
     )
 
     def cause(self, problem: Problem) -> str:
-        """Return how much of the motion is the model's own."""
+        """Return the number of DOFs whose motion is expanded with the model, as a sentence."""
         missing = not_measured(problem)
         if missing:
             missing += ": their motion is expanded with the model as it is, right or wrong."
@@ -86,7 +87,7 @@ class ForceResidualMethod(PublishedMethod):
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         self.check_priors(problem)
         check_unknowns(problem, self, priors=True)
         for part in problem.parts:
@@ -111,18 +112,18 @@ class ForceResidual(LineResidual):
     Parameters
     ----------
     compliance : ndarray of float, shape (N,)
-        The residual's rows are divided by its root: 1 for forces, the square of a length for
-        moments.
+        Rows of the residual are divided by its square root: 1 for forces, the square of a length
+        for moments.
     level : float
-        What the residual is divided by.
+        Divisor of the residual.
     name : str
-        How the report calls it.
+        Name in the report.
 
     Notes
     -----
-    The least force that makes the model move as measured at the sensors is -C conj(P) S^-1 (h_A -
+    The least force for which the model moves as measured at the sensors is -C conj(P) S^-1 (h_A -
     h_X), with C the compliance, P = Z^-1 on the sensors and S = P^T C conj(P); the expanded motion
-    is h_A plus what that force does.
+    is h_A plus the motion due to that force.
     """
 
     compliance: _Vector
@@ -136,7 +137,7 @@ class ForceResidual(LineResidual):
 
     @property
     def eliminated(self) -> ConstitutiveError:
-        """The same sum of squares with the expanded motion eliminated, exact in its derivatives."""
+        """The same sum of squares with the expanded motion eliminated, with exact derivatives."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
 
     def partition(self, part: Part) -> list[slice]:

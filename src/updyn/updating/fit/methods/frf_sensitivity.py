@@ -32,13 +32,13 @@ class FrfSensitivityMethod(Method):
     """H_X - H_A = -H_A Z' H_A dp on measured DOFs, iterated (method ``"frf-sensitivity"``).
 
     The sensitivity of the FRF, as Bao, Wang & Cheng 2010 (section 1) report it of Xu Zhangming
-    (their [4]) and, without damping, of Ting (their [6]); with all it needs in Imregun, Visser &
-    Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202. It is exact here, -v_i^T Z' u_j, for any
-    choice of measured DOFs.
+    (their [4]) and, without damping, of Ting (their [6]); in full in Imregun, Visser & Ewins, Mech.
+    Syst. Signal Process. 9 (1995) 187-202. It is exact here, -v_i^T Z' u_j, for any choice of
+    measured DOFs.
 
-    The residual is that of ``"output-error"``, and so is the minimum. The way there differs: plain
-    Gauss-Newton steps in the factors and loss factors themselves. No trust region, no bounds, no
-    logarithms, no priors. A step that is too long is taken as it is, and where it makes a factor
+    The residual and the minimum are those of ``"output-error"``. The iteration differs: plain
+    Gauss-Newton steps in the factors and loss factors themselves, without a trust region, bounds,
+    logarithms or priors. A step that is too long is not shortened, and if it makes a factor
     negative the method has failed.
 
     Parameters
@@ -65,13 +65,13 @@ class FrfSensitivityMethod(Method):
 
     @property
     def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
+        """Advice if the iteration breaks down."""
         if self.halving:
             return "Use method 'output-error'."
         return "Use method 'output-error', or halving=True."
 
     def cause(self, problem: Problem) -> str:
-        """Return over which share of its first step the FRFs are linear enough."""
+        """Return a sentence on the share of the first step over which the FRFs are linear."""
         x, evaluate = problem.coordinates.home, partial(local_of, problem, self._residual(problem))
         here, values = evaluate(x), problem.coordinates.to_values(x)
         halved = Plain(1, self.tolerance, halving=True)
@@ -88,7 +88,7 @@ class FrfSensitivityMethod(Method):
         return f"{text} {Method.cause(self, problem)}".strip()
 
     def _residual(self, problem: Problem) -> Each:
-        """Return the output error of every test, under the name of this method."""
+        """Return the output error of every test, with the name of this method."""
         errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
         return Each(tuple(errors))
 
@@ -112,5 +112,5 @@ class FrfSensitivityMethod(Method):
 
 
 def _step(problem: Problem, local: Local, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values after a whole step, linearised in stiffness and loss factor each."""
+    """Return the values after a full step, linearised in the stiffness and the loss factor."""
     return linear_step(problem, Amounts(()), local, x)

@@ -1,7 +1,7 @@
-"""Methods that minimise one residual of equal weights: log error, output error, any registered one.
+"""Methods that minimise a residual with equal weights: log error, output error, registered ones.
 
-Standard deviations of log error and output error, whose weights are not those of the noise, are
-those of the sandwich covariance.
+The standard deviations of log error and output error, whose weights are not those of the noise, are
+computed from the sandwich covariance.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class LogMethod(SearchingMethod):
     states_noise: ClassVar[bool] = True
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return where to begin: the best basin of the log error."""
+        """Return the best basin of the log error."""
         if not self.starts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
@@ -96,8 +96,8 @@ class LogMethod(SearchingMethod):
 class OutputMethod(Method):
     """Output error, r = H_A - H_X, weighted equally within a unit (method ``"output-error"``).
 
-    The largest peaks decide. It suits noise that does not depend on the level, and needs a start
-    close to the truth: there is no search.
+    The largest peaks dominate. The method suits noise that does not depend on the level, and needs
+    a start close to the truth, because it makes no search.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class OutputMethod(Method):
 
 @dataclass(frozen=True, slots=True)
 class LeastSquares(Method):
-    """Any registered residual, all its values of equal weight, within bounds and with priors.
+    """Any registered residual, with equal weights, within bounds and with priors.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class LeastSquares(Method):
         Parameters
         ----------
         name : str
-            How the residual is registered.
+            Registered name of the residual.
         residual : type of LineResidual
             The residual.
         """
@@ -179,12 +179,12 @@ class LeastSquares(Method):
         monitor: Monitor,
         x: NDArray[np.float64],
     ) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         residual = EachOf(tuple(self.residual.of_data(part) for part in problem.parts))
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage(self.name):
             try:
-                local_of(problem, residual, x)  # names the line at which a start cannot be solved
+                local_of(problem, residual, x)  # raises an error that names the line if singular
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
             except Stopped:
                 return Fit.blind(x, "stopped")
@@ -214,22 +214,8 @@ def judged(
 ) -> Fit:
     """Return the fit that ended at x, with its sandwich covariance.
 
-    Where that cannot be computed, the noise is taken as equal everywhere.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was fitted.
-    residual : Residual
-        Log error or output error.
-    x : ndarray of float, shape (n,)
-        Where the fit ended.
-    reason : str
-        Why.
-    note : str
-        What the user should know.
-    noises : sequence of NoiseModel
-        How uncertain the data of each part are; estimated from the residual where none are given.
+    If that cannot be computed, the noise is assumed to be equal for all values. `note` is a note
+    for the user; without `noises`, the noise is estimated from the residual.
     """
     try:
         local = residual.local(problem, x)
@@ -275,12 +261,12 @@ def judged(
 
 
 _Matrix = NDArray[np.float64]
-#: Directions that the data hardly see keep the Jacobian's own length, beyond this share of what
-#: rounding leaves.
+#: Directions whose singular value is below this share of the largest are hardly determined; they
+#: keep their length in the Jacobian.
 _CLEAR = 10.0 * RANK_TOLERANCE
-#: Noise over |H| from which the logarithm of a value is biased by its curvature.
+#: Ratio of noise to |H| above which curvature biases the logarithm of a value.
 _LOUD = 0.5
-#: Share of such values from which the note says so.
+#: Share of such values above which a note is given.
 _MANY = 0.02
 
 
@@ -293,9 +279,9 @@ class Sandwich:
     R : ndarray of float, shape (k, n)
         R^T R is the inverse covariance of the unknowns.
     noise : tuple of dict
-        For the record, for each part of the problem.
+        Noise record of each part of the problem.
     note : str
-        Where the noise is too large for the residual; may be empty.
+        Note on noise that is too large for the residual; may be empty.
     """
 
     R: _Matrix
@@ -310,19 +296,19 @@ def sandwich(
     x: NDArray[np.float64],
     noises: Sequence[NoiseModel] = (),
 ) -> Sandwich | None:
-    """Return the sandwich covariance of a fit, or None where it is singular.
+    """Return the sandwich covariance of a fit, or None if it is singular.
 
     With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the
-    estimate has the covariance A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;
-    White, Econometrica 48 (1980) 817). S is that of the noise model, not squares of the residuals
-    themselves: these are too few where single peaks carry a fit (`benchmarks/sandwich.py`). Where
-    the weighted misfit exceeds what S explains, S grows to it, and by the lines over which the
-    residual is correlated.
+    covariance of the estimate is A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;
+    White, Econometrica 48 (1980) 817). S is computed from the noise model, not from the squares of
+    the residuals, which are too few if single peaks dominate a fit (`benchmarks/sandwich.py`). If
+    the weighted misfit exceeds that expected from S, S is scaled up to it, and by the correlation
+    length of the residual.
 
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The fitted problem.
     residual : LogError or Each
         Its residual.
     local : Local
@@ -330,12 +316,12 @@ def sandwich(
     x : ndarray of float, shape (n,)
         The estimate.
     noises : sequence of NoiseModel
-        How uncertain the data of each part are; estimated from the residual where none are given.
+        Noise model of each part; by default estimated from the residual.
 
     Raises
     ------
     Stopped
-        If the user wants to stop.
+        If the user stops the run.
     """
     try:
         return _sandwich(problem, residual, local, x, noises or [Estimated()] * len(problem.parts))
@@ -353,7 +339,7 @@ def _sandwich(
     looked, weights, spreads, total, loud = [], [], [], 0.0, []
     for i, (part, given) in enumerate(zip(problem.parts, noises, strict=True)):
         H, frf = part.responses(x), part.frf
-        # The weights of outliers are not those of this fit.
+        # This fit does not weight outliers, so the noise model without outliers is used.
         noise = given.bulk.refit(H, frf, problem.share(part))
         variance = noise.variance(H, frf)
         size = np.abs(H)
@@ -375,7 +361,7 @@ def _sandwich(
     scale = np.where(norms > 0.0, norms, 1.0)
     _, s, Vt = np.linalg.svd(local.R / scale)
     clear = s > _CLEAR * max(s[0], np.finfo(float).tiny)
-    # Its square is J^T S J in the basis in which J has unit singular values.
+    # along^T along is J^T S J in the basis in which J has unit singular values.
     along = (meat.R / scale) @ Vt[clear].T / s[clear]
     expected = total - float(np.sum(along**2))
     misfit = 1.0
@@ -390,7 +376,7 @@ def _sandwich(
     rows = solve_triangular(factor, s[clear, None] * Vt[clear], lower=True)
     usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
     R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
-    taken = looked[0].source == "estimated"  # from this very residual
+    taken = looked[0].source == "estimated"  # from this same residual
     spread = float(np.sqrt(2.0) * spread_of(local, problem.n_values, problem.n))
     record = {
         "chi_square": 1.0 if taken else float(misfit),

@@ -1,7 +1,7 @@
 """Parts of the classical methods: amounts in which Z is linear, and the plain iteration.
 
-Each of them repeats one linear least-squares solve in the unknowns: no bounds, no step control, no
-logarithms.
+Each of these methods repeats one linear least-squares solve for the unknowns, without bounds, step
+control or logarithms.
 """
 
 from __future__ import annotations
@@ -39,41 +39,41 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: What a damping value multiplies.
+#: Quantity that each damping value multiplies.
 _BASES = {"loss_factor": "stiffness", "stiffness_damping": "stiffness", "mass_damping": "mass"}
-#: A factor or a loss factor beyond this has nothing to do with the structure any more.
+#: Factor or loss factor above which the iteration has diverged.
 _ABSURD = 1e9
-#: A step below this that is no shorter than the one before is rounding.
+#: A step below this size that is not shorter than the one before is rounding.
 _ROUNDING = 1e-6
-#: A condition number from which a linear problem is singular but for rounding.
+#: Condition number above which a linear problem is singular to rounding.
 _SINGULAR = 1e12
-#: How often a step is halved before it is given up.
+#: Largest number of times that a step is halved.
 _HALVINGS = 20
-#: Columns whose lengths differ by less than this share are equally long but for rounding.
+#: Columns whose lengths differ by less than this share are equally long to rounding.
 _TIE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Amounts:
-    """Unknowns in which Z is linear.
+    """Quantities in which Z is linear.
 
     Z is bilinear in the stiffness factor kappa and the loss factor gamma of a group, D = gamma
     kappa K. It is linear in the real and the imaginary part of the complex stiffness kappa (1 + i
-    gamma) K. Where both are unknown, the amount of the loss factor is kappa gamma; likewise for the
+    gamma) K. If both are unknown, the amount of the loss factor is kappa gamma; likewise for the
     Rayleigh coefficients. All other unknowns are amounts themselves. (A linked unknown with a power
-    other than 1 stays nonlinear, and is linearised.)
+    other than 1 remains nonlinear and is linearised.)
 
     Parameters
     ----------
     pairs : tuple of (int, int)
-        Positions of a factor of stiffness or mass, and of an unknown that multiplies it.
+        Indices of a factor of stiffness or mass, and of an unknown that multiplies it.
     """
 
     pairs: tuple[tuple[int, int], ...]
 
     @classmethod
     def find(cls, parameters: ParameterSet) -> Amounts:
-        """Find the damping unknowns whose stiffness or mass is unknown too."""
+        """Return the damping unknowns whose stiffness or mass is unknown too."""
         pairs = []
         for j, p in enumerate(parameters):
             bases = {(d.group, _BASES[d.quantity]) for d in p.acts_on if d.quantity in _BASES}
@@ -90,7 +90,7 @@ class Amounts:
         """Return derivatives by the amounts, shape (m, n), from those by the values, same shape."""
         out = J.copy()
         for i, j in self.pairs:
-            # At a held product kappa gamma the loss factor falls as the stiffness grows.
+            # At constant kappa gamma, the loss factor decreases with increasing stiffness.
             out[:, i] -= J[:, j] * (values[j] / values[i])
             out[:, j] /= values[i]
         return out
@@ -109,7 +109,7 @@ class Amounts:
 
 @dataclass(frozen=True, slots=True)
 class Plain:
-    """The plain iteration: a linear solve, the whole step, and again.
+    """Plain iteration: repeated linear solves with full steps.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ class Plain:
         Converged when a step (logarithms of factors; loss factors) is not longer than this, or is
         rounding.
     halving : bool
-        Whether a step that does not lower the cost is halved; 20 times in vain, and the iteration
-        has stalled.
+        Whether a step that does not lower the cost is halved; after 20 halvings the iteration has
+        stalled.
     """
 
     max_iterations: int
@@ -135,27 +135,26 @@ class Plain:
         x: _Vector,
         monitor: Monitor,
     ) -> tuple[_Vector, str]:
-        """Iterate from x; return where it ends, shape (n,), and why.
+        """Iterate from x; return the final point, shape (n,), and why the iteration ended.
 
         Parameters
         ----------
         problem : Problem
-            Whose unknowns they are.
+            Problem of the unknowns.
         evaluate : callable
-            Returns the local problem at a point; raises SolverError where the model cannot be
-            solved.
+            Returns the local problem at a point; raises SolverError if the model cannot be solved.
         solve : callable
             Returns the values of the unknowns, shape (n,), that solve the linear problem at a
             point.
         x : ndarray of float, shape (n,)
-            Where to begin.
+            Starting point.
         monitor : Monitor
-            Who watches.
+            Records the steps.
 
         Raises
         ------
         SolverError
-            If it diverges, or the model cannot be solved on the way.
+            If the iteration diverges, or the model cannot be solved on the way.
         """
         before = np.inf
         try:
@@ -197,11 +196,11 @@ class Plain:
         problem, evaluate
             As for `run`.
         values, wanted : ndarray of float, shape (n,)
-            Values of the unknowns before the step, and after the whole of it.
+            Values of the unknowns before the step, and after the full step.
         here : Local
-            The local problem before it.
+            The local problem before the step.
         number : int
-            Of the step, for messages.
+            Number of the step, for messages.
         """
         share = 1.0
         for _ in range(_HALVINGS + 1):
@@ -224,7 +223,7 @@ class Plain:
 def _checked(
     problem: Problem, before: _Vector, values: _Vector, here: Local, number: int
 ) -> _Vector:
-    """Return x after a step to some values; refuse factors that are no longer above zero."""
+    """Return x after a step to given values; refuse factors that are not positive."""
     parameters = problem.coordinates.parameters
     size = condition(here.R)
     is_what = f"has condition number {size:.2g}" if size < _SINGULAR else "is singular"
@@ -249,7 +248,7 @@ def turned_negative(
     before, after : ndarray of float, shape (n,)
         Their values before and after the step.
     negative : ndarray of int
-        Positions of these factors.
+        Indices of these factors.
     """
     worst = int(negative[np.argmin(after[negative] / before[negative])])
     text = f"{parameters[worst].name} would turn negative (from {before[worst]:.3g} to"
@@ -264,12 +263,9 @@ def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
 
 
 def not_measured(problem: Problem) -> str:
-    """Return how many DOFs of a model were not measured, as the beginning of a sentence; or empty.
+    """Return the number of unmeasured DOFs as the beginning of a sentence; may be empty.
 
-    Parameters
-    ----------
-    problem : Problem
-        Model and data; of several tests the one with the most.
+    Of several tests, the one with the most unmeasured DOFs is described.
     """
     most = max(problem.parts, key=lambda part: part.solver.system.n - len(set(part.rows.tolist())))
     n = most.solver.system.n
@@ -280,42 +276,27 @@ def not_measured(problem: Problem) -> str:
 
 
 def linear_step(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
-    """Return the values, shape (n,), where the residual linearised at x in the amounts is least."""
+    """Return the values, shape (n,), that minimise the residual linearised at x in the amounts."""
     values = problem.coordinates.to_values(x)
     J = amounts.columns(local.R / problem.coordinates.slope(x), values)
     return amounts.moved(values, scaled_solution(J, -local.q))
 
 
 def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
-    """Solve least squares with columns of unit length: the unit of an unknown decides nothing.
-
-    Parameters
-    ----------
-    A : ndarray of float, shape (m, n)
-        Jacobian.
-    b : ndarray of float, shape (m,)
-        Right-hand side.
-    """
+    """Solve A x = b by least squares with columns of unit length, independent of units."""
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0.0, norms, 1.0)
     return basic_solution(A / scale, b) / scale
 
 
 def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
-    """Solve least squares by QR with column pivoting, the basic solution where rank is deficient.
+    """Solve A x = b by least squares with pivoted QR; the basic solution if A is rank-deficient.
 
-    Of the usual ways to solve a system of short rank this one takes the condensed equation error to
-    the paper's result in its five iterations from both readings of its error rates; least-norm
+    Of the usual solutions of a rank-deficient system, this one takes the condensed equation error
+    to the paper's result in its five iterations from both readings of its error rates. Least-norm
     solutions move along the undetermined direction and take longer.
-
-    Parameters
-    ----------
-    A : ndarray of float, shape (m, n)
-        Jacobian.
-    b : ndarray of float, shape (m,)
-        Right-hand side.
     """
-    # Of columns that are equally long but for rounding, the first is taken on every processor.
+    # Among columns equally long to rounding, the first is chosen on every processor.
     weight = 1.0 - _TIE * np.arange(A.shape[1])
     Q, R, order = scipy.linalg.qr(A * weight, mode="economic", pivoting=True)
     size = np.abs(np.diag(R))
@@ -344,7 +325,7 @@ def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) ->
     Parameters
     ----------
     problem : Problem
-        Whose unknowns they are.
+        Problem of the unknowns.
     method : Method
         The method.
     priors : bool
@@ -378,7 +359,7 @@ def fit_of(
     kind: str,
     note: str,
 ) -> Fit:
-    """Return the fit that ended at x; the noise is taken from the residual, as equal everywhere."""
+    """Return the fit that ended at x; the noise is estimated from the residual, equal everywhere."""
     try:
         local = local_of(problem, residual, x)
     except Stopped:

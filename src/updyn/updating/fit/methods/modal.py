@@ -1,4 +1,4 @@
-"""Modal sensitivity: natural frequencies and mode shapes, the method of most updating programs."""
+"""Modal sensitivity method: natural frequencies and mode shapes, as in most updating programs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["ADVICE", "ModalMethod"]
 
 _Vector = NDArray[np.float64]
 
-#: Standard deviation of a frequency, assumed where there are as many unknowns as residuals.
+#: Assumed relative standard deviation of a frequency if the residuals do not exceed the unknowns.
 _ASSUMED = 0.01
 ADVICE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
@@ -45,11 +45,11 @@ class ModalMethod(Method):
     R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
     1201 (eigenvectors); J. E. Mottershead, M. Link & M. I. Friswell, "The sensitivity method in
     finite element model updating: a tutorial", Mech. Syst. Signal Process. 25 (2011) 2275-2296
-    (residuals, weights, pairing). Modes of the undamped model are paired with the measured ones by
-    MAC anew in every step; the step is safeguarded by a trust region and bounds.
+    (residuals, weights, pairing). In every step, modes of the undamped model are paired anew with
+    the measured ones by MAC; the step is safeguarded by a trust region and bounds.
 
-    It uses the modes alone: no damping, no data between resonances, no level of the FRFs.
-    Stiffness and mass that grow together change neither frequencies nor shapes.
+    The method uses only the modes: no damping, no data between resonances, no level of the FRFs.
+    Stiffness and mass that increase together change neither frequencies nor shapes.
 
     Parameters
     ----------
@@ -58,21 +58,22 @@ class ModalMethod(Method):
     tolerance : float
         Relative step at which it has converged.
     n_modes : int
-        How many of the measured modes to use, lowest first; 0: all.
+        Number of measured modes to use, lowest first; 0: all.
     shapes : bool
-        Whether shapes are fitted beside frequencies. They decide on the pairs in any case.
+        Whether shapes are fitted in addition to frequencies. They are always used for the pairing.
     shape_weight : float
-        What a shape that is off by a share of its rms counts for, against a frequency that is off
-        by that share. By default shapes are taken as ten times less accurate (Friswell &
-        Mottershead, Finite Element Model Updating in Structural Dynamics, 1995: frequencies to 1 %,
-        shapes to 10 %).
+        Weight of a relative error of a shape (a share of its rms) over that of the same relative
+        error of a frequency. By default shapes are ten times less accurate (Friswell & Mottershead,
+        Finite Element Model Updating in Structural Dynamics, 1995: frequencies to 1 %, shapes to 10
+        %).
     mac_residual : bool
         Whether a shape is compared by its MAC alone, r = (1 - sqrt(MAC)) / sqrt(MAC) (Moller &
-        Friberg 1998), instead of sensor by sensor. It says little near the solution, where a MAC
+        Friberg 1998), instead of sensor by sensor. It is insensitive near the solution, where a MAC
         depends on the square of the difference.
     mac : float
-        Measured modes that resemble no mode of the model by this MAC are left out. The fit begins
-        with those that do at the start; where it ends others may, and it goes on with these too.
+        Measured modes with a MAC below this for every mode of the model are omitted. The fit begins
+        with the modes that pass at the start; if others pass at its end, it continues with these
+        too.
     modes : ModeSet, or mapping of str to ModeSet, optional
         Measured modes; of several tests by their names. None: identified from the FRFs
         (`updyn.identify_modes`).
@@ -123,7 +124,7 @@ class ModalMethod(Method):
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; how exact the modes are is taken from the residual.
+        """Fit the unknowns from x; the noise of the modes is estimated from the residual.
 
         Raises
         ------
@@ -132,9 +133,9 @@ class ModalMethod(Method):
         DataError
             If no mode is measured, or none resembles a mode of the model.
         OptionError
-            If modes are given for tests that are not there.
+            If modes are given for tests that do not exist.
         SolverError
-            If modes cannot be computed at x, or two of those that are paired there coincide.
+            If modes cannot be computed at x, or two of the modes paired there coincide.
         """
         self._check_unknowns(problem)
         self._check_names([part.name for part in problem.parts])
@@ -169,7 +170,7 @@ class ModalMethod(Method):
 
     @property
     def _noise(self) -> ModalNoise:
-        """The weights as standard deviations, in units of that of a frequency."""
+        """The weights as standard deviations, relative to that of a frequency."""
         added = {"frequency": 1.0}
         if self.shapes:
             added["mac" if self.mac_residual else "shape"] = 1.0 / self.shape_weight
@@ -229,14 +230,14 @@ class ModalMethod(Method):
         if isinstance(given, Mapping):
             given = given.get(part.name)
         if given is None:
-            # A viscous matrix has the rate 1, Rayleigh damping its coefficient.
+            # The rate is 1 for a viscous matrix, and the coefficient for Rayleigh damping.
             viscous = bool(part.solver.system.start.rate.any())
             given = identify_modes(part.frf, damping="viscous" if viscous else "structural")
         return given.select(range(min(self.n_modes or len(given), len(given))))
 
 
 def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None = None) -> float:
-    """Return the standard deviation of a frequency: that of all residuals, else `_ASSUMED`."""
+    """Return the standard deviation of a frequency, from all residuals or else `_ASSUMED`."""
     squares, count = 0.0, 0
     for part in problem.modal:
         own, number = error.power(part, x)
@@ -247,9 +248,9 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
 
 
 def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[str, Any], ...]:
-    """Return for each test the residuals of frequencies and shapes, and modes left out.
+    """Return the residuals of frequencies and shapes, and omitted modes, for each test.
 
-    They are nan if the fit ended away from all modes.
+    The residuals are nan if the fit ended away from all modes.
     """
     own = [(part, error.rows(part, x)) for part in problem.modal]
     off = np.concatenate([one.r[one.of("frequency")] for _, one in own])

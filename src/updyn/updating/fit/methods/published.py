@@ -18,14 +18,14 @@ from updyn.updating.problem.residuals import EachOf, LineResidual
 
 __all__ = ["GUARDED", "PublishedMethod"]
 
-#: Solver within bounds, a trust region and priors, which each of these methods has.
+#: Solver with bounds, a trust region and priors, common to these methods.
 GUARDED = "trust-region"
 
 _Vector = NDArray[np.float64]
 
 
 class PublishedMethod(Method):
-    """Base of the methods with an option ``solver``: the iteration as published, or `GUARDED`.
+    """Base class of methods with an option ``solver``: the published iteration, or `GUARDED`.
 
     Attributes
     ----------
@@ -50,18 +50,18 @@ class PublishedMethod(Method):
 
     @property
     def is_plain(self) -> bool:
-        """Whether it iterates as published, without bounds and priors."""
+        """Whether the iteration is the published one, without bounds and priors."""
         return self.solver != GUARDED
 
     @property
     def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
+        """Advice if the iteration breaks down."""
         if self.is_plain:
             return f"Use solver={GUARDED!r}, or the default method."
         return ""
 
     def check_priors(self, problem: Problem) -> None:
-        """Refuse priors where it iterates as published.
+        """Refuse priors for the published iteration.
 
         Raises
         ------
@@ -78,31 +78,31 @@ class PublishedMethod(Method):
     def iterate(
         self, problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector, monitor: Monitor
     ) -> tuple[_Vector, str]:
-        """Minimise a residual from x; return where it ends, shape (n,), and why.
+        """Minimise a residual from x; return the end, shape (n,), and why the iteration ended.
 
         Parameters
         ----------
         problem : Problem
             Model, data and unknowns.
         residual : LineResidual or EachOf
-            What is minimised; as published it is linearised in the amounts (`Amounts`).
+            Minimised residual; the published iteration linearises it in the amounts (`Amounts`).
         x : ndarray of float, shape (n,)
-            Where to begin.
+            Starting point.
         monitor : Monitor
-            Who watches.
+            Records the steps.
 
         Raises
         ------
         SolverError
             If the model cannot be solved at the start, or the published iteration diverges.
         Stopped
-            If the user stops it before the start has been evaluated.
+            If the user stops the run before the start has been evaluated.
         """
         if self.is_plain:
             step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
             plain = Plain(self.max_iterations, self.tolerance)
             return plain.run(problem, partial(local_of, problem, residual), step, x, monitor)
-        local_of(problem, residual, x)  # a start that cannot be solved is named with its line
+        local_of(problem, residual, x)  # raises an error that names the line if singular
         guarded = TrustRegion(self.max_iterations, self.tolerance)
         outcome = descend_to_scale(problem, residual, x, monitor, guarded)
         return outcome.x, outcome.reason

@@ -1,4 +1,4 @@
-"""FRF method on unit matrices that are reduced once by a fixed transformation (Xu Zhangming)."""
+"""FRF method on unit matrices reduced once by a fixed transformation (Xu Zhangming)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _NOTE = (
     " deviations do not show that. The iteration knows no bounds. Use equation-error or maximum"
     " likelihood, which condense exactly."
 )
-#: An error of the reduced FRFs that is called small.
+#: Relative error of the reduced FRFs up to which the message calls them correct.
 _SMALL = 0.1
 
 
@@ -50,18 +50,17 @@ _SMALL = 0.1
 class ReducedFrfMethod(Method):
     """e_j - Z_r h_X = dZ_r h_X with independently reduced matrices (method ``"reduced-frf"``).
 
-    The method that Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with and
-    criticise: K_e, M_e and C_e of every unit become T^T K_e T and so on with one real
-    transformation T onto the measured DOFs, made from the undamped model at its start; then
-    stiffness, mass and damping are identified in separate steps, each a linear solve with the
-    others held, in turn. As the paper does not print its formulas, T is that of Guyan (AIAA J. 3
-    (1965) 380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705; Paz,
-    AIAA J. 22 (1984) 724).
+    Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with this method and
+    criticise it. K_e, M_e and C_e of every unit become T^T K_e T and so on, with one real
+    transformation T onto the measured DOFs, computed from the undamped model at its start.
+    Stiffness, mass and damping are then identified in separate steps, each a linear solve with the
+    others held, in turn. The paper does not print its formulas; T is therefore that of Guyan (AIAA
+    J. 3 (1965) 380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705;
+    Paz, AIAA J. 22 (1984) 724).
 
-    T is exact at its own frequency and for the start's stiffnesses only. Where DOFs are eliminated
-    that have inertia or stand between units, the estimate is wrong even without noise. It is exact
-    where all DOFs are measured, or where those eliminated have no inertia and each belongs to one
-    unit.
+    T is exact only at its own frequency and for the stiffnesses of the start. If eliminated DOFs
+    have inertia or connect units, the estimate is wrong even without noise. It is exact if all DOFs
+    are measured, or if the eliminated ones have no inertia and each belongs to one unit.
 
     Parameters
     ----------
@@ -70,10 +69,10 @@ class ReducedFrfMethod(Method):
     tolerance : float
         Relative change in a round at which it has converged.
     frequency : float
-        Where T is made, in Hz; 0 is static.
+        Frequency of T, in Hz; 0 is static.
     separate : bool
-        True: stiffness, mass and damping in turn, as published. False: all in one solve, which is
-        where the turns end up, after many more rounds.
+        True: stiffness, mass and damping in turn, as published. False: all in one solve, which
+        gives the limit of the separate steps without their many rounds.
     """
 
     max_iterations: int = 1000
@@ -91,11 +90,11 @@ class ReducedFrfMethod(Method):
 
     @property
     def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
+        """Advice if the iteration breaks down."""
         return "Use lines where its reduced model is exact enough, or 'equation-error'."
 
     def cause(self, problem: Problem) -> str:
-        """Return how far the reduced model is from the exact one at the start."""
+        """Return the error of the reduced model at the start, as a sentence."""
         texts = []
         for part in problem.parts:
             missing = not_measured(Problem.of([part]))
@@ -108,7 +107,7 @@ class ReducedFrfMethod(Method):
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         check_unknowns(problem, self)
         residual = _ReducedEquationError(frequency=self.frequency)
         for part in problem.parts:
@@ -137,14 +136,14 @@ class ReducedFrfMethod(Method):
 
 @dataclass(frozen=True, slots=True)
 class _ReducedEquationError(EquationError):
-    """The equation error of the reduced model, which has no DOFs but the measured ones."""
+    """Equation error of the reduced model, whose only DOFs are the measured ones."""
 
     name: str = _NAME
     frequency: float = 0.0
 
     @property
     def cache_key(self) -> str:
-        """The frequency of the transformation."""
+        """Frequency of the transformation."""
         return f"frequency={self.frequency!r}"
 
 
@@ -156,9 +155,9 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
     part : Part
         Model, data and unknowns.
     x : ndarray of float, shape (n,)
-        Where T is made.
+        Unknowns for which T is computed.
     frequency : float
-        At which frequency T is made, in Hz.
+        Frequency of T, in Hz.
 
     Raises
     ------
@@ -192,13 +191,13 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
         unknowns=Unknowns.find(small, part.coordinates.parameters),
         rows=own,
         columns=np.array([int(np.flatnonzero(rows == c)[0]) for c in part.columns], dtype=np.intp),
-        # Evaluations are remembered by the name, too: this is another model at the same x.
+        # The name is part of the cache key: this is another model at the same x.
         name=f"{part.name} reduced at {frequency!r} Hz from {part.values(x).tolist()}",
     )
 
 
 def _errors(part: Part, frequency: float) -> _Vector:
-    """Return the error of the reduced FRFs at the start, relative, median of each line."""
+    """Return the relative error of the reduced FRFs at the start, as the median of each line."""
     x = part.coordinates.home
     exact = part.responses(x)
     size = np.maximum(np.abs(exact), np.finfo(float).tiny)
@@ -207,7 +206,7 @@ def _errors(part: Part, frequency: float) -> _Vector:
 
 
 def _inexact(freq: _Vector, errors: _Vector) -> str:
-    """Return in words how far the reduced FRFs are off, and up to which line they are not."""
+    """Return the error of the reduced FRFs, and up to which line it is small, as text."""
     text = (
         "and the transformation that stands for them is not exact: where the fit starts, it puts"
         f" the FRFs off by {100.0 * np.median(errors):.2g} % (median of all lines)"
@@ -235,8 +234,8 @@ def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _V
     values = problem.coordinates.to_values(x)
     J = amounts.columns(local.R / problem.coordinates.slope(x), values)
     change, left = np.zeros(len(x)), -local.q
-    # A linked unknown counts with the first thing that it acts on; what is neither stiffness nor
-    # mass is damping.
+    # A linked unknown belongs to the first quantity on which it acts; all quantities other than
+    # stiffness and mass count as damping.
     steps: dict[str, list[int]] = {"stiffness": [], "mass": [], "damping": []}
     for i, p in enumerate(parameters):
         quantity = p.acts_on[0].quantity

@@ -1,4 +1,4 @@
-"""Response function method, with full coordinates (Lin & Ewins 1990, 1994)."""
+"""Response function method with full coordinates (Lin & Ewins 1990, 1994)."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ class ResponseFunctionMethod(PublishedMethod):
     FRF data", 15th Int. Seminar on Modal Analysis, Leuven 1990, pp. 141-162; "Analytical model
     improvement using frequency response functions", Mech. Syst. Signal Process. 8 (1994) 437-458;
     eqs. 4-6 of Bao, Wang & Cheng 2010). With dZ = sum of K_e dkappa_e - omega^2 M_e dmu_e it is
-    linear in the unknowns: one solve finds them from exact data. It is repeated as H_A, the weight
-    of the equation, follows the model.
+    linear in the unknowns: one solve finds them from exact data. It is repeated because H_A, the
+    weight of the equation, changes with the model.
 
-    Masses and stiffnesses are real and damping is not updated: it came with Lin & Zhu (2006), see
-    ``"complex-rfm"``. Loss factors and viscous dampers of the model stand as given.
+    Masses and stiffnesses are real, and damping is not updated; it was added by Lin & Zhu (2006),
+    see ``"complex-rfm"``. Loss factors and viscous dampers of the model keep their values.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ class ResponseFunctionMethod(PublishedMethod):
     expand : bool
         False: every DOF of the model has to be measured. True: DOFs without a sensor take the
         model's motion, renewed in every step, and only measured rows are used (Lin & Ewins 1994;
-        Imregun, Visser & Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202). It is no longer
-        linear, and may diverge or end elsewhere.
+        Imregun, Visser & Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202). The equation is then
+        no longer linear, and the iteration may diverge or converge to another point.
     """
 
     max_iterations: int = 300
@@ -92,7 +92,7 @@ class ResponseFunctionMethod(PublishedMethod):
     instead: ClassVar[str] = "leave it out, or use 'complex-rfm' for loss factors"
 
     def cause(self, problem: Problem) -> str:
-        """Return how much of the motion is the model's own."""
+        """Return the number of DOFs whose motion is taken from the model, as a sentence."""
         missing = not_measured(problem)
         if missing:
             missing += ": they take the motion of the model as it is."
@@ -101,7 +101,7 @@ class ResponseFunctionMethod(PublishedMethod):
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
-        """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
+        """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         self.check_priors(problem)
         check_unknowns(problem, self, priors=True)
         residual = ResponseEquation(self.name, self.expand)
@@ -120,19 +120,20 @@ class ResponseFunctionMethod(PublishedMethod):
 
 @dataclass(frozen=True, slots=True)
 class ResponseEquation(LineResidual):
-    """r = (H_A - H_X) / level, with derivatives -H_A Z' h_X that the measured motion stands in.
+    """r = (H_A - H_X) / level, with derivatives -H_A Z' h_X that contain the measured motion.
 
     Parameters
     ----------
     name : str
-        The method.
+        Name of the method.
     expand : bool
         Whether unmeasured DOFs take the model's motion.
 
     Notes
     -----
-    Everything is receptance, over the rms of the measured receptances of its unit (translation or
-    rotation, of motion and of force): for data of one unit that is one number and changes nothing.
+    All quantities are receptances, divided by the rms of the measured receptances of the same unit
+    (translation or rotation, of motion and of force). For data of one unit this is one number and
+    has no effect.
     """
 
     name: str
@@ -140,11 +141,11 @@ class ResponseEquation(LineResidual):
 
     @property
     def cache_key(self) -> str:
-        """Whether it expands."""
+        """Whether unmeasured motion is expanded."""
         return f"expand={self.expand}"
 
     def check(self, part: Part) -> None:
-        """Check that the data have what it needs.
+        """Check that the data suffice for the residual.
 
         Raises
         ------
@@ -198,11 +199,11 @@ class ComplexResponseFunctionMethod(ResponseFunctionMethod):
 
     The response function method with the damping of the structure among its unknowns (Lin & Zhu,
     "Model updating of damped structures using FRF data", Mech. Syst. Signal Process. 20 (2006)
-    2200-2218). Real rows stand over imaginary ones, masses are real, and the unknowns of a group's
-    stiffness are the real and the imaginary part of kappa_e (1 + i gamma_e), in which Z is linear:
-    one solve finds stiffness and loss factor from exact data.
+    2200-2218). Real rows are stacked on imaginary ones, masses are real, and the unknowns of a
+    group's stiffness are the real and the imaginary part of kappa_e (1 + i gamma_e), in which Z is
+    linear: one solve finds stiffness and loss factor from exact data.
 
-    Damping is structural; viscous dampers of the model stand as given.
+    Damping is structural; viscous dampers of the model keep their values.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`SearchingMethod`: what methods share that look for a basin by log error before they fit."""
+"""`SearchingMethod`: base class of methods that search a basin by log error before they fit."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ class SearchingMethod(Method, ABC):
     tolerance : float
         Relative step at which a descent has converged.
     starts : int
-        Tries of the search, up to 10,000; 0 skips it and starts from where the unknowns start.
-        Without a step it is 0, too: tries would end where they begin.
+        Number of tries of the search, up to 10,000. With 0, the fit begins at the start of the
+        unknowns without a search. It is set to 0 if `max_iterations` is 0, because tries would end
+        where they begin.
     seed : int
-        Of the search's random tries.
+        Seed of the random tries.
     inflate : bool
         Whether the loss factors of the search start inflated.
     """
@@ -49,7 +50,7 @@ class SearchingMethod(Method, ABC):
 
     @property
     def stages(self) -> tuple[tuple[str, int], ...]:
-        """The search, where there is one, and the fit."""
+        """The search, if any, and the fit."""
         fit = (self.name, self.max_iterations)
         if not self.starts:
             return (fit,)
