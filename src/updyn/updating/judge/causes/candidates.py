@@ -45,25 +45,10 @@ def candidates(
     stated: Sequence[Finding],
     others: Sequence[OtherModel] = (),
 ) -> list[Begun]:
-    """Return the faults worth a whole fit, the likeliest first.
+    """Return the faults worth a full fit, the likeliest first, with their starting points.
 
-    Parameters
-    ----------
-    part : Part
-        Model and data of one test, on few lines.
-    without : Trial
-        End of a fit without a fault.
-    start : ndarray of float, shape (n,)
-        A point that does not depend on the data.
-    stated : sequence of Finding
-        Faults already found.
-    others : sequence of OtherModel
-        Variants of the model.
-
-    Returns
-    -------
-    list of tuple of Fault and ndarray of float, shape (n,)
-        Each fault with the starting point of its fit.
+    `without` is the end of a fit without a fault, `start` a point that does not depend on the data,
+    `stated` the faults already found, `others` the variants of the model.
     """
     variants: list[Begun] = []
     for end in _variants_tried(part, others, without, start):
@@ -96,7 +81,7 @@ def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[B
 
 
 def _of_data(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]) -> list[Begun]:
-    """Return the faults worth a whole fit with the given model, the likeliest first."""
+    """Return the faults worth a full fit with the given model, the likeliest first."""
     if is_small(without):
         return _promising(part, without, stated)
     points = [start, without.x]

@@ -68,19 +68,10 @@ def shown_by(frf: FRF) -> list[Shown]:
 def still_shown(
     seen: Sequence[Shown], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
 ) -> list[Shown]:
-    """Return the faults shown by the data, except symptoms that other findings explain.
+    """Return the faults that data show, except symptoms that other findings explain.
 
-    Parameters
-    ----------
-    seen : sequence of Shown
-        Faults that the data show.
-    frf : FRF
-        These data.
-    findings : sequence of Finding
-        Faults found from model and data together.
-    thinned : (FRF, FRF)
-        Some lines of the data, before and after the model-based correction of the findings that no
-        change of the data alone corrects.
+    `thinned` contains some lines of the data, before and after the model-based correction of the
+    findings that no change of the data alone corrects.
     """
     repaired = frf
     for finding in findings:

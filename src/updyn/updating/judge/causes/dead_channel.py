@@ -34,7 +34,7 @@ class DeadChannel(ShownFault):
         """Yield each sensor without values if others have some."""
         for channels in each_sensor(frf):
             there = place_of(channels, frf).within(frf)
-            # Each line of a working channel has a nonzero value with certainty.
+            # A value of a working channel is certainly not zero.
             log_odds = len(frf.freq) * np.count_nonzero(there) + float(np.log(cls.odds))
             if log_odds > LIKELY and not frf.values[:, there].any():
                 yield Shown(cls(channels), log_odds, float(there.mean()))

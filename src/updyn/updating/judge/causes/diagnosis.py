@@ -65,7 +65,7 @@ _CONTRADICT = 3.0
 _MOST = 3
 #: Ratio of two mean square errors up to which both sizes fit equally well.
 _AS_WELL = 1.2
-#: Smallest number of lines in which causes are searched.
+#: Smallest number of lines for a search for causes.
 _FEWEST = 8
 #: Log misfit (rms) above which fits are cut short and findings are not reported.
 _GROSS = 0.5
@@ -90,7 +90,7 @@ def strained(part: Part, x: _Real) -> bool:
 
 
 def unseen(part: Part, noise: NoiseModel) -> str:
-    """Return why causes are not searched in the data of a test; empty if they can be.
+    """Return why the data of a test do not permit a search for causes; empty if they do.
 
     The search needs lines with a value above the noise. Without such lines, any factor that moves
     the data below the noise would explain everything.
@@ -106,22 +106,10 @@ def unseen(part: Part, noise: NoiseModel) -> str:
 
 
 def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
-    """Return the faults of the data of one test.
+    """Return the faults of one test: those visible in the data alone, then the others by odds.
 
-    Parameters
-    ----------
-    part : Part
-        Model, data and unknowns.
-    noise : NoiseModel
-        Noise of the data.
-    points : sequence of ndarray of float, shape (n,)
-        Ends of fits; the start of the unknowns is always used as well.
-
-    Returns
-    -------
-    list of Finding
-        Faults that the data show without the model, then the others, the likeliest first. If the
-        data are not sufficient (`unseen`), only the former.
+    `points` are ends of fits, used in addition to the start of the unknowns. If the data are not
+    sufficient (`unseen`), only the former are returned.
 
     Raises
     ------
@@ -160,9 +148,9 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Explained:
-    """Findings from model and data, the corrected part, its reduced model and the end of the fit.
+    """Findings from model and data, the corrected part, its models and the end of the fit.
 
-    The end is None if nothing was found.
+    `end` is None without a finding.
     """
 
     findings: tuple[Finding, ...]

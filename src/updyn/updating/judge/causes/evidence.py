@@ -252,13 +252,9 @@ class Evidence:
         return known
 
     def lifted(self, frequency: float) -> _Complex:
-        """Return the model's ln H on a suspension over H, shape (n_f, n_i, n_j).
+        """Return the model's ln H on a suspension over H, shape (n_f, n_i, n_j); `frequency` in Hz.
 
-        Parameters
-        ----------
-        frequency : float
-            Frequency of the suspension in Hz: K + (2 pi frequency)^2 (1 + i eta) M replaces K, with
-            eta the loss factor of soft supports.
+        K + (2 pi frequency)^2 (1 + i eta) M replaces K, with eta the loss factor of soft supports.
         """
         part, state = self.part, self.part.state(self.x)
         mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
@@ -346,13 +342,9 @@ class Evidence:
     def left(self, frf: FRF, b: _Real) -> _Real:
         """Return the residual after all unknowns have adapted, to first order.
 
-        Parameters
-        ----------
-        frf : FRF
-            Data on the same lines; sensors or forces may be at other places.
-        b : ndarray of float, shape (2 m + n,)
-            Change of the misfit in units of `unit`, above one of the unknowns in units of their
-            spread.
+        `frf` has the same lines; its sensors or forces may be at other places. `b`, shape (2 m +
+        n,) or (2 m + n, k), is a change of the misfit in units of `unit`, above one of the unknowns
+        in units of their spread.
         """
         if self._has_channels_of(frf):
             Q = self._span
@@ -389,17 +381,9 @@ class Evidence:
         return np.stack([stacked(self.weight * one) for one in slopes], axis=1)
 
     def imitating(self, change: _Complex) -> _Real:
-        """Return the point at which the unknowns change the model most nearly in the same way.
+        """Return the point at which the unknowns imitate a change of ln H, shape (n,).
 
-        Parameters
-        ----------
-        change : ndarray of complex, shape (n_f, n_i, n_j)
-            Change of ln H.
-
-        Returns
-        -------
-        ndarray of float, shape (n,)
-            The point, to first order and within the bounds.
+        `change` has shape (n_f, n_i, n_j); the point is of first order and within the bounds.
         """
         wanted = stacked(self.weight * change)
         step = np.linalg.lstsq(self.changes * self.spread, wanted, rcond=_ALIKE)[0]

@@ -194,21 +194,64 @@ class Fault(ABC):
     @classmethod
     @abstractmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return the faults of this kind that are worth testing, given model and data."""
+        """Return the faults of this kind that are worth testing at a point.
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Model and data at the point.
+
+        Returns
+        -------
+        iterable of Fault
+            Faults with a first size; several sizes of one fault are allowed.
+        """
 
     @abstractmethod
     def repair(self, frf: FRF) -> FRF:
-        """Return the data without the fault."""
+        """Return the data without the fault.
+
+        Parameters
+        ----------
+        frf : FRF
+            Measured data.
+
+        Returns
+        -------
+        FRF
+            Data with the fault corrected.
+        """
 
     def undo(self, evidence: Evidence) -> FRF:
         """Return the data of the evidence without the fault.
 
         If the correction cannot be computed from the data alone, it uses the model at this point.
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Model and data at the point.
+
+        Returns
+        -------
+        FRF
+            Data with the fault corrected.
         """
         return self.repair(evidence.frf)
 
     def slope(self, evidence: Evidence) -> _Complex:
-        """Return d ln(measured) / d value, shape (n_f, n_i, n_j); 0 if the fault does not tune."""
+        """Return the derivative of the log data by the size of the fault; 0 if it does not tune.
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Model and data at the point.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_f, n_i, n_j)
+            d ln(measured) / d value.
+        """
         return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
 
     def numbers(self, frf: FRF) -> int:

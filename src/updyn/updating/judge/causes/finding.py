@@ -98,7 +98,7 @@ class Finding:
 
     @property
     def overruling(self) -> bool:
-        """Whether it is grave and explains all of the misfit, so that no other answer is searched.
+        """Whether it is grave and explains all of the misfit, so that the search can end.
 
         A cause that only brings unknowns back to their start does not explain the misfit; another
         answer may.

@@ -23,22 +23,11 @@ _DISTINCT = 1e-6
 def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
     """Return the difference between the sizes of a fault in the lower and the upper lines.
 
-    One size for each half and all unknowns are fitted together, to first order. The residual counts
-    as at least that of a perfect fit (`SMALLEST`), because the last steps of a fit are arbitrary.
-
-    Parameters
-    ----------
-    freed : Evidence
-        Model and data at the end of a fit that takes account of the fault.
-    fault : Fault
-        A fault whose sizes add up.
-    alike : float
-        Correlation of the residual of neighbouring lines, at least 0 and below 1.
-
-    Returns
-    -------
-    float
-        Difference in standard deviations; 0 if a half does not determine the size.
+    It is in standard deviations; 0 if a half does not determine the size. One size for each half
+    and all unknowns are fitted together, to first order. The residual counts as at least that of a
+    perfect fit (`SMALLEST`), because the last steps of a fit are arbitrary. `freed` is the evidence
+    at the end of a fit that takes account of the fault, `alike` the correlation of the residual of
+    neighbouring lines, from 0 to below 1.
     """
     slope = replace(fault, value=0.0).slope(freed)
     lower = np.arange(len(slope)) < len(slope) // 2

@@ -100,7 +100,7 @@ class Mains(ShownFault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Mains:
-        """Return the fault of a text.
+        """Return the fault from its text.
 
         Raises
         ------

@@ -180,7 +180,7 @@ class MissingMode(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> MissingMode:
-        """Return the fault of a text.
+        """Return the fault from its text.
 
         Raises
         ------

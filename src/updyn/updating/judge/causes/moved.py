@@ -58,7 +58,7 @@ class Moved(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault of a text.
+        """Return the fault from its text.
 
         Raises
         ------

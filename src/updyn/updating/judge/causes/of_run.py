@@ -33,7 +33,7 @@ class Causes:
     findings : tuple of Finding
         The causes found.
     searched : bool
-        Whether causes were searched in the residual of a test.
+        Whether a search for causes in the residual of a test was made.
     unseen : str
         Why a necessary search was not made; empty if it was.
     overruling : bool
@@ -47,7 +47,7 @@ class Causes:
 
     @property
     def cleared(self) -> bool:
-        """Whether causes were searched and none was found."""
+        """Whether a complete search found no cause."""
         return self.searched and not self.findings and not self.unseen
 
 
@@ -96,7 +96,7 @@ class CausesOfRun:
         return bool(self._overruling)
 
     def after(self, found: Judgement) -> Causes:
-        """Return the causes of the residual of a fit; they are searched if it is not noise."""
+        """Return the causes of the residual of a fit, from a search if it is not noise."""
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
         out: list[Finding] = []

@@ -156,16 +156,8 @@ def _complex(parts: _Real) -> _Complex:
 def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
     """Return the pole that explains the data best in addition to the model, with all unknowns free.
 
-    Many lines are first represented by some of them; a few steps on all lines follow.
-
-    Parameters
-    ----------
-    part : Part
-        Model and data, with their variance.
-    x : ndarray of float, shape (n,)
-        Starting point of the unknowns.
-    pole : Pole
-        Starting values of the pole.
+    The fit starts at `x` and `pole`. Many lines are first represented by some of them; a few steps
+    on all lines follow.
 
     Raises
     ------

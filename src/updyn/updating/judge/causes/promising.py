@@ -41,16 +41,8 @@ def promising_variants(
 ) -> list[WrongAxes]:
     """Return the variants worth a fit from the start, the most promising first.
 
-    Parameters
-    ----------
-    part : Part
-        Model and data of one test, on few lines.
-    others : sequence of OtherModel
-        All variants of the model.
-    without : Trial
-        End of a fit of the unchanged model.
-    start : ndarray of float, shape (n,)
-        A point that does not depend on the data.
+    `without` is the end of a fit of the unchanged model, `start` a point that does not depend on
+    the data.
     """
     faults = [WrongAxes(one.variant.groups, 0.0, one, len(others)) for one in others]
     if not faults or _is_needless(without, faults[0].prior):

@@ -84,14 +84,9 @@ class Quadratic:
     def at(cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None) -> Self:
         """Return the quadratic approximation for model and data at a point.
 
-        Parameters
-        ----------
-        evidence : Evidence
-            Model and data at the point.
-        frf : FRF, optional
-            The data corrected for a fault, with the same channels.
-        slope : ndarray of complex, shape (n_f, n_i, n_j), optional
-            Derivative of the log data by the size of a fault, which is then the last unknown.
+        `frf` are the data corrected for a fault, by default those of the evidence. `slope`, shape
+        (n_f, n_i, n_j), is the derivative of the log data by the size of a fault, which is then the
+        last unknown.
         """
         part, J = evidence.part, evidence.changes
         e = evidence.misfit(evidence.frf if frf is None else frf)
@@ -119,17 +114,10 @@ class Quadratic:
     def outcome(self, share: float, count: float, level: float, least: float = 0.0) -> Outcome:
         """Return residual and evidence with a share of the spread of the held quantities.
 
-        Parameters
-        ----------
-        share : float
-            Share of the spread; for 1 the point is taken as the best one.
-        count : float
-            Number of independent real values.
-        level : float
-            Mean square of the log misfit of the best hypothesis, taken as noise.
-        least : float
-            Lower bound of the mean square; at a poor end of a fit, the second order may predict any
-            value.
+        For a share of 1 the point is taken as the best one. `count` is the number of independent
+        real values, `level` the mean square of the log misfit of the best hypothesis, taken as
+        noise. `least` is a lower bound of the mean square, because the second order may predict any
+        value at a poor end of a fit.
         """
         spread = np.where(self.held, share * self.spread, self.spread)
         # J^T J in units of the spread: the prior adds 1, so the system is well-posed.

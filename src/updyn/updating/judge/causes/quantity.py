@@ -76,7 +76,7 @@ class Quantity(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault of a text.
+        """Return the fault from its text.
 
         Raises
         ------

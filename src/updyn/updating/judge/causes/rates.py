@@ -95,21 +95,9 @@ def rates_not_sought(part: Part) -> list[str]:
 
 
 def rate_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
-    """Return the derivatives of the model's ln H by Rayleigh coefficients.
+    """Return d ln H / d c of the model by Rayleigh coefficients c, by name, shape (n_f, n_i, n_j).
 
-    Parameters
-    ----------
-    part : Part
-        Model and lines.
-    x : ndarray of float, shape (n,)
-        The point.
-    names : sequence of str
-        ``"floors.mass_damping"``; ``"all.mass_damping"`` for the sum over all groups.
-
-    Returns
-    -------
-    dict of str to ndarray of complex, shape (n_f, n_i, n_j)
-        Derivatives by name.
+    A name is ``"floors.mass_damping"``, or ``"all.mass_damping"`` for the sum over all groups.
 
     Raises
     ------

@@ -113,17 +113,8 @@ class Reduced:
     def near(self, part: Part, points: Sequence[_Real]) -> Part:
         """Return the part with the reduced model, enriched at points without a certificate.
 
-        Parameters
-        ----------
-        part : Part
-            A part of the same model with any data, which contain their variance.
-        points : sequence of ndarray of float, shape (n,)
-            Points at which the model has to be valid.
-
-        Returns
-        -------
-        Part
-            The part, with the variance of its data increased by the error of the model.
+        `part` has the same model and any data; the error of the reduced model is added to their
+        variance.
         """
         for x in points:
             if not any(np.abs(x - known).max() < _NEAR for known in self._certified):

@@ -62,7 +62,7 @@ class Scale(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault of a text.
+        """Return the fault from its text.
 
         Raises
         ------

@@ -21,22 +21,10 @@ _MaybeFault = TypeVar("_MaybeFault", bound=Fault | None)
 
 
 def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
-    """Return the smallest misfit with a fault at a point, to first order, and the fault.
+    """Return the least cost with a fault, or without, to first order, and the fault of best size.
 
-    Parameters
-    ----------
-    evidence : Evidence
-        Model and data at the point.
-    fault : Fault or None
-        The fault; None: without a fault.
-
-    Returns
-    -------
-    cost : float
-        -2 ln of the likelihood with the noise level estimated, and of the prior of the unknowns.
-        All unknowns adapt, and the size of the fault if it tunes.
-    fault : Fault or None
-        The fault with its best size.
+    The cost is -2 ln of the likelihood with the noise level estimated, and of the prior of the
+    unknowns. All unknowns adapt, and the size of the fault if it tunes.
     """
     frf = evidence.frf
     if fault is not None and not (fault.tunes and fault.value == 0.0):

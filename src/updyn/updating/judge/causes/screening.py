@@ -38,16 +38,9 @@ class _Screened:
 
 
 def best_elements(evidence: Evidence, elements: Sequence[Element], most: int) -> list[Element]:
-    """Return the elements that explain the data best, with starting values of their sizes.
+    """Return the `most` elements that explain the data best, with starting values of their sizes.
 
-    Parameters
-    ----------
-    evidence : Evidence
-        Model and data at a point; all unknowns adapt, to first order.
-    elements : sequence of Element
-        Elements to be compared; their sizes are ignored.
-    most : int
-        Largest number of elements.
+    All unknowns adapt, to first order.
     """
     misfit = _Misfit.at(evidence)
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]

@@ -70,15 +70,7 @@ class Square:
         yield from combinations(range(len(self.labels)), 2)
 
     def without(self, frf: FRF, pairs: Iterable[tuple[int, int]]) -> FRF:
-        """Return the data with no weight on some of these values.
-
-        Parameters
-        ----------
-        frf : FRF
-            The data, with their variance.
-        pairs : iterable of (int, int)
-            Positions of response and force in `labels`.
-        """
+        """Return the data with no weight on some pairs of response and force, as positions."""
         assert frf.variance is not None
         variance = frf.variance.copy()
         for i, j in pairs:

@@ -55,14 +55,7 @@ class Suspect:
 def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
     """Return the faults with their expected gain at a point, the best first.
 
-    Parameters
-    ----------
-    part : Part
-        Model and data.
-    x : ndarray of float, shape (n,)
-        The point.
-    promising : bool
-        Whether the residual there is nearly noise, so that the evidence is meaningful.
+    If `promising`, the residual there is nearly noise, and the evidence is meaningful.
 
     Raises
     ------

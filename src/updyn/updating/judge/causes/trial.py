@@ -29,7 +29,7 @@ _Real = NDArray[np.float64]
 #: Number of estimates of the size of a fault, and of steps of each descent: of a whole trial, and
 #: of a short one.
 _WHOLE, _GLANCE = (5, 20), (1, 8)
-#: Ratio of the misfit to that of a trial that leaves noise, above which a trial ends early.
+#: Ratio of the mean square misfit to that of a trial that leaves noise, above which a fit ends.
 _FAR_BEHIND = 4.0
 #: Number of reweightings of the robust fit, and of steps after each.
 _REWEIGHTED, _FEW = 4, 8
@@ -66,7 +66,7 @@ class Trial:
     alike : float
         Correlation of the misfit of neighbouring lines.
     n_values : int
-        Number of real values above the noise.
+        Number of real values with weight.
     numbers : int
         Number of parameters of the fault that the data determine.
     quadratic : Quadratic or None
@@ -142,25 +142,10 @@ def tried(
     glance: bool = False,
     rival: Trial | None = None,
 ) -> Trial | None:
-    """Return the best of short fits from some points to data corrected for a fault.
+    """Return the best of short fits from some points to data corrected for a fault, if any.
 
-    Parameters
-    ----------
-    part : Part
-        Model and data of one test, on few lines.
-    fault : Fault or None
-        The fault with its first size; None: the data are not corrected.
-    points : sequence of ndarray of float, shape (n,)
-        Starting points.
-    glance : bool
-        Whether few steps are sufficient.
-    rival : Trial, optional
-        A trial that leaves only noise: a fit with a much larger misfit at its best size ends early.
-
-    Returns
-    -------
-    Trial or None
-        None if the model cannot be solved.
+    None if the model cannot be solved. With `glance`, the fits have few steps. `rival` is a trial
+    that leaves only noise: a fit with a much larger misfit at its best size ends early.
     """
     steps = _GLANCE if glance else _WHOLE
     ends = [_fitted(part, fault, x, *steps, rival) for x in points]
@@ -248,7 +233,7 @@ def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
 
 
 def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
-    """Return the minimum of the log error near x, its mean square, ..."""
+    """Return x at the least log error, its mean square, the squared distance, the correlation."""
     problem = _held(part)
     residual = _residual(part)
     unit = max(np.sqrt(_power(part, x)), SMALLEST)

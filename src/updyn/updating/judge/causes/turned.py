@@ -130,7 +130,7 @@ class Turned(Fault):
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
-        """Return the fault of a text.
+        """Return the fault from its text.
 
         Raises
         ------
