@@ -359,7 +359,7 @@ def fit_of(
     kind: str,
     note: str,
 ) -> Fit:
-    """Return the fit that ended at x; the noise is estimated from the residual, equal everywhere."""
+    """Return the fit that ended at x; noise is estimated from the residual, equal everywhere."""
     try:
         local = local_of(problem, residual, x)
     except Stopped:
