@@ -1,4 +1,4 @@
-"""`alike_pairs`: modes of a set that the sensors cannot distinguish, as one mode found twice."""
+"""`alike_pairs`: modes that the sensors cannot distinguish, such as one mode found twice."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from updyn.modal.mode_set import ModeSet
 
 __all__ = ["AlikePair", "alike_pairs"]
 
-#: MAC from which two shapes are commonly taken for the same (R. J. Allemang, Sound and Vibration
-#: 37 (8) (2003) 14-21).
+#: MAC from which two shapes are commonly considered equal (R. J. Allemang, Sound and Vibration 37
+#: (8) (2003) 14-21).
 _SAME_SHAPE = 0.9
 
 
@@ -43,7 +43,7 @@ def alike_pairs(modes: ModeSet) -> list[AlikePair]:
     Parameters
     ----------
     modes : ModeSet
-        Of one test. Where a loss factor is not known, the pair does not count as overlapping.
+        Modes of one test. A pair with an unknown loss factor does not count as overlapping.
     """
     mac, frequency = auto_mac(modes.shapes), modes.frequency
     width = frequency * modes.loss_factor

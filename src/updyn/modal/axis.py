@@ -1,4 +1,4 @@
-"""The variable of rational fits of FRFs, and what poles and residues in it say of modes."""
+"""The variable of rational fits of FRFs, and conversion of its poles and residues to modes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _Real = NDArray[np.float64]
 class Axis:
     """The variable x of a fit by partial fractions, scaled to the highest frequency.
 
-    With structural damping x = omega^2 and a mode has the pole omega_r^2 (1 + i eta_r), with
-    viscous damping x = i omega and a mode has a pole and its mirror image.
+    For structural damping, x = omega^2 and a mode has the pole omega_r^2 (1 + i eta_r). For viscous
+    damping, x = i omega and a mode has a pole and its mirror image.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Axis:
 
     @property
     def basis(self) -> Basis:
-        """Fractions, and a polynomial for the modes outside."""
+        """Fractions, and a polynomial of degree 3 for the modes outside the band."""
         return Basis(3, self.mirrored)
 
     def at(self, freq: _Real) -> _Complex:
@@ -44,19 +44,19 @@ class Axis:
         return np.asarray(1j * share if self.mirrored else share**2, dtype=np.complex128)
 
     def poles(self, s: _Complex) -> _Complex:
-        """Return poles from those in rad/s."""
+        """Return poles in x for poles in rad/s."""
         share = s / self.unit
         return np.asarray(share if self.mirrored else -(share**2))
 
     def pole(self, frequency: _Real, loss: _Real | float) -> _Complex:
-        """Return poles of natural frequencies in Hz and loss factors."""
+        """Return poles for natural frequencies in Hz and loss factors."""
         share = 2.0 * np.pi * frequency / self.unit
         if self.mirrored:
             return np.asarray(share * (1j * np.sqrt(1.0 - 0.25 * np.square(loss)) - 0.5 * loss))
         return np.asarray(share**2 * (1.0 + 1j * loss))
 
     def frequency(self, poles: _Complex) -> _Real:
-        """Return natural frequencies in Hz; nan of poles that do not oscillate."""
+        """Return natural frequencies in Hz; nan for poles that do not oscillate."""
         squared = np.where(poles.real > 0, poles.real, np.nan)
         if self.mirrored:
             squared = np.abs(poles) ** 2
@@ -69,7 +69,7 @@ class Axis:
         return np.asarray(poles.imag / poles.real)
 
     def std_frequency(self, poles: _Complex, std: _Real) -> _Real:
-        """Return standard deviations in Hz from those of real and imaginary part, shape (2, k)."""
+        """Return standard deviations in Hz for those of the poles' parts, shape (2, k)."""
         if self.mirrored:
             return np.asarray(std[1] * self.unit / (2.0 * np.pi))
         return np.asarray(self.frequency(poles) * std[0] / (2.0 * np.abs(poles.real)))
@@ -81,10 +81,10 @@ class Axis:
         return np.asarray(np.hypot(std[1], self.loss(poles) * std[0]) / np.abs(poles.real))
 
     def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
-        """Return phi phi^T from residues of accelerance, both of shape (k, ...).
+        """Return phi phi^T for residues of accelerance, both of shape (k, ...).
 
-        s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p)
-        has p A.
+        s^2 A / (s - p) has the residue p^2 A, with A = phi phi^T / (2 i omega_d); x A / (x - p) has
+        the residue p A.
         """
         factor = 2j * poles.imag / poles**2 if self.mirrored else 1.0 / poles
         return np.asarray(residues * factor.reshape(-1, *(1,) * (residues.ndim - 1)))

@@ -1,10 +1,10 @@
-"""One mode whose pole depends on its motion, fitted to a leaning peak.
+"""Fit of one mode with an amplitude-dependent pole to a leaning peak.
 
-Weakly nonlinear joints make the pole of a mode depend on the square of its motion, to first order
-of harmonic balance: p(a) = p + c a with the square a of the motion of the mode itself (A. H. Nayfeh
-& D. T. Mook, Nonlinear Oscillations, 1979, section 4.1). The real part of the shift c is that of
-the squared frequency where x = omega^2, the imaginary part that of the damping. Under a force of
-the same size at all lines and references, a follows from a cubic equation at each line; residues
+In first-order harmonic balance, weakly nonlinear joints make the pole of a mode depend on the
+square of its motion: p(a) = p + c a with the square a of the motion of this mode (A. H. Nayfeh & D.
+T. Mook, Nonlinear Oscillations, 1979, section 4.1). With x = omega^2 the real part of the shift c
+is that of the squared frequency, and the imaginary part that of damping. For a force of equal
+amplitude at all lines and references, a is the solution of a cubic equation at each line; residues
 and polynomial follow by linear least squares, as in `refine`.
 """
 
@@ -23,28 +23,28 @@ __all__ = ["Backbone", "Level", "fit_backbone", "motion", "promised_gain"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Most Gauss-Newton steps; they end where one would lower the cost by less than `_GAIN`, as in
-#: `refine`.
+#: Largest number of Gauss-Newton steps; the iteration ends with an expected decrease of the cost
+#: below `_GAIN`, as in `refine`.
 _STEPS, _GAIN = 30, 1e-3
 _TINY = 1e-300
 
 
 def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
-    """Return the square of the motion of a mode, in units of that of the linear peak, shape (n,).
+    """Return the square of the motion of a mode relative to that of the linear peak, shape (n,).
 
     Parameters
     ----------
     x : ndarray of complex, shape (n,)
         The variable.
     pole, shift : complex
-        The pole of small motion, and its shift at the motion 1.
+        The pole at small motion, and its shift at unit motion.
     width : float
         Distance of the half-power points from the pole.
 
     Notes
     -----
-    With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. Of three solutions, which
-    a shift above 1.54 widths has, the smallest is returned.
+    With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. For a shift above 1.54
+    widths there may be three solutions; the smallest is returned.
     """
     X, C = (x - pole) / width, shift / width
     square, crossed = np.abs(X) ** 2, 2.0 * (X.conj() * C).real
@@ -63,12 +63,12 @@ def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Leaning(Window):
-    """A window in which the pole that may move depends on its motion.
+    """A window whose free pole depends on the motion of its mode.
 
     Attributes
     ----------
     shift : complex
-        Of the pole, at the motion 1.
+        Shift of the pole at unit motion.
     """
 
     shift: complex = 0.0
@@ -78,8 +78,8 @@ class _Leaning(Window):
         (pole,) = poles.tolist()
         width = float(self.width(poles)[0])
         there = pole + self.shift * motion(self.x, pole, self.shift, width)
-        # The residue of an accelerance is in proportion to the pole, of a mirrored one to its
-        # square (`Axis.modal`).
+        # The residue of an accelerance is proportional to the pole, or to its square if it has a
+        # mirror image (`Axis.modal`).
         own = (there / pole) ** (2 if self.basis.mirrored else 1) / (self.x - there)
         if not self.basis.mirrored:
             return np.asarray(own[:, None])
@@ -87,18 +87,18 @@ class _Leaning(Window):
         return np.stack([own + image, 1j * (own - image)], axis=1)
 
     def slopes(self, pole: complex) -> NDArray[Any]:
-        """Return derivatives of the functions by real and imaginary part of pole and shift.
+        """Return the derivatives of the functions by real and imaginary parts of pole and shift.
 
         Returns
         -------
         ndarray, shape (rows, m, 4)
-            In units of the width.
+            Derivatives by parameters in units of the width.
         """
         width, mirrored = float(self.width(np.array([pole]))[0]), self.basis.mirrored
         a = motion(self.x, pole, self.shift, width)[:, None]
         there, x = pole + self.shift * a, self.x[:, None]
         by_pole, by_shift = np.array([1.0, 1.0j, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0j])
-        # a |x - there|^2 = width^2, differentiated
+        # derivative of a |x - there|^2 = width^2
         left, direct = x - there, by_pole + a * by_shift
         wider = width * (-by_pole.real if mirrored else by_pole.imag)
         stiff = np.abs(left) ** 2 - 2.0 * a * (left.conj() * self.shift).real
@@ -124,7 +124,7 @@ class Level:
     runs : ndarray of int, shape (p,)
         Number of the run of each channel.
     of_runs : ndarray of float, shape (J,)
-        Relative to the largest one.
+        Squared motion of each run relative to the largest.
     """
 
     runs: NDArray[np.intp]
@@ -132,7 +132,7 @@ class Level:
 
     @classmethod
     def of(cls, residues: _Complex, runs: NDArray[np.intp]) -> Level:
-        """Return the level of forces of the same size, from residues of all channels."""
+        """Return the level for forces of equal amplitude, from residues of all channels."""
         squares = np.bincount(runs, np.abs(residues) ** 2)
         return cls(runs, squares / max(float(squares.max()), _TINY))
 
@@ -146,22 +146,23 @@ class Level:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Backbone:
-    """A fit of one mode whose pole depends on its motion.
+    """A fit of one mode with an amplitude-dependent pole.
 
     Attributes
     ----------
     pole : complex
-        Of small motion.
+        The pole at small motion.
     shift : complex
-        Of the pole, at the largest motion.
+        Shift of the pole at the largest motion.
     level : Level
-        Of the runs.
+        Squared motion of the runs.
     fits : list of Solved
-        Of the channels of each run.
+        Fit of the channels of each run.
     normal : ndarray of float, shape (4, 4)
-        Of the cost by real and imaginary parts of pole and shift, in units of the width.
+        Gauss-Newton matrix of the cost by real and imaginary parts of pole and shift, in units of
+        the width.
     gradients : ndarray of float, shape (p, 4)
-        Of the cost of each channel by these.
+        Gradient of the cost of each channel by these.
     follow : ndarray of complex, shape (p, 4)
         Derivatives of the residues by these.
     """
@@ -181,34 +182,34 @@ class Backbone:
 
     @property
     def residues(self) -> _Complex:
-        """Of each channel, shape (p,)."""
+        """Residue of each channel, shape (p,)."""
         return self.level.join([fit.residues[0] for fit in self.fits])
 
     def agreement(self, width: float) -> float:
-        """Return the squared shift in units of its variance from channel to channel.
+        """Return the squared shift relative to its variance between channels.
 
-        Of p channels that would shift alike by chance only, it has the distribution of Hotelling's
-        T^2 with p - 1 degrees of freedom; of residuals that are no noise as well (H. White,
-        Econometrica 50 (1982) 1-25).
+        For p channels with a common shift by chance only, it has Hotelling's T^2 distribution with
+        p - 1 degrees of freedom, also if the residuals are not noise (H. White, Econometrica 50
+        (1982) 1-25).
         """
         follow = np.linalg.lstsq(self.normal, self.gradients.T, rcond=None)[0][2:]
         shift = np.array([self.shift.real, self.shift.imag]) / width
         return float(shift @ np.linalg.lstsq(follow @ follow.T, shift, rcond=None)[0])
 
     def motion(self, window: Window) -> _Real:
-        """Return the largest squared motion of the runs at the lines of a window."""
+        """Return the squared motion of the largest run at the lines of a window."""
         width = float(window.width(np.array([self.pole]))[0])
         return motion(window.x, self.pole, self.shift, width)
 
     def spread(self, window: Window, weights: Weights) -> tuple[_Real, Errors]:
-        """Return deviations of the pole's real and imaginary part, and errors of the residues.
+        """Return the standard deviations of the pole's parts, and the errors of the residues.
 
         Parameters
         ----------
         window : Window
-            That of the fit.
+            Window of the fit.
         weights : Weights
-            Of the fit, standard deviations of the noise.
+            Weights of the fit: standard deviations of the noise.
         """
         pole = np.array([self.pole])
         values, vectors = np.linalg.eigh(self.normal)
@@ -225,7 +226,7 @@ class Backbone:
         return std, Errors(of_noise, moving * (self.follow @ root).T)
 
     def response(self, window: Window) -> _Complex:
-        """Return the part of the mode in the channels at the lines of a window, shape (p, n)."""
+        """Return the contribution of the mode to the channels of a window, shape (p, n)."""
         parts = []
         for run, level in enumerate(self.level.of_runs.tolist()):
             own = self.level.runs == run
@@ -240,20 +241,20 @@ class Backbone:
 def fit_backbone(
     window: Window, pole: complex, weights: Weights, level: Level, shift: complex = 0.0
 ) -> Backbone:
-    """Return the fit of a window by one mode whose pole depends on its motion.
+    """Fit a window by one mode with an amplitude-dependent pole.
 
     Parameters
     ----------
     window : Window
         Lines and all other modes.
     pole : complex
-        To begin with.
+        Initial pole.
     weights : Weights
-        Of the values.
+        Weights of the values.
     level : Level
-        Of the runs.
+        Squared motion of the runs.
     shift : complex
-        To begin with.
+        Initial shift.
 
     Returns
     -------
@@ -275,18 +276,18 @@ def fit_backbone(
 
 
 def promised_gain(window: Window, linear: Solved, at: int, level: Level) -> float:
-    """Return the decrease of the cost that a first step from a linear fit promises.
+    """Return the expected decrease of the cost by a first step from a linear fit.
 
     Parameters
     ----------
     window : Window
-        Of the fit.
+        Window of the fit.
     linear : Solved
         The linear fit.
     at : int
-        Which of its poles may depend on the motion.
+        Number of the pole that may depend on the motion.
     level : Level
-        Of the runs.
+        Squared motion of the runs.
 
     Returns
     -------
@@ -299,7 +300,7 @@ def promised_gain(window: Window, linear: Solved, at: int, level: Level) -> floa
 
 
 def _step(here: Backbone, damping: float) -> tuple[_Complex, float]:
-    """Return a step of pole and shift in units of the width, and the decrease it promises."""
+    """Return a step of pole and shift in units of the width, and its expected decrease."""
     loaded = here.normal + damping * np.diag(np.diag(here.normal))
     gradient = np.sum(here.gradients, axis=0)
     step = np.linalg.lstsq(loaded, gradient, rcond=None)[0]
@@ -314,7 +315,7 @@ def _leaning(window: Window, own: NDArray[np.bool_], shift: complex) -> _Leaning
 
 
 def _at(window: Window, pole: complex, shift: complex, weights: Weights, level: Level) -> Backbone:
-    """Return the fit for a pole and its shift, with the Gauss-Newton equations of these."""
+    """Return the fit for a pole and its shift, with its Gauss-Newton equations."""
     normal = np.zeros((4, 4))
     fits, gradients, follow = [], [], []
     for run, share in enumerate(level.of_runs.tolist()):
@@ -332,14 +333,14 @@ def _at(window: Window, pole: complex, shift: complex, weights: Weights, level: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """Gauss-Newton equations of one run, by parts of pole and shift.
+    """Gauss-Newton equations of one run, by real and imaginary parts of pole and shift.
 
     Attributes
     ----------
     normal : ndarray of float, shape (4, 4)
-        Of the cost.
+        Matrix of the cost.
     gradients : ndarray of float, shape (p, 4)
-        Of the cost of each channel.
+        Gradient of the cost of each channel.
     follow : ndarray of complex, shape (p, 4)
         Derivatives of the residues.
     """
@@ -355,13 +356,13 @@ class _Equations:
         Parameters
         ----------
         window : _Leaning
-            Of the run.
+            Window of the run.
         found : Solved
             Its fit.
         at : int
-            Which of its poles depends on the motion.
+            Number of the pole that depends on the motion.
         share : ndarray of float, shape (p,)
-            Of the shift, in each channel.
+            Share of the shift in each channel.
         """
         slopes = window.slopes(complex(found.poles[at]))
         m, flat = slopes.shape[1], slopes.reshape(len(slopes), -1)

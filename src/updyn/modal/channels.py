@@ -1,9 +1,9 @@
-"""Linear least squares of many channels: columns in common, weights of each channel's own.
+"""Linear least squares of many channels with common columns and separate weights.
 
-A QR decomposition a channel would be exact but slow. Here one with weights between those of all
-channels makes the columns orthonormal, and each channel solves its normal equations in these: their
-condition is that of the weights relative to the common ones, not that of the columns. The normal
-matrices of all channels are one product of matrices.
+A QR decomposition for each channel would be exact but slow. Here a single one, with weights between
+those of all channels, makes the columns orthonormal, and each channel solves its normal equations
+in these. Their condition number depends on the ratio of its weights to the common ones, not on that
+of the columns. The normal matrices of all channels are one matrix product.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ __all__ = ["Columns"]
 _Real = NDArray[np.float64]
 
 _TINY = 1e-300
-#: A column of which less than this share is its own has the coefficient 0.
+#: The coefficient of a column is 0 if less than this share is linearly independent of the others.
 _SPANNED = 1e-14
-#: Most numbers of products of two columns in memory at once.
+#: Largest number of elements of column products in memory at once.
 _BLOCK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Columns of which all channels are sums, decomposed.
+    """Decomposed columns of a linear fit of all channels.
 
     Attributes
     ----------
     Q : ndarray, shape (n, m)
-        Orthonormal combinations of the columns, in common weights; m of them are independent.
+        Orthonormal basis of the columns in common weights, with m the number of independent ones.
     back : ndarray, shape (k, m)
-        From coefficients of Q to those of the columns.
+        Matrix from coefficients of Q to those of the columns.
     common : ndarray of float, shape (n,)
         Common weights: inverse standard deviations of the rows.
     own : ndarray of float, shape (p, n), or None
-        Squares of the weights of each channel, as shares of the common ones; None: these are all.
+        Squared weights of each channel relative to the common ones; None if all are common.
     gram : ndarray, shape (p, m, m), or None
-        Normal matrices in Q of the channels.
+        Normal matrices of the channels in the basis Q.
     """
 
     Q: NDArray[Any]
@@ -58,7 +58,7 @@ class Columns:
         A : ndarray, shape (n, k)
             The columns, real or complex.
         deviation : ndarray of float, shape (p, n) or (1, n)
-            Standard deviations of the values, of each channel or of all.
+            Standard deviations of the values, for each channel or common.
         """
         size = np.linalg.norm(A, axis=0) + _TINY
         logs = np.log(deviation)
@@ -87,7 +87,7 @@ class Columns:
         y = Y * self.common
         found = y @ self.Q.conj()
         error = y - found @ self.Q.T
-        if self.own is not None:  # from the common fit, so that rounding is a share of its errors
+        if self.own is not None:  # correct the common fit, so rounding is relative to its errors
             change = self.solved(((error * self.own) @ self.Q.conj())[:, :, None])[:, :, 0]
             found, error = found + change, error - change @ self.Q.T
         return found @ self.back.T, error / self.common
@@ -97,7 +97,7 @@ class Columns:
         return B if self.gram is None else np.linalg.solve(self.gram, B)
 
     def squared(self, error: NDArray[Any]) -> _Real:
-        """Return squares of errors in units of their standard deviations, shape (p, n)."""
+        """Return squares of errors divided by their variances, shape (p, n)."""
         squares = np.abs(error * self.common) ** 2
         return np.asarray(squares if self.own is None else squares * self.own)
 
@@ -106,14 +106,14 @@ class Columns:
         return np.asarray(error * self.common**2 * (1.0 if self.own is None else self.own))
 
     def beyond(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the residual of further columns, shape (n, j), and what follows them.
+        """Return the products of residuals of further columns, shape (n, j), and their fit.
 
         Returns
         -------
         left : ndarray, shape (p, j, j) or (1, j, j)
-            Weighted products of their residuals.
+            Weighted products of the residuals.
         follow : ndarray, shape (p, k, j) or (1, k, j)
-            Coefficients of the columns that fit them.
+            Coefficients of the fit by the columns.
         """
         T = T * self.common[:, None]
         along = self.Q.conj().T @ T
@@ -126,7 +126,7 @@ class Columns:
         return left, np.matmul(self.back, along + fitted)
 
     def leverage(self) -> _Real:
-        """Return how much of each value the fit follows, shape (p, n) or (1, n), 0 to 1."""
+        """Return the leverage of each value, shape (p, n) or (1, n), 0 to 1."""
         if self.own is None:
             return np.asarray(np.sum(np.abs(self.Q) ** 2, axis=1)[None])
         assert self.gram is not None
@@ -145,7 +145,7 @@ class Columns:
 
 
 def _products(own: _Real, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Return left^H diag(own) right of all channels, shape (p, i, j), by a product of matrices."""
+    """Return left^H diag(own) right for each channel, shape (p, i, j), as a matrix product."""
     n, i, j = len(left), left.shape[1], right.shape[1]
     first, second = (index.reshape(-1) for index in np.indices((i, j)))
     if left is right:

@@ -1,4 +1,4 @@
-"""Analytic continuation of measured FRFs from i omega + a to i omega, by one rational model."""
+"""Analytic continuation of measured FRFs from i omega + a to i omega, by a rational model."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from updyn.modal.vector_fitting import Basis, predicting
 
 __all__ = ["continued"]
 
-#: Number and loss factor of the first poles; the most of them, and lines for each at least.
+#: Number and loss factor of the initial poles; largest number of poles, and lines for each.
 _FIRST, _LOSS = 4, 0.01
 _POLES, _LINES = 40, 4
-#: Fewest lines: a pole in each half of them.
+#: Smallest number of lines, for a pole in each half of them.
 _FEWEST = 2 * _LINES
-#: Channels count alike in the fit down to this share of the loudest; below may be noise alone.
+#: Channels below this share of the loudest may be noise and have less weight in the fit.
 _FAINT = 0.1
 
 
 def continued(frf: FRF) -> FRF:
-    """Return FRFs on the axis of real frequency; data without a decay as they are.
+    """Return FRFs on the axis of real frequency; data without a decay unchanged.
 
-    Accelerances are fitted by a rational function of -s^2 with the poles in common (vector
-    fitting), which the FRFs of a structure with structural damping are. What the fit changes by
-    from i omega + decay to i omega is added to the data, so that they keep what it does not follow.
-    A line at 0 Hz stays: the window changes it to second order only.
+    Accelerances are fitted by a rational function of -s^2 with common poles (vector fitting), the
+    exact form for a structure with structural damping. The change of the fit from i omega + decay
+    to i omega is added to the data, so their deviations from the fit are kept. A line at 0 Hz is
+    unchanged: the window affects it only to second order.
 
     Parameters
     ----------
     frf : FRF
-        H(i omega + decay), at eight lines at least: what an exponential window leaves.
+        H(i omega + decay), from records with an exponential window, with at least eight lines.
 
     Returns
     -------
     FRF
-        H(i omega), its `decay` 0.
+        H(i omega) with a `decay` of 0.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Noise that is correlated over neighbouring lines, as its power over the time of the record.
+"""Correlation of noise over neighbouring lines, as its power over the time of the record.
 
-FRFs from records of finite length, with an exponential window, or with zero padding have noise that
-is smooth over several lines. Its inverse Fourier transform over the lines is concentrated on a part
-of the record, as the correlation over lines is the transform of the power over time (Wiener and
-Khinchin). A decision that takes such lines as independent makes modes of the ripples of the noise.
+The noise of FRFs from records of finite length, with an exponential window or zero padding, is
+smooth over several lines. Its inverse Fourier transform over the lines is concentrated in a part of
+the record, because the correlation over lines is the transform of the power over time (Wiener and
+Khinchin). A test that assumes independent lines would identify ripples of the noise as modes.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ __all__ = ["Envelope"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Lines of a part of the band, each of which gives an estimate: so many values of the power over
-#: time, enough for an exponential window that ends at 1 % to be resolved.
+#: Lines of a part of the band for one estimate. It gives as many values of the power over time,
+#: enough to resolve an exponential window that ends at 1 %.
 _LINES = 64
-#: Fewest parts of measured functions, since each may hold modes, and fewest functions of residuals,
-#: of which the median is taken.
+#: Smallest number of parts of measured functions, since each may contain modes, and of residual
+#: functions, whose median is taken.
 _PARTS = 8
 #: Degree of the polynomial that is removed from a part, for the modes outside it.
 _DEGREE = 3
-#: Share of the parts that is used: modes concentrate power at short times, so that the parts with
-#: the flattest power are those of noise.
+#: Share of the parts that is used. Modes concentrate power at short times, so the parts with the
+#: flattest power are those of noise.
 _SHARE = 0.25
-#: At times at which the polynomial removes more than this share of white noise, the estimate would
-#: be the quotient of two small numbers, and is not made.
+#: Times at which the polynomial removes more than this share of white noise are not estimated: the
+#: estimate would be the ratio of two small numbers.
 _REMOVED = 0.5
-#: Times just after these from which the power is continued to them: so many that white noise is
-#: raised by less than 5 % at time 0 on the average.
+#: Number of subsequent times from which the power is extrapolated to these: white noise is then
+#: raised by less than 5 % at time 0 on average.
 _NEAREST = 12
-#: Distances between lines that differ by less than this share are even: files round them.
+#: Relative tolerance of even line spacing, for the rounding in files.
 _EVEN = 1e-3
-#: Rounds of the fixed-point iteration: after the first, the last 2 % of an exponential window have
-#: several times their power, since the taper mixes neighbouring times; more of them amplify random
+#: Rounds of the fixed-point iteration. After the first, the last 2 % of an exponential window have
+#: several times their power, because the taper mixes neighbouring times; more rounds amplify random
 #: errors.
 _ROUNDS = 2
 _TINY = 1e-300
@@ -54,8 +54,8 @@ class Envelope:
     Attributes
     ----------
     power : ndarray of float, shape (m,)
-        At m even times from 0 to the period, of mean 1; one value for white noise, of which all
-        lines are independent.
+        Power at m even times from 0 to the period, with mean 1; a single value for white noise,
+        with independent lines.
     """
 
     power: _Real
@@ -67,12 +67,12 @@ class Envelope:
 
     @property
     def is_white(self) -> bool:
-        """Whether all lines are taken as independent."""
+        """Whether all lines are independent."""
         return len(self.power) == 1
 
     @classmethod
     def of(cls, freq: _Real, values: _Complex) -> Envelope:
-        """Estimate the envelope of measured functions before any mode of them is known.
+        """Estimate the envelope from measured functions before any mode is known.
 
         Parameters
         ----------
@@ -109,13 +109,13 @@ class Envelope:
 
     @classmethod
     def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
-        """Estimate the envelope of the residuals of fits.
+        """Estimate the envelope from the residuals of fits.
 
         Parameters
         ----------
         residuals : sequence of (ndarray of complex, shape (n, m); ndarray of complex, shape (p, n))
-            For each window columns Q, of which Q Q^H is the projection on the fit, and its
-            residuals in units of their standard deviations, of n neighbouring lines.
+            For each window of n neighbouring lines, columns Q with Q Q^H the projection on the fit,
+            and its residuals in units of their standard deviations.
 
         Returns
         -------
@@ -130,7 +130,7 @@ class Envelope:
                 level = np.mean(over_time, axis=0)
                 if not (level > 0.0).any():
                     continue
-                # Of noise outside the part the fit brings little into it.
+                # The fit transfers little noise from outside the part into it.
                 left = np.eye(len(taper)) - Q[part] @ Q[part].conj().T
                 powers.append(over_time[:, level > 0.0])
                 responses.append(_response(taper * left))
@@ -139,17 +139,17 @@ class Envelope:
         return cls(_likeliest(powers, responses))
 
     def inflation(self, columns: NDArray[Any]) -> _Real:
-        """Return the variance of projections of the noise over that of white noise.
+        """Return the variance of projections of the noise relative to that of white noise.
 
         Parameters
         ----------
         columns : ndarray of complex, shape (n, k)
-            Functions of n neighbouring lines, on which noise of unit variance is projected.
+            Functions of n neighbouring lines on which noise of unit variance is projected.
 
         Returns
         -------
         ndarray of float, shape (k,)
-            At least 1: an estimate of less noise than white noise has is not used.
+            At least 1: smaller estimates are not used.
         """
         if self.is_white:
             return np.ones(columns.shape[1])
@@ -168,7 +168,7 @@ def _power(columns: NDArray[np.complex128] | _Real, n: int | None = None) -> _Re
 
 
 def _parts(n: int) -> Iterator[slice]:
-    """Yield the parts of n lines, each of which gives an estimate; none of too few lines."""
+    """Yield the parts of n lines for one estimate each; none for too few lines."""
     if n < _LINES // 4:
         return
     edges = np.linspace(0, n, -(-n // _LINES) + 1).astype(int).tolist()
@@ -182,27 +182,27 @@ def _response(left: NDArray[np.complex128] | _Real) -> _Real:
     Parameters
     ----------
     left : ndarray, shape (n, m)
-        From m lines of noise to n lines of the functions.
+        Linear map from m lines of noise to n lines of the functions.
     """
     turns = np.exp(2j * np.pi * np.outer(np.arange(left.shape[1]), np.arange(_LINES)) / -_LINES)
     return np.asarray(_power(left @ turns, _LINES) / left.shape[1])
 
 
 def _likeliest(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
-    """Return the power over time, of mean 1.
+    """Return the estimated power over time, with mean 1.
 
     Parameters
     ----------
     powers : sequence of ndarray of float, shapes (m, p)
-        Of the parts, at each time, in each channel.
+        Power of each part, at each time and in each channel.
     responses : sequence of ndarray of float, shape (m, m)
-        Of each part (`_response`).
+        `_response` of each part.
 
     Notes
     -----
-    By fixed-point iteration: at each time the power is multiplied by the median of measured over
-    expected powers. Of exponentially distributed powers it is log 2 of the mean; a median, since
-    a mode in one part would raise the mean.
+    In a fixed-point iteration the power at each time is multiplied by the median of measured over
+    expected powers. For exponentially distributed powers the median is log 2 times the mean; the
+    mean itself would be raised by a mode in one part.
     """
     whole = np.ones(_LINES)
     seen = np.mean([np.sum(r, axis=1) for r in responses], axis=0)
@@ -218,10 +218,11 @@ def _likeliest(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
 
 
 def _completed(power: _Real, known: NDArray[np.bool_]) -> _Real:
-    """Return the power over time, of mean 1.
+    """Return the power over time, with mean 1, extrapolated to times around 0.
 
-    Around time 0 it is not estimated. There it is continued from the powers just after and, since
-    time is periodic, just before; exponentially, as records in an exponential window decay.
+    These are not estimated. They follow from the powers just after and, since time is periodic,
+    just before; the extrapolation is exponential, like the decay of records with an exponential
+    window.
     """
     at = np.flatnonzero(known)
     first, last = int(at[0]), int(at[-1])

@@ -1,4 +1,4 @@
-"""Fits of windows, and the modes that are made of their poles."""
+"""Fits of windows, and modes made from their poles."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = [
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Poles nearer than this many of their widths together may be one mode.
+#: Poles within this multiple of the sum of their widths may be one mode.
 _CLOSE = 1.5
-#: Ratio of the widths of poles that may be one mode.
+#: Largest ratio of the widths of poles that may be one mode.
 _DAMPED = 4.0
-#: Least width of a pole, as a share of its size: without damping it has none.
+#: Smallest width of a pole as a share of its size; the width of an undamped pole is zero.
 _UNDAMPED = 1e-6
 
 
@@ -41,14 +41,13 @@ class Weighted:
     Attributes
     ----------
     window : Window
-        Lines and what else there is.
+        Lines and other modes.
     solved : Solved
         The fit.
     weights : Weights
-        Of the fit.
+        Weights of the fit.
     added : ndarray of int, shape (k,)
-        Of poles that are modes whatever they are worth, as the user has picked them, the number of
-        the pick; of others -1.
+        Number of the user's pick for poles that are modes without a test; -1 for all others.
     """
 
     window: Window
@@ -59,33 +58,32 @@ class Weighted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mode:
-    """A mode as the fits have it.
+    """A mode of the fits.
 
     Attributes
     ----------
     pole : complex
-        In the unit of the variable; where it varies from run to run, the mean.
+        The pole in the unit of the variable; the mean if it varies from run to run.
     std : ndarray of float, shape (2,)
-        Of its real and imaginary part: where it varies from run to run, of the runs.
+        Standard deviations of its real and imaginary part; those of the runs if it varies.
     residues : ndarray of complex, shape (p,)
-        Of each channel.
+        Residue of each channel.
     errors : Errors
-        Of the residues.
+        Errors of the residues.
     quality : float
-        Share that it explains of what the others leave, within its half-power band.
+        Share of the residual of all other modes within the half-power band that it explains.
     seen : Seen
-        How it shows there.
+        Visibility in this band.
     everywhere : bool
-        Whether more than one run knows it.
+        Whether more than one run contains it.
     added : int
-        Number of the pick of one that is a mode whatever it is worth, else -1.
+        Number of the user's pick if it is a mode without a test, else -1.
     by_channel : ndarray of complex, shape (p,), or None
-        Where it varies from run to run, the pole of each channel.
+        The pole of each channel if it varies from run to run.
     single : bool
         Whether its residue is that of one mode; further modes have other poles.
     shift : complex
-        Where it depends on the motion, its change at the largest motion; the pole is that of small
-        motion.
+        Change of an amplitude-dependent pole at the largest motion; `pole` is that of small motion.
     """
 
     pole: complex
@@ -109,9 +107,9 @@ class Mode:
 
 
 def bundle_poles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tuple[int, int]]]:
-    """Return poles by fit and position, those together that are close; those added alone.
+    """Return groups of close poles by fit and position; each pick is a group.
 
-    Poles of one mode have about one damping; a wide one among narrow ones is background.
+    The poles of one mode have similar damping; a wide pole among narrow ones is background.
     """
     at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.solved.poles))]
     poles = np.array([fits[k].solved.poles[r] for k, r in at], dtype=np.complex128)
@@ -137,7 +135,7 @@ def bundle_poles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tupl
 def fit_together(
     measured: Measured, fits: Sequence[Weighted], members: list[tuple[int, int]]
 ) -> tuple[Weighted, list[int]]:
-    """Return a fit that holds all poles of a bundle, and their positions in it."""
+    """Return a fit that contains all poles of a bundle, and their positions in it."""
     parts = sorted({k for k, _ in members})
     if len(parts) == 1:
         return fits[parts[0]], [r for _, r in members]
@@ -157,7 +155,7 @@ def fit_together(
 
 
 def take_means(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
-    """Return poles to begin with: means of neighbours, so that their weighted squares are least."""
+    """Return initial poles: means of neighbours with the smallest weighted squares."""
     poles = fit.solved.poles[bundle]
     weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
     order = np.argsort(position(poles, fit.window), kind="stable")
@@ -174,7 +172,7 @@ def take_means(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
 
 
 def position(poles: _Complex, window: Window) -> _Real:
-    """Return where poles are along the lines, in the unit of the variable."""
+    """Return the positions of poles along the lines, in the unit of the variable."""
     return np.asarray(poles.imag if window.basis.mirrored else poles.real)
 
 
@@ -194,13 +192,13 @@ def make_mode(
     fit : Weighted
         The window and the weights of its values.
     pole : complex
-        Of the mode.
+        Pole of the mode.
     std : ndarray of float, shape (2,)
-        Standard deviations of its parts.
+        Standard deviations of its real and imaginary part.
     residues : ndarray of complex, shape (p,)
-        Of each channel.
+        Residue of each channel.
     errors : Errors
-        Of the residues.
+        Errors of the residues.
     left, without : ndarray of float, shape (p, n_f)
         Squared residuals with and without the mode.
     """

@@ -1,15 +1,16 @@
 """`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
 
-1. Poles are looked for with matrix fractions of increasing order, in overlapping parts of the band;
-   those that stay from order to order are candidates (`stabilisation`, `lscf`). Few lines without
-   noise determine all poles at once (`vector_fitting`).
-2. The band is searched in tiles that cover it (`tiles`): candidates and a grid of poles are taken
-   one after the other while they explain more than chance would (`search`) in noise that may be
-   correlated over lines (`envelope`). Poles are refined to maximum likelihood, window by window,
-   with standard deviations (`settle`, `refine`).
-3. Close poles may be one mode whose frequency varies from run to run, as where a sensor moves with
-   its mass. They are merged where poles for each run fit better than more for all (`runs`).
-4. Poles that are a leaning peak, whose stiffness depends on the level, become one mode (`leaning`,
+1. Matrix fractions of increasing order are fitted in overlapping parts of the band; poles that are
+   stable from order to order are candidates (`stabilisation`, `lscf`). For few lines without
+   noise, all poles are fitted at once (`vector_fitting`).
+2. The band is searched in tiles (`tiles`): candidates and a grid of poles are added one by one
+   while they explain more than chance would (`search`) in noise that may be correlated over
+   lines (`envelope`). Poles are refined to maximum likelihood, window by window, with standard
+   deviations (`settle`, `refine`).
+3. Close poles may be one mode with a different frequency in each run, for example if a sensor
+   moves with its mass. They are merged if poles for each run fit better than several common poles
+   (`runs`).
+4. Poles of a leaning peak, whose stiffness depends on the level, become one mode (`leaning`,
    `backbone`).
 5. Poles that the user has picked are added and refined with the others (`picks`).
 6. Shapes follow from the residues (`sides`); peaks without a mode are listed (`unexplained`).
@@ -49,20 +50,23 @@ _Real = NDArray[np.float64]
 
 DAMPING = ("structural", "viscous")
 
-#: A residue has at most two shapes: its third singular value is below this share of the first.
+#: The residue of a mode has at most two shapes: its third singular value is below this share of the
+#: first.
 _SHAPES = 0.3
-#: Largest share of a second shape in a mode that shows in single channels only.
+#: Largest share of a second shape in a mode that is visible in single channels only.
 _LOCAL = 0.1
-#: Lines that each mode of data without noise needs at least.
+#: Smallest number of lines for each mode of data without noise.
 _LINES_A_MODE = 4
-#: Lines for each pole by which data are told to have noise.
+#: Lines for each pole in the test for noise.
 _LINES_A_POLE = 8
-#: What modes of data without noise leave unexplained at most, and an exact fit of them; the poles
-#: outside the band that may be needed for it, and combinations of the functions.
+#: For data without noise: largest unexplained share of modes, and of an exact fit; number of
+#: additional poles outside the band, and of combinations of the functions.
 _NEARLY, _EXACT, _OUTSIDE, _STRONGEST = 1e-4, 1e-18, 16, 12
-#: Up to this many lines are tried as data without noise, from so many poles of this loss factor.
+#: Up to this number of lines, data are first treated as free of noise, with this number of initial
+#: poles of this loss factor.
 _RATIONAL, _FIRST, _LOSS = 160, 4, 0.01
-#: The fewest poles are taken of exact fits that leave at most this many times the least.
+#: The selected exact fit is that of the fewest poles with a cost at most this factor above the
+#: smallest.
 _AS_GOOD = 1e3
 
 
@@ -79,40 +83,41 @@ def identify_modes(
     Parameters
     ----------
     frf : FRF
-        The measurement. Modes that have no sensor where they move cannot be found.
+        The measurement. Modes without motion at any sensor cannot be found.
     band : (float, float), optional
-        In Hz; modes outside of it are allowed for but not returned. None: all lines.
+        Band in Hz; modes outside it are included in the fit, but not returned. None: all lines.
     damping : {"structural", "viscous"}
-        The form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in
-        i omega. For light damping the difference is of the order of its square.
+        Form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in i
+        omega. For light damping, the difference is of the order of its square.
     poles : sequence of float
-        Frequencies in Hz at which there are modes, too, whatever they are worth: of stable poles of
-        the diagram, of peaks without a mode, or others. They are refined together with the others.
+        Frequencies in Hz of additional modes, accepted without a test: of stable poles of the
+        diagram, of peaks without a mode, or others. They are refined together with the others.
 
     Returns
     -------
     ModeSet
-        At the responses, and at references that are not among them. Scaled to unit modal mass where
-        a drive point was measured. With standard deviations of frequencies and loss factors; with
-        ``quality``, the share of what the other modes leave unexplained within the half-power band
-        (at least three lines) that the mode explains; with the stabilisation diagram; with
-        ``unexplained``, the frequencies of significant peaks to which no mode belongs; with
-        ``lean``, how far the frequency shifts with the motion. The frequency of such a mode is that
-        of small motion; its standard deviation includes the shift.
+        Modes at the responses, and at references that are not among them, scaled to unit modal mass
+        if a drive point was measured. It includes standard deviations of frequencies and loss
+        factors; ``quality``, the share of the residual of all other modes within the half-power
+        band (at least three lines) that the mode explains; the stabilisation diagram;
+        ``unexplained``, the frequencies of significant peaks without a mode; and ``lean``, the
+        shift of the frequency with the motion. The frequency of a leaning mode is that of small
+        motion; its standard deviation includes the shift.
 
     Raises
     ------
     DataError
-        If there are too few lines, no mode is found, or one of `poles` is no frequency of the band,
-        or merges with a mode or leaves its place as it is refined.
+        If there are too few lines, no mode is found, or one of `poles` is not a frequency of the
+        band, merges with a mode, or moves away during the refinement.
     OptionError
         If an option has no valid value.
 
     Notes
     -----
-    Deterministic. The damping of a window that the data state (`FRF.decay`) is taken out first.
-    Loss factors are those of the form chosen; twice the damping ratio where it is viscous. A line
-    at 0 Hz says nothing of modes and is not used.
+    The identification is deterministic. The damping of an exponential window that the data state
+    (`FRF.decay`) is removed first. Loss factors are those of the selected form; for viscous
+    damping, they are twice the damping ratio. A line at 0 Hz carries no information on modes and is
+    not used.
 
     Examples
     --------
@@ -132,7 +137,7 @@ def identified(
     damping: str,
     poles: Sequence[float],
 ) -> tuple[ModeSet, list[int]]:
-    """Return the modes, as `identify_modes`, and which of `poles` each of them is: -1 for none.
+    """Return the modes, as `identify_modes`, and for each its position in `poles`, else -1.
 
     Parameters
     ----------
@@ -161,10 +166,10 @@ def identified(
 
 
 def _exact(measured: Measured, modes: list[Mode]) -> list[Mode]:
-    """Return the modes of data without noise to the last digits.
+    """Return the modes of noise-free data to rounding accuracy.
 
-    There the polynomial for what lies outside is all that keeps the fits from being exact; poles
-    outside the band can be found as well, by vector fitting from the poles that are known.
+    For such data, only the polynomial for modes outside the window limits the accuracy. Vector
+    fitting from the known poles also finds poles outside the band.
     """
     if not modes or min(mode.quality for mode in modes) < 1.0 - _NEARLY:
         return modes
@@ -192,10 +197,10 @@ def _exact(measured: Measured, modes: list[Mode]) -> list[Mode]:
 
 
 def _of_rational_data(measured: Measured) -> list[Mode]:
-    """Return the modes of few lines without noise; none where there is noise, or no mode.
+    """Return the modes of few lines without noise; none for noisy data, or without modes.
 
-    Few lines may be too far apart for poles to be looked for part by part, but without noise they
-    determine all poles together.
+    Few lines may be too far apart for a search part by part, but without noise they determine all
+    poles together.
     """
     axis, most = measured.axis, len(measured.x) // _LINES_A_MODE
     f = np.linspace(measured.freq[0], measured.freq[-1], min(_FIRST, most) + 2)[1:-1]
@@ -215,9 +220,9 @@ def _of_rational_data(measured: Measured) -> list[Mode]:
 
 
 def _rational(measured: Measured, begin: _Complex, most: int) -> Fitted | None:
-    """Return the rational functions that the data are, by vector fitting; None where not exact.
+    """Return an exact rational fit of the data by vector fitting; None if there is none.
 
-    A part of the lines tells most data with noise, at a part of the cost.
+    Most noisy data are excluded by a subset of the lines, at lower cost.
     """
     Y = measured.cube.reshape(len(measured.x), -1)
     strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
@@ -235,26 +240,27 @@ def _rational(measured: Measured, begin: _Complex, most: int) -> Fitted | None:
 def _exact_poles(
     basis: Basis, x: _Complex, few: _Complex, begin: _Complex, most: int
 ) -> _Complex | None:
-    """Return the poles of an exact fit; None where there is none."""
+    """Return the poles of an exact fit; None if there is none."""
     fits = list(growing(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)
     if least > _EXACT * float(np.sum(np.abs(few) ** 2)):
         return None
-    # More poles than there are fit the last digits, which are rounding, only.
+    # Further poles only fit rounding errors.
     return next(fitted for fitted in fits if fitted.cost <= _AS_GOOD * least).poles
 
 
 def _mode_set(
     frf: FRF, measured: Measured, modes: list[Mode], diagram: Diagram | None
 ) -> tuple[ModeSet, list[int]]:
-    """Return the modes that are seen, with their shapes, and which were added."""
+    """Return the visible modes with their shapes, and the pick of each, else -1."""
     axis, sides = measured.axis, Sides.of(frf)
     columns, poles = [], []
     for mode in _shown(measured, modes):
         poles.append(mode.pole)
         residues = mode.residues.reshape(measured.level.shape)
         pole = np.array([mode.pole])
-        # A residue goes with the pole of its run: where a sensor roves, another changes the shape.
+        # A residue is scaled by the pole of its run; for a roving sensor, another pole would
+        # distort the shape.
         factor = axis.modal(mode.poles, np.ones(len(mode.poles), dtype=np.complex128))
         factor = factor.reshape(measured.level.shape) * measured.level
         figures = (
@@ -300,9 +306,9 @@ def _mode_set(
 
 
 def _lean(axis: Axis, mode: Mode) -> float:
-    """Return the shift of the frequency in Hz by the motion; nan if there is none to speak of.
+    """Return the shift of the frequency in Hz with the motion; nan if it is insignificant.
 
-    Of a mode whose damping changes by more than its stiffness, the peak is flat and does not lean.
+    If damping changes more than stiffness, the peak is flat and does not lean.
     """
     if not mode.shift:
         return np.nan
@@ -313,7 +319,7 @@ def _lean(axis: Axis, mode: Mode) -> float:
 
 
 def _shown(measured: Measured, modes: list[Mode]) -> list[Mode]:
-    """Return the modes that are physical, and those added."""
+    """Return the physical modes and the picks."""
     shape, mirrored = measured.level.shape, measured.axis.mirrored
     physical = [mode for mode in modes if mode.added >= 0 or _physical(measured, mode)]
     return [
@@ -324,11 +330,11 @@ def _shown(measured: Measured, modes: list[Mode]) -> list[Mode]:
 
 
 def _physical(measured: Measured, mode: Mode) -> bool:
-    """Return whether a mode is more than what keeps real data from being modes and noise."""
+    """Return whether a mode is physical, not an artefact of real data."""
     sizes = np.linalg.svd(mode.residues.reshape(measured.level.shape), compute_uv=False)
     if mode.seen.everywhere:
         shaped = len(sizes) < 3 or sizes[2] < _SHAPES * sizes[0]
-    else:  # a mode of a light part, which is one mode
+    else:  # a mode of a light part, with a single shape
         shaped = mode.seen.somewhere and (len(sizes) < 2 or sizes[1] < _LOCAL * sizes[0])
     told = not mode.seen.cancelled and mode.quality >= LEAST
     return bool(told and shaped and mode.everywhere)

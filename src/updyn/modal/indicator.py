@@ -28,7 +28,7 @@ class Indicator:
         Singular values of the accelerances at each line, descending; k is the smaller of the
         numbers of responses and references.
     unit : str
-        Of the values.
+        Unit of the values.
     """
 
     freq: _Real
@@ -39,8 +39,8 @@ class Indicator:
 def cmif(frf: FRF) -> Indicator:
     """Return the complex mode indicator function of a measurement.
 
-    The first singular value has a peak at every mode. At modes that are close the second one has
-    a peak, too, where there are several references.
+    The first singular value has a peak at every mode. With several references, the second one also
+    has a peak at close modes.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def cmif(frf: FRF) -> Indicator:
     Returns
     -------
     Indicator
-        With rotations multiplied by the length that makes them as large as translations, where
-        both were measured.
+        If rotations and translations were measured, rotations are multiplied by the length that
+        makes them as large as translations.
 
     Raises
     ------

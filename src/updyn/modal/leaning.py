@@ -1,8 +1,8 @@
 """Leaning peaks: modes whose stiffness depends on the level, which a linear fit splits.
 
-Neighbouring poles, or a single one, are compared with one mode whose pole depends on its motion
-(`backbone`), by their likelihood. A linear fit of a leaning peak disturbs those of its neighbours
-and the estimate of the noise, so that a second round begins with the peaks that the first found.
+Neighbouring poles, or a single one, are compared by likelihood with one mode that has an
+amplitude-dependent pole (`backbone`). The linear fit of a leaning peak disturbs those of its
+neighbours and the estimate of the noise, so a second round starts with the peaks of the first.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ __all__ = ["Bundle", "Leaning", "PolesByRun", "find_leaning"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Rounds, each with the leaning peaks and the noise of the one before.
+#: Rounds, each with the leaning peaks and the noise of the previous one.
 _ROUNDS = 2
-#: Most poles into which a linear fit splits one leaning peak.
+#: Largest number of poles into which a linear fit splits one leaning peak.
 _MOST = 3
-#: Probability that noise makes any peak of the band lean, as of `unexplained`.
+#: Probability that noise makes any peak of the band lean, as in `unexplained`.
 _ALPHA = 0.01
-#: Largest shift in widths: above 8 / (3 sqrt 3) a motion is not unique (A. H. Nayfeh & D. T. Mook,
-#: Nonlinear Oscillations, 1979, section 4.1), and the nonlinearity is not weak.
+#: Largest shift in widths: above 8 / (3 sqrt 3) the motion is not unique (A. H. Nayfeh & D. T.
+#: Mook, Nonlinear Oscillations, 1979, section 4.1), and the nonlinearity is not weak.
 _LARGEST = 8.0 / (3.0 * np.sqrt(3.0))
 
 
@@ -46,9 +46,9 @@ class PolesByRun:
     members : frozenset of (int, int)
         Fit and position of the poles.
     cost : float
-        Of the fit with a pole for each run.
+        Cost of the fit with a pole for each run.
     gain : float
-        In deviance over the fit with common poles, beyond chance.
+        Gain in deviance over the fit with common poles, less that by chance.
     """
 
     members: frozenset[tuple[int, int]]
@@ -58,18 +58,18 @@ class PolesByRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bundle:
-    """Poles that are close.
+    """Close poles.
 
     Attributes
     ----------
     members : list of (int, int)
         Fit and position of the poles, by ascending frequency.
     fit : Weighted
-        That holds all of them.
+        Fit that contains all of them.
     positions : list of int
-        Where they are in it.
+        Their positions in it.
     claims : list of PolesByRun
-        Of some of them.
+        Alternatives for some of them.
     """
 
     members: list[tuple[int, int]]
@@ -78,7 +78,7 @@ class Bundle:
     claims: list[PolesByRun]
 
     def rows(self, count: int, taken: set[tuple[int, int]]) -> list[frozenset[tuple[int, int]]]:
-        """Return neighbours, so many in a row, without those that are claimed or taken."""
+        """Return all rows of `count` neighbours among the poles that are not claimed or taken."""
         claimed = {member for claim in self.claims for member in claim.members}
         free = [member for member in self.members if member not in claimed | taken]
         return [frozenset(free[k : k + count]) for k in range(len(free) - count + 1)]
@@ -86,18 +86,18 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaning:
-    """A mode found in place of poles of the linear fit.
+    """A mode in place of poles of the linear fit.
 
     Attributes
     ----------
     members : frozenset of (int, int)
         Fit and position of these poles.
     fit : Weighted
-        The linear fit in the window and with the weights of the fit.
+        The linear fit with the window and weights of `backbone`.
     backbone : Backbone
         The fit.
     gain : float
-        In deviance over the linear fit, beyond what free values would gain by chance.
+        Gain in deviance over the linear fit, less that of free values by chance.
     """
 
     members: frozenset[tuple[int, int]]
@@ -108,8 +108,9 @@ class Leaning:
     def mode(self) -> Mode:
         """Return the mode.
 
-        Its deviation holds the shift along the peak: the root of the mean square, weighted by the
-        squared motion, so that a model without this shift is not held to less.
+        Its standard deviation includes the shift along the peak as the root mean square, weighted
+        by the squared motion. A model without this shift would otherwise be compared with too small
+        a deviation.
         """
         window, weights, found = self.fit.window, self.fit.weights, self.backbone
         pole = np.array([found.pole])
@@ -132,9 +133,9 @@ def find_leaning(
     Parameters
     ----------
     measured : Measured
-        The data; the forces at all references are taken to be of the same size.
+        The data; forces at all references are assumed to have the same amplitude.
     fits : sequence of Weighted
-        With linear modes.
+        Fits with linear modes.
     bundles : sequence of Bundle
         Their poles.
     """
@@ -152,7 +153,7 @@ def find_leaning(
 
 
 def _envelope(measured: Measured, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Envelope:
-    """Return the envelope of the residuals, of windows with leaning peaks those of their fits."""
+    """Return the envelope of the residuals; windows with leaning peaks use their fits."""
     if not found:
         return fits[0].window.envelope
     leaning = {k for peak in found for k, _ in peak.members}
@@ -178,7 +179,7 @@ def _of_bundle(
 ) -> Iterator[Leaning]:
     """Yield the leaning peaks of a bundle, without poles in common.
 
-    Of the largest number of poles first, and of these those that gain most.
+    Those of the most poles come first, and among these those of the largest gain.
     """
     fit = bundle.fit
     if (fit.added[bundle.positions] >= 0).any():
@@ -198,7 +199,7 @@ def _of_bundle(
 
     yield from filter(None, (compare(claim.members, claim) for claim in bundle.claims))
     taken: set[tuple[int, int]] = set()
-    for length in range(min(_MOST, len(bundle.members)), 0, -1):  # the fewest modes
+    for length in range(min(_MOST, len(bundle.members)), 0, -1):  # the fewest modes first
         tried = [compare(own, None) for own in bundle.rows(length, taken)]
         for peak in sorted(filter(None, tried), key=lambda peak: -peak.gain):
             if not peak.members & taken:
@@ -207,11 +208,11 @@ def _of_bundle(
 
 
 def _linear(window: Window, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Window:
-    """Return a window in which leaning peaks have become what their linear fit is."""
+    """Return a window in which leaning peaks are replaced by their linear fit."""
     for peak in found:
         at, span = peak.fit.window.x, abs(window.x[-1] - window.x[0])
         if max(abs(at[0] - window.x[0]), abs(at[-1] - window.x[-1])) > 2.0 * span:
-            continue  # far: a polynomial in the lines of the window
+            continue  # distant: a polynomial in the lines of the window
         change = peak.backbone.response(window)
         for k, r in peak.members:
             linear = fits[k].solved
@@ -221,7 +222,7 @@ def _linear(window: Window, fits: Sequence[Weighted], found: Sequence[Leaning]) 
 
 
 def _response(window: Window, pole: complex, residues: _Complex) -> _Complex:
-    """Return the part of a linear mode in the channels, shape (p, n)."""
+    """Return the contribution of a linear mode to the channels, shape (p, n)."""
     part = residues[:, None] / (window.x - pole)
     if window.basis.mirrored:
         part = part + residues.conj()[:, None] / (window.x - np.conj(pole))
@@ -231,30 +232,29 @@ def _response(window: Window, pole: complex, residues: _Complex) -> _Complex:
 def _compare(
     measured: Measured, fit: Weighted, part: list[int], claim: PolesByRun | None, count: int
 ) -> tuple[Weighted, Backbone, float] | None:
-    """Return poles of a fit as one leaning peak, and what it gains; None if it is no better.
+    """Return poles of a fit as one leaning peak, with its gain; None if it is no better.
 
-    It has to be better than these poles, than one pole that does not lean, and than poles for each
-    run.
+    It must be better than these poles, than one linear pole, and than poles for each run.
 
     Parameters
     ----------
     measured : Measured
         The data.
     fit : Weighted
-        With linear modes.
+        Fit with linear modes.
     part : list of int
         Poles of the fit.
     claim : PolesByRun, optional
         Poles for each run in their place.
     count : int
-        Peaks of the band.
+        Number of peaks in the band.
     """
     window, weights, common = fit.window, fit.weights, fit.solved
     p, n_f = window.Y.shape
     own = 2.0 * float(np.mean(window.inflation(common.poles, weights)[part]))
-    # Noise estimated from n - m lines makes deviances larger by n / (n - m).
+    # Noise estimated from n - m lines increases deviances by n / (n - m).
     few = n_f / max(n_f - common.columns.Q.shape[1], 1)
-    alarm = -np.log(_ALPHA / count)  # of two squares of unit variance
+    alarm = -np.log(_ALPHA / count)  # for two squares of unit variance
     one_more = own * max(np.log(2 * p * n_f), few * alarm)
     more = len(part) - 1
     least = one_more - more * own * (np.log(2 * p * n_f) + p * np.log(2 * n_f))
@@ -282,15 +282,15 @@ def _compare(
 
 
 def _is_better(found: Backbone, common: Solved, one: Solved, least: float, one_more: float) -> bool:
-    """Return whether a leaning peak gains enough over several poles, and over one of them."""
+    """Return whether a leaning peak gains enough over several poles and over one of them."""
     fitted = sum(deviance(fit) for fit in found.fits)
     return deviance(common) - fitted > least and deviance(one) - fitted > one_more
 
 
 def _disagreement(p: int, count: int) -> float:
-    """Return Hotelling's T^2 that shifts of p channels exceed by chance at any of several peaks.
+    """Return Hotelling's T^2 that shifts of p channels exceed by chance at any peak.
 
-    Of two channels the variance of a shift of two parts is not known.
+    Two channels do not determine the variance of a shift with two parts.
     """
     if p < 3:
         return 0.0

@@ -1,4 +1,4 @@
-"""Message on modes whose stiffness depends on the level."""
+"""Message on modes with level-dependent stiffness."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from updyn.modal.mode_set import ModeSet
 
 __all__ = ["leaning_peaks"]
 
-#: Peaks that a message names.
+#: Largest number of peaks in a message.
 _NAMED = 8
 
 

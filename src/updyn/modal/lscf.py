@@ -1,10 +1,10 @@
 """Poles of FRFs by the polyreference least-squares complex frequency method, order by order.
 
 P. Guillaume, P. Verboven, S. Vanlanduit, H. Van der Auweraer & B. Peeters, "A poly-reference
-implementation of the least-squares complex frequency-domain estimator", Proc. IMAC XXI (2003);
-B. Peeters, H. Van der Auweraer, P. Guillaume & J. Leuridan, Shock Vib. 11 (2004) 395-409. Of the
-denominator the coefficient that is set to one is the one that leaves poles of noise unstable
-(B. Cauberghe, P. Guillaume, P. Verboven, S. Vanlanduit & E. Parloo, Proc. SEM X (2004), on clear
+implementation of the least-squares complex frequency-domain estimator", Proc. IMAC XXI (2003); B.
+Peeters, H. Van der Auweraer, P. Guillaume & J. Leuridan, Shock Vib. 11 (2004) 395-409. The
+coefficient of the denominator that is set to one is that for which poles of noise are unstable (B.
+Cauberghe, P. Guillaume, P. Verboven, S. Vanlanduit & E. Parloo, Proc. SEM X (2004), on clear
 stabilisation diagrams).
 """
 
@@ -20,32 +20,32 @@ __all__ = ["poles_by_order"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: A real part up to this share of the pole is that of a pole without damping.
+#: A pole with a relative real part below this limit counts as undamped.
 _UNSTABLE = 1e-4
 
 
 def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
-    """Yield the stable poles within the band that fits of increasing order find.
+    """Yield the stable poles within the band for fits of increasing order.
 
     Parameters
     ----------
     omega : ndarray of float, shape (n_f,)
         Circular frequencies, ascending.
     Y : ndarray of complex, shape (n_f, n_o, n_r)
-        The functions, each line scaled by how much it is to count; poles common to the columns.
+        The functions, with lines scaled by their weights; poles are common to the columns.
     orders : iterable of int
-        Of the matrix polynomial, ascending; each has n_r poles an order, those in conjugate pairs
-        counted twice.
+        Orders of the matrix polynomial, ascending; each has n_r poles per order, counting both of a
+        conjugate pair.
 
     Yields
     ------
     ndarray of complex, shape (k,)
-        Poles s in rad/s; those that are unstable by rounding reflected.
+        Poles s in rad/s; those that are unstable by rounding are reflected.
 
     Notes
     -----
     Right matrix fraction Y(omega) = B(omega) A(omega)^-1 in powers of z = exp(-i (omega - omega_1)
-    T), where the band is half of the circle. The numerators are eliminated from the normal
+    T), with the band on half of the circle. The numerators are eliminated from the normal
     equations, whose blocks are of Toeplitz form (Peeters et al. 2004, equations 10-17).
     """
     orders = list(orders)
@@ -86,7 +86,7 @@ def _toeplitz(
 
 
 def _roots(M: _Real, n: int, n_r: int, step: float, omega: _Real) -> _Complex:
-    """Return stable poles in the band: the last coefficient is one, the others solve M."""
+    """Return stable poles in the band; the last coefficient is one, the others solve M."""
     below = np.linalg.lstsq(M[:-n_r, :-n_r], M[:-n_r, -n_r:], rcond=None)[0]
     companion = np.zeros((n * n_r, n * n_r))
     companion[:n_r] = np.hstack(list(below.reshape(n, n_r, n_r).transpose(0, 2, 1)[::-1]))

@@ -1,4 +1,4 @@
-"""Measured functions as the identification of modes has them, and windows of their lines."""
+"""Measured functions for the identification of modes, and windows of their lines."""
 
 from __future__ import annotations
 
@@ -18,27 +18,28 @@ __all__ = ["Measured", "groups"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Modes of a window, and how many half-power bandwidths and lines it reaches beyond them.
+#: Largest number of modes in a window, and its extent beyond them in half-power bandwidths and
+#: lines.
 _TOGETHER, _BEYOND, _LINES = 6, 4.0, 20
-#: Loss factors above this are no modes.
+#: Largest loss factor of a mode.
 _HEAVY = 0.5
-#: Fewest lines.
+#: Smallest number of lines.
 _FEWEST = 4
-#: Lines of a window for each pole next to it.
+#: Smallest number of lines in a window for each fixed pole.
 _LINES_A_POLE = 5
-#: Negative damping up to this is rounding.
+#: Negative damping up to this value is rounding error.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """Accelerances, scaled so that peaks of equal damping count alike."""
+    """Measured accelerances, divided by the rms of their unit."""
 
     axis: Axis
     freq: _Real  # shape (n_f,)
     x: _Complex  # shape (n_f,)
     cube: _Complex  # shape (n_f, n_i, n_j)
-    level: _Real  # shape (n_i, n_j): the functions were divided by it
+    level: _Real  # shape (n_i, n_j): divisor of the functions
     envelope: Envelope
 
     @classmethod
@@ -93,7 +94,7 @@ class Measured:
         return float(np.median(np.diff(self.freq)))
 
     def lines_of(self, own: _Complex) -> slice:
-        """Return the lines of a window of some poles."""
+        """Return the lines of a window around some poles."""
         f, bandwidth = self.axis.frequency(own), self.bandwidth(own)
         first, last = np.searchsorted(
             self.freq, [np.min(f - _BEYOND * bandwidth), np.max(f + _BEYOND * bandwidth)]
@@ -102,10 +103,10 @@ class Measured:
         return slice(int(max(0, first - few - 1)), int(min(len(self.freq), last + few + 1)))
 
     def window(self, lines: slice, others: _Complex, residues: _Complex | None = None) -> Window:
-        """Return the window of some lines, with those of the other poles that are near.
+        """Return a window of some lines with nearby poles of other modes fixed.
 
-        Where residues of the others are known, shape (m, p), the parts of those that are far are
-        taken out.
+        If residues of the others are given, shape (m, p), the contributions of distant ones are
+        subtracted.
         """
         freq = self.freq[lines]
         there = self.axis.frequency(others)
@@ -120,25 +121,25 @@ class Measured:
         return Window(self.axis.basis, x, Y - apart, others[near], apart, self.envelope)
 
     def _part(self, x: _Complex, poles: _Complex, residues: _Complex) -> _Complex:
-        """Return the part of some modes in the functions, shape (n, p)."""
+        """Return the contribution of some modes to the functions, shape (n, p)."""
         part = (1.0 / (x[:, None] - poles)) @ residues
         if self.axis.mirrored:
             part = part + (1.0 / (x[:, None] - poles.conj())) @ residues.conj()
         return np.asarray(part)
 
     def bandwidth(self, poles: _Complex) -> _Real:
-        """Return the widths of half power in Hz."""
+        """Return the half-power bandwidths in Hz."""
         return np.asarray(self.axis.frequency(poles) * np.clip(self.axis.loss(poles), 0.0, _HEAVY))
 
     def inside(self, poles: _Complex) -> NDArray[np.bool_]:
-        """Return which poles may be modes of the band."""
+        """Return which poles may be modes within the band."""
         frequency, loss = self.axis.frequency(poles), self.axis.loss(poles)
         within = (frequency >= self.freq[0]) & (frequency <= self.freq[-1])
         return np.asarray(within & (loss > -_ROUNDING) & (loss < _HEAVY))
 
 
 def groups(frequency: _Real, bandwidth: _Real) -> list[slice]:
-    """Return neighbours that are fitted together: those whose lines overlap, of many a few."""
+    """Return groups of neighbours with overlapping lines, at most a few in each."""
     groups, first = [], 0
     reach = np.maximum.accumulate(frequency + _BEYOND * bandwidth)
     apart = frequency[1:] - _BEYOND * bandwidth[1:] - reach[:-1]

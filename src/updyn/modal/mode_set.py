@@ -24,7 +24,7 @@ __all__ = ["ModeSet"]
 
 _Real = NDArray[np.float64]
 
-#: What a set is made of, apart from the diagram, peaks without a mode and leaning peaks.
+#: Arguments of a set, except the diagram, peaks without a mode and leaning peaks.
 _FIELDS = (
     "frequency",
     "shapes",
@@ -41,53 +41,53 @@ _FIELDS = (
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class ModeSet:
-    """Measured modes, immutable, by ascending frequency.
+    """Measured modes, immutable, in ascending order of frequency.
 
     Parameters
     ----------
     frequency : array_like of float, shape (n,)
-        Natural frequencies in Hz, at least 0; sorted here, all else with them.
+        Natural frequencies in Hz, at least 0, in any order; the modes are sorted.
     shapes : array_like of complex, shape (N, n), optional
-        Mode shapes as columns. Where `scaled`, to unit modal mass (phi^T M phi = 1, transpose, not
-        conjugate), in 1/sqrt(kg) for translations; elsewhere of any scale. None: natural
-        frequencies alone; the attribute then has the shape (0, n).
+        Mode shapes as columns. If `scaled`, they have unit modal mass (phi^T M phi = 1, transpose,
+        not conjugate), in 1/sqrt(kg) for translations; else the scale is arbitrary. None: natural
+        frequencies only; the attribute then has the shape (0, n).
     dofs : iterable of str or Dof
         Signed labels of the N rows.
     loss_factor : array_like of float, shape (n,), optional
         Modal loss factor eta, twice the damping ratio. None: not known (nan).
     scaled : bool or array_like of bool, shape (n,)
-        Which shapes have unit modal mass.
+        Whether each shape has unit modal mass.
     quality : array_like of float, shape (n,), optional
-        Share, 0 to 1, of what the other modes leave of the measured FRFs within the half-power band
-        that the mode explains. None: not known (nan).
+        Share, 0 to 1, of the residual of all other modes within the half-power band that the mode
+        explains. None: not known (nan).
     source : str
-        Where the modes came from, for the record.
+        Origin of the modes, for the record.
     std_frequency : array_like of float, shape (n,), optional
         Standard deviations of the frequencies, in Hz. None: not known (nan).
     std_loss_factor : array_like of float, shape (n,), optional
-        Of the loss factors.
+        Standard deviations of the loss factors.
     std_shapes : array_like of float, shape (N, n), optional
-        Standard deviations of the components of `real_shapes`, in their unit, at fixed length and
-        sign: errors in phase and in scale, which leave a shape what it is, are not in them. So
-        std_shapes / |shape| are those of the shape of unit length, |shape| the root of the sum of
-        squares of `real_shapes`. A column of nan: not known of this mode. None, or nan throughout:
-        not known.
+        Standard deviations of the components of `real_shapes`, in the same unit, at fixed length
+        and sign. They exclude errors in phase and scale, which do not change the shape. So
+        std_shapes / |shape| are those of the shape of unit length, with |shape| the root of the sum
+        of squares of `real_shapes`. A column of nan: not known for this mode. None, or nan
+        throughout: not known.
     diagram : Diagram, optional
-        The stabilisation diagram from which the modes were found.
+        The stabilisation diagram of the identification.
     unexplained : array_like of float, shape (m,)
-        Frequencies in Hz of significant peaks of the measurement to which no mode belongs.
+        Frequencies in Hz of significant peaks of the measurement without a mode.
     lean : array_like of float, shape (n,), optional
-        Shift of the frequency in Hz from small motion to the largest one in the test, of modes
-        whose stiffness depends on the level. None: not known (nan), as of all other modes.
+        Shift of the frequency in Hz from small motion to the largest motion of the test, for modes
+        whose stiffness depends on the level. None, and nan for all other modes: not known.
 
     Raises
     ------
     DataError
-        If there is no mode, shapes of arrays disagree, a number is masked or not finite (nan is not
-        known), a frequency or a standard deviation is negative, a shape is zero, or the standard
-        deviations of a shape are known of some of its components only.
+        If there is no mode, array shapes do not agree, a number is masked or not finite (except nan
+        for unknown values), a frequency or a standard deviation is negative, a shape is zero, or
+        the standard deviations of a shape are known for some of its components only.
     DofError
-        If a label cannot be read or stands twice.
+        If a label cannot be read or occurs twice.
 
     Examples
     --------
@@ -222,7 +222,7 @@ class ModeSet:
         return card("Modes", facts, viewed(self, self._picture), table(header, rows))
 
     def _picture(self) -> str:
-        """Return the damping over the frequency as a picture; empty where it is not known."""
+        """Return a picture of damping over frequency; empty if damping is not known."""
         damping = Curve("damping", 100.0 * self.damping)
         titles = ("frequency (Hz)", "damping (%)")
         return curves(self.frequency, [damping], titles, log_y=False, stems=True)
@@ -256,8 +256,7 @@ class ModeSet:
         -------
         xarray.Dataset
             Variables ``frequency`` and ``std_frequency`` in Hz, ``loss_factor``,
-            ``std_loss_factor``, ``scaled``, ``quality``, ``shapes`` and, where known,
-            ``std_shapes``.
+            ``std_loss_factor``, ``scaled``, ``quality``, ``shapes`` and, if known, ``std_shapes``.
         """
         import xarray as xr
 
@@ -273,17 +272,17 @@ class ModeSet:
 
     @property
     def has_shapes(self) -> bool:
-        """Whether shapes are known; else the set holds frequencies and damping alone."""
+        """Whether shapes are known; if not, the set has only frequencies and damping."""
         return len(self.dofs) > 0
 
     @property
     def damping(self) -> _Real:
-        """Share of critical damping, half the loss factor; shape (n,)."""
+        """Damping ratios, half the loss factors; shape (n,)."""
         return self.loss_factor / 2.0
 
     @property
     def std_damping(self) -> _Real:
-        """Standard deviations of the shares of critical damping, shape (n,); nan: not known."""
+        """Standard deviations of the damping ratios, shape (n,); nan: not known."""
         return self.std_loss_factor / 2.0
 
     def renamed(self, dofs: Iterable[str | Dof], *, source: str | None = None) -> ModeSet:
@@ -292,14 +291,14 @@ class ModeSet:
         Parameters
         ----------
         dofs : iterable of str or Dof
-            One for each row.
+            One label for each row.
         source : str, optional
-            Where they came from, with what was done since. None: as it is.
+            Origin of the modes, including later changes. None: unchanged.
 
         Returns
         -------
         ModeSet
-            Nothing else is changed.
+            The set with these labels.
         """
         given = {name: getattr(self, name) for name in _FIELDS} | {"dofs": dofs}
         if source is not None:
@@ -311,9 +310,9 @@ class ModeSet:
     def phase_collinearity(self) -> _Real:
         """Modal phase collinearity, shape (n,): 1 for a shape that is real up to a factor.
 
-        Of the 2 x 2 matrix of inner products of real and imaginary part, ((a - b) / (a + b))^2 with
-        its eigenvalues a and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852,
-        without the mean removed); nan without shapes.
+        With the eigenvalues a and b of the 2 x 2 matrix of inner products of real and imaginary
+        part it is ((a - b) / (a + b))^2 (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16
+        (1993) 852, without the mean removed); nan without shapes.
         """
         if not self.has_shapes:
             return np.full(len(self), np.nan)
@@ -324,7 +323,7 @@ class ModeSet:
 
     @property
     def real_shapes(self) -> _Real:
-        """Real parts of the shapes, turned in phase to be as real as possible; shape (N, n).
+        """Real parts of the shapes after rotation to the most real phase; shape (N, n).
 
         The largest component is positive.
         """
@@ -343,19 +342,20 @@ class ModeSet:
         Parameters
         ----------
         modes : array_like of int or bool, optional
-            Their numbers from 0, by ascending frequency, each once; or a flag for each mode.
+            Numbers from 0 in ascending order of frequency, each once; or a flag for each mode.
         band : (float, float), optional
-            In Hz, both ends included.
+            Band in Hz, including both limits.
 
         Returns
         -------
         ModeSet
-            The rest left out.
+            The selected modes.
 
         Raises
         ------
         DataError
-            If no mode is left, one is not there or named twice, or something else is given.
+            If no mode is selected, a number does not exist or occurs twice, or `modes` has another
+            type.
         """
         keep = np.arange(len(self))
         if modes is not None:
@@ -398,7 +398,7 @@ def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
 
 
 def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | None:
-    """Return standard deviations of shapes; None where none is known."""
+    """Return standard deviations of shapes; None if all are unknown."""
     std = _array("std_shapes", given, np.float64)
     if std.shape != shape:
         raise DataError(f"modes: expected std_shapes as shapes, {shape}, found {std.shape}")
@@ -413,7 +413,7 @@ def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | N
 
 
 def _row(name: str, given: ArrayLike, n: int) -> _Real:
-    """Return a number for each mode, shape (n,); nan where it is not known."""
+    """Return a number for each mode, shape (n,); nan if not known."""
     array = _for_each(name, _array(name, given, np.float64), n)
     least = 0.0 if name.startswith("std_") else -np.inf
     bad = np.isinf(array) | (array < least)
@@ -427,7 +427,7 @@ def _row(name: str, given: ArrayLike, n: int) -> _Real:
 
 
 def _flags(name: str, given: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """Return a flag for each mode, shape (n,); 0 and 1 are flags, too."""
+    """Return a flag for each mode, shape (n,); 0 and 1 are accepted as flags."""
     array: Any = np.ma.asanyarray(given)
     if array.dtype.kind == "b":
         array = array.astype(np.int8)

@@ -1,7 +1,7 @@
 """`resonance_peaks`: peaks of the complex mode indicator function as approximate modes.
 
-At a well separated resonance the FRF matrix is nearly that of one mode, so that its first singular
-vectors are the shape (C. Y. Shih et al., Mech. Syst. Signal Process. 2 (1988) 367-377). It costs
+At a well separated resonance the FRF matrix is nearly that of one mode, so its first singular
+vectors are the shape (C. Y. Shih et al., Mech. Syst. Signal Process. 2 (1988) 367-377). The cost is
 one singular value decomposition for each line, a small part of an identification.
 """
 
@@ -19,22 +19,22 @@ __all__ = ["resonance_peaks"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Least height of a peak over the higher of the two valleys beside it, in dB of amplitude: 6 dB is
-#: a factor of 2. A resonance that is not overlapped by others within 1.7 of its half-power
-#: bandwidths is higher.
+#: Smallest height of a peak over the higher of the two adjacent valleys, in dB of amplitude: 6 dB
+#: is a factor of 2. A resonance without overlap by others within 1.7 of its half-power bandwidths
+#: is higher.
 HEIGHT = 6.0
-#: Least MAC of the FRF matrix at a peak with that of one of the two lines beside it. Noise that is
-#: independent from line to line has 1 / (number of channels) on average.
+#: Smallest MAC of the FRF matrix at a peak with that of an adjacent line. For noise that is
+#: independent from line to line it is 1 / (number of channels) on average.
 _LASTING = 0.7
-#: Most peaks, the highest over their valleys: as many as the modes of a usual test.
+#: Largest number of peaks, the highest over their valleys: as many as the modes of a typical test.
 _MOST = 30
-#: Fewest lines and channels in which peaks are looked for: with three channels one in 100 lines of
-#: noise is a peak that resembles its neighbour.
+#: Smallest numbers of lines and channels: with three channels, one in 100 lines of noise is a peak
+#: similar to its neighbour.
 _FEWEST, _CHANNELS = 8, 4
 
 
 def resonance_peaks(frf: FRF) -> ModeSet | None:
-    """Return the peaks of a measurement as modes of any scale; None if there is none.
+    """Return the peaks of a measurement as modes of arbitrary scale; None without peaks.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def resonance_peaks(frf: FRF) -> ModeSet | None:
     sides = Sides.of(found)
     scaled = found.values * sides.row_scale[:, None] * sides.column_scale
     level = np.linalg.svd(scaled, compute_uv=False)[:, 0]
-    if not level.all():  # no answer at a line
+    if not level.all():  # zero response at a line
         level = np.maximum(level, np.finfo(np.float64).tiny)
     peaks, height = prominences(20.0 * np.log10(level))
     peaks, height = peaks[height >= HEIGHT], height[height >= HEIGHT]
@@ -67,7 +67,7 @@ def resonance_peaks(frf: FRF) -> ModeSet | None:
 
 
 def prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
-    """Return the inner local maxima of a curve, and their heights over the valleys beside them.
+    """Return the inner local maxima of a curve, and their heights over the adjacent valleys.
 
     The height is that over the higher of the two lowest values between the maximum and the next
     higher value, or the end of the curve, on either side (topographic prominence).
@@ -80,9 +80,9 @@ def prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
     Returns
     -------
     peaks : ndarray of int, shape (k,)
-        Ascending.
+        Positions, ascending.
     height : ndarray of float, shape (k,)
-        In the unit of the curve.
+        Heights in the unit of the curve.
     """
     inner = level[1:-1]
     peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
@@ -97,7 +97,7 @@ def prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
 
 
 def _lasts(scaled: _Complex, k: int) -> bool:
-    """Return whether the FRFs at a line are nearly a multiple of those at a line beside it."""
+    """Return whether the FRFs at a line are nearly proportional to those at an adjacent line."""
     here = scaled[k].ravel()
     norm = float(np.vdot(here, here).real)
     for other in (scaled[k - 1].ravel(), scaled[k + 1].ravel()):
@@ -108,7 +108,7 @@ def _lasts(scaled: _Complex, k: int) -> bool:
 
 
 def _shape(sides: Sides, values: _Complex) -> _Complex:
-    """Return the shape that the FRF matrix of a line is a product of, but for its other parts."""
+    """Return the shape from the dominant part of the FRF matrix of a line."""
     U, s, Vh = np.linalg.svd(values * sides.row_scale[:, None] * sides.column_scale)
     product = s[0] * np.outer(U[:, 0], Vh[0])
     return sides.shapes(product / sides.row_scale[:, None] / sides.column_scale)[0]

@@ -1,4 +1,4 @@
-"""Poles that the user picks: refined with the others, and refused if they are no modes."""
+"""Poles picked by the user: refined with the others, and rejected if they are not modes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ __all__ = ["add_picks", "check_picks", "pole_at"]
 
 _Complex = NDArray[np.complex128]
 
-#: A pick is the pole of the diagram that is at its frequency up to this share.
+#: Largest relative distance of a pick from a frequency of the diagram.
 _NEAR = 1e-5
-#: Poles nearer than this share of a half-power bandwidth are one; one of the diagram is the same as
-#: one of the fits up to this share.
+#: Poles closer than this share of a half-power bandwidth are one. A pole of the diagram is a pole
+#: of the fits up to this share.
 _MERGED, _SAME = 0.1, 0.5
 
 
 def check_picks(poles: Sequence[float]) -> list[float]:
-    """Return the frequencies of poles that the user has picked, in Hz."""
+    """Return the frequencies in Hz of poles picked by the user."""
     for frequency in poles:
         if not is_number(frequency) or not 0.0 < frequency < np.inf:
             raise DataError(f"poles: expected frequencies in Hz above 0, found {frequency!r}")
@@ -34,19 +34,19 @@ def check_picks(poles: Sequence[float]) -> list[float]:
 
 
 def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: float) -> complex:
-    """Return the pole from which a pick is refined.
+    """Return the initial pole of a pick.
 
     Parameters
     ----------
     measured : Measured
         The data.
     diagram : Diagram
-        Its stable pole at the frequency is taken, of several that of the largest order.
+        Source of the stable pole at the frequency; if there are several, that of the largest order.
     others : ndarray of complex
-        Poles of the fits. Without a stable pole, one of their median loss factor is taken, at least
-        a line wide.
+        Poles of the fits. Without a stable pole, the pick has their median loss factor, but at
+        least a width of one line.
     frequency : float
-        In Hz.
+        Frequency of the pick in Hz.
 
     Raises
     ------
@@ -74,18 +74,18 @@ def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: f
 def add_picks(
     measured: Measured, fits: list[Weighted], begin: _Complex, shown: _Complex
 ) -> list[Weighted]:
-    """Return the fits with the picks, which are modes whatever they are worth.
+    """Return the fits including the picks, which are modes without a test.
 
     Parameters
     ----------
     measured : Measured
         The data.
     fits : list of Weighted
-        Without them.
+        Fits without the picks.
     begin : ndarray of complex, shape (m,)
         The picks.
     shown : ndarray of complex
-        Those poles of the fits that are modes.
+        The poles of the fits that are modes.
     """
     axis, poles = measured.axis, poles_of(fits)
     added = np.full(len(poles), -1)
@@ -103,7 +103,7 @@ def add_picks(
                 f"modes: the pole at {at:.6g} Hz is that of another pick, at"
                 f" {axis.frequency(twice)[0]:.6g} Hz; leave one"
             )
-        # One that the fits have already, but that is too weak to be a mode by itself.
+        # A pole of the fits that is too weak to be a mode by itself.
         hidden = _same(measured, poles, pole) & ~np.isin(poles, shown) & (added < 0)
         if hidden.any():
             added[int(np.argmax(hidden))] = number
@@ -119,7 +119,7 @@ def add_picks(
 
 
 def _same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
-    """Return which poles of the fits are one of the diagram."""
+    """Return which poles of the fits are the same as one of the diagram."""
     width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
     return np.asarray(np.abs(poles - pole) < _SAME * width)
 
@@ -127,18 +127,18 @@ def _same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool
 def _check_added(
     measured: Measured, first: complex, last: complex, modes: _Complex, others: _Complex
 ) -> None:
-    """Refuse a pole that was added where the fit has moved it to a mode, or away.
+    """Raise if the fit has moved an added pole to a mode, or away.
 
     Parameters
     ----------
     measured : Measured
         The data.
     first, last : complex
-        The pole before and after.
+        The pole before and after the fit.
     modes : ndarray of complex
-        The modes without it.
+        The modes without the pole.
     others : ndarray of complex
-        The other poles with it.
+        The other poles of the fit.
     """
     begin, end = (float(measured.axis.frequency(np.array([p]))[0]) for p in (first, last))
     width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))

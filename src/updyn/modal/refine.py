@@ -1,12 +1,12 @@
-"""Poles refined to maximum likelihood, with standard deviations, window by window.
+"""Maximum-likelihood estimates of poles with standard deviations, window by window.
 
-A window holds a few neighbouring modes. There every FRF is a sum of fractions with common poles and
-a polynomial for all modes outside; residues and polynomial follow from the poles by linear least
-squares, the poles by Gauss-Newton steps on what that leaves (variable projection: G. H. Golub &
-V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the approximation of L. Kaufman, BIT 15 (1975)
-49-57). Values are weighted by their noise, in each channel a share of the response and a floor,
-estimated from the residual of the fit. Standard deviations are those of the normal equations
-(R. Pintelon & J. Schoukens, System Identification, 2nd ed. 2012, section 9.10).
+A window contains a few neighbouring modes. In it, every FRF is a sum of fractions with common poles
+and a polynomial for all other modes. Residues and polynomial follow from the poles by linear least
+squares; the poles are found by Gauss-Newton iteration on the residual (variable projection: G. H.
+Golub & V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the approximation of L. Kaufman, BIT 15
+(1975) 49-57). Values are weighted by their noise, in each channel proportional noise and a floor,
+estimated from the residual of the fit. Standard deviations are those of the normal equations (R.
+Pintelon & J. Schoukens, System Identification, 2nd ed. 2012, section 9.10).
 """
 
 from __future__ import annotations
@@ -39,41 +39,43 @@ __all__ = [
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Most steps; they end where one is a smaller share of the width, or would lower the cost by less
-#: than `GAIN`: half of it is a standard deviation of one pole, squared.
+#: Largest number of steps. The iteration ends with a step below the share `_SETTLED` of the pole
+#: width, or with an expected decrease of the cost below `GAIN`; half of the decrease is the square
+#: of a standard deviation of one pole.
 _STEPS, _SETTLED = 30, 1e-10
 GAIN, ROUGH = 1e-3, 0.3
-#: Rounds of weights from residuals and poles from weights.
+#: Rounds of alternating estimation of weights from residuals and poles from weights.
 _ALIKE = 2
-#: Least share of its noise that a fit is taken to leave of a value.
+#: Smallest assumed share of its noise in the residual of a value.
 _LEFT = 0.05
-#: Rounds in which a share and a floor of noise are found.
+#: Iterations of the estimation of proportional noise and floor.
 _LIKELIER = 20
-#: Noise below this share of the largest value of a channel is rounding.
+#: Noise below this share of the largest value of a channel is rounding error.
 _ROUNDING = 1e-12
 _TINY = 1e-300
-#: Least width of a pole, as a share of its size: without damping it has none.
+#: Smallest width of a pole as a share of its size; the width of an undamped pole is zero.
 _UNDAMPED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Lines of some modes, and the poles beside them that stay.
+    """Lines around some modes, and fixed poles next to them.
 
     Attributes
     ----------
     basis : Basis
-        Of the fractions; its degree is that of the polynomial.
+        Basis of the fractions; its degree is that of the polynomial.
     x : ndarray of complex, shape (n_f,)
         The variable.
     Y : ndarray of complex, shape (p, n_f)
         The channels.
     beside : ndarray of complex, shape (m,)
-        Poles that are fitted with free residues, but not moved.
+        Fixed poles with free residues.
     apart : ndarray of complex, shape (p, n_f) or (1, 1)
-        What was taken out of the channels; their noise is a share of all that they were.
+        Contributions that were subtracted from the channels. Proportional noise is relative to the
+        sum of both.
     envelope : Envelope
-        Of the noise, by which lines are independent or not.
+        Envelope of the noise, for its correlation over lines.
     """
 
     basis: Basis
@@ -85,63 +87,63 @@ class Window:
 
     @property
     def measured(self) -> _Complex:
-        """The measured channels, shape (p, n_f), before `apart` was taken out.
+        """The measured channels with the subtracted contributions `apart`, shape (p, n_f).
 
-        Fractions of far modes are large at low frequencies, where a polynomial cancels them, so
-        that `Y` can be much larger than the measurement.
+        Fractions of distant modes are large at low frequencies, where a polynomial cancels them, so
+        `Y` can be much larger than the measurement.
         """
         return np.asarray(self.Y + self.apart)
 
     def of_lines(self, chosen: NDArray[np.bool_]) -> Window:
-        """Return the window of some of its lines."""
+        """Return the window restricted to some of its lines."""
         apart = self.apart if self.apart.shape[1] == 1 else self.apart[:, chosen]
         return replace(self, x=self.x[chosen], Y=self.Y[:, chosen], apart=apart)
 
     def width(self, poles: _Complex) -> _Real:
-        """Return the distance of the half-power points from poles, in the unit of x, shape (k,)."""
+        """Return the distance of the half-power points from the poles in the unit of x, (k,)."""
         width = np.abs(poles.real if self.basis.mirrored else poles.imag)
         return np.maximum(width, _UNDAMPED * np.abs(poles))
 
     def near(self, pole: complex) -> NDArray[np.bool_]:
-        """Return the lines within the half-power band of a pole, or the three that are nearest."""
+        """Return the lines in the half-power band of a pole, but at least the three nearest."""
         distance = np.abs(self.x - (1j * pole.imag if self.basis.mirrored else pole.real))
         third = float(np.sort(distance)[min(2, len(distance) - 1)])
         return np.asarray(distance <= max(float(self.width(np.array([pole]))[0]), third))
 
     @property
     def powers(self) -> _Complex:
-        """The polynomial for all modes outside, shape (n_f, degree + 1)."""
+        """The polynomial for all modes outside the window, shape (n_f, degree + 1)."""
         middle = 0.5 * (self.x[0] + self.x[-1])
         reach = max(float(np.abs(self.x[-1] - middle)), _TINY)
         return np.asarray(((self.x[:, None] - middle) / reach) ** np.arange(self.basis.degree + 1))
 
     def columns(self, poles: _Complex) -> NDArray[Any]:
-        """Return the functions of which the channels are sums, shape (rows, m); poles first."""
+        """Return the functions of the linear fit of the channels, shape (rows, m); poles first."""
         powers = self.powers
-        if self.basis.mirrored:  # far modes have complex tails
+        if self.basis.mirrored:  # distant modes have complex contributions
             powers = np.hstack([powers, 1j * powers])
         beside = self.basis.fractions(self.x, self.beside)
         return self.basis.parts(np.hstack([self.fractions(poles), beside, powers]))
 
     def fractions(self, poles: _Complex) -> _Complex:
-        """Return the functions of the poles that may move, shape (n_f, m)."""
+        """Return the functions of the free poles, shape (n_f, m)."""
         return self.basis.fractions(self.x, poles)
 
     def inflation(self, poles: _Complex, weights: Weights, *, moving: bool = False) -> _Real:
-        """Return the variance of residues in the noise over that in white noise, shape (k,).
+        """Return the variance of residues relative to that in white noise, shape (k,).
 
         Parameters
         ----------
         poles : ndarray of complex, shape (k,)
             The poles.
         weights : Weights
-            Of the values.
+            Weights of the values.
         moving : bool
-            Return that of the poles, and not of their residues.
+            Return the ratio for the poles instead of their residues.
         """
         if self.envelope.is_white:
             return np.ones(len(poles))
-        # The mirror image of a pole is far from the lines and is left out.
+        # The mirror image of a pole is far from the lines and is neglected.
         fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.beside]))
         A = np.hstack([fractions, self.powers]) * weights.common[:, None]
         if moving:
@@ -157,7 +159,7 @@ class Window:
         return out
 
     def derivatives(self, poles: _Complex) -> NDArray[Any]:
-        """Return functions of which derivatives by the poles are sums, shape (rows, k or 2 k)."""
+        """Return functions that span the derivatives by the poles, shape (rows, k or 2 k)."""
         own = 1.0 / (self.x[:, None] - poles) ** 2
         if not self.basis.mirrored:
             return np.asarray(own)
@@ -165,10 +167,10 @@ class Window:
         return self.basis.parts(np.hstack([own + image, 1j * (own - image)]))
 
     def mixed(self, residues: _Complex) -> NDArray[Any]:
-        """Return the derivatives of the channels by the poles, in these functions, shape (p, k, k).
+        """Return the derivatives of the channels by the poles in these functions, shape (p, k, k).
 
-        Of a function of complex poles those by the poles; where poles have mirror images, by their
-        real parts and then by their imaginary parts, shape (p, 2 k, 2 k).
+        For poles with mirror images, they are the derivatives by the real parts, followed by those
+        by the imaginary parts, shape (p, 2 k, 2 k).
         """
         k, p = residues.shape
         at = np.arange(k)
@@ -184,12 +186,13 @@ class Window:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """Noise of each channel: a share of its values, and a floor.
+    """Noise of each channel: proportional noise and a floor.
 
     Attributes
     ----------
     share, floor : ndarray of float, shape (p,)
-        Variances: of the share, and of the floor in units of the channel.
+        Variances: of the proportional noise, relative to the squared values, and of the floor in
+        squared units of the channel.
     """
 
     share: _Real
@@ -197,7 +200,7 @@ class Noise:
 
     @classmethod
     def of(cls, squares: _Real, size: _Real) -> Noise:
-        """Return the likeliest share and floor of exponentially distributed squares.
+        """Return the noise of maximum likelihood for exponentially distributed squares.
 
         Parameters
         ----------
@@ -208,8 +211,8 @@ class Noise:
 
         Notes
         -----
-        By multiplicative updates, which never become negative (C. Fevotte, N. Bertin &
-        J.-L. Durrieu, Neural Comput. 21 (2009) 793-830, equation 4.2).
+        The multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu,
+        Neural Comput. 21 (2009) 793-830, equation 4.2).
         """
         least = _ROUNDING**2 * size.max(axis=1) + _TINY
         floor = 0.5 * np.mean(squares, axis=1) + least
@@ -222,20 +225,20 @@ class Noise:
         return cls(share, floor)
 
     def deviation(self, size: _Real) -> _Real:
-        """Return standard deviations, shape (p, n_f), of values with these squares."""
+        """Return the standard deviations for squared values `size`, shape (p, n_f)."""
         return np.asarray(np.sqrt(self.share[:, None] * size + self.floor[:, None]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weights:
-    """Standard deviations of values, as a product; one factor for all channels makes fits cheap.
+    """Standard deviations of values as a product; a common factor of all channels makes fits cheap.
 
     Attributes
     ----------
     channel : ndarray of float, shape (p, 1) or (1, 1)
-        Of each channel.
+        Factor of each channel.
     line : ndarray of float, shape (p, n_f) or (1, n_f)
-        Of each line, in all channels alike or in each of them.
+        Factor of each line, common to all channels or for each.
     """
 
     channel: _Real
@@ -243,13 +246,13 @@ class Weights:
 
     @classmethod
     def of(cls, size: _Real) -> Weights:
-        """Return weights by which all channels count alike, from squared values."""
+        """Return weights that normalise each channel by its rms, from squared values."""
         level = np.sqrt(np.mean(size, axis=1, keepdims=True)) + _TINY
         return cls(level, np.ones((1, size.shape[1])))
 
     @property
     def common(self) -> _Real:
-        """Inverse deviations of the lines, the same for all channels, shape (n_f,)."""
+        """Inverse standard deviations of the lines, common to all channels, shape (n_f,)."""
         return np.asarray(np.exp(-np.mean(np.log(self.line), axis=0)))
 
     def of_channels(self, chosen: NDArray[np.bool_]) -> Weights:
@@ -258,12 +261,12 @@ class Weights:
 
     @classmethod
     def left_by(cls, fitted: Solved) -> Weights:
-        """Return weights from the residual of a fit: the nearest product to share and floor."""
+        """Return weights from the residual of a fit: product closest to its estimated noise."""
         return cls.near(Noise.of(fitted.squares, fitted.size).deviation(fitted.size))
 
     @classmethod
     def near(cls, deviation: _Real) -> Weights:
-        """Return the product that is nearest to standard deviations, shape (p, n_f)."""
+        """Return the product closest to given standard deviations, shape (p, n_f)."""
         level = np.exp(np.mean(np.log(deviation), axis=1, keepdims=True))
         return cls(level, np.exp(np.mean(np.log(deviation / level), axis=0, keepdims=True)))
 
@@ -275,25 +278,26 @@ class Solved:
     Attributes
     ----------
     poles : ndarray of complex, shape (k,)
-        Those that may move.
+        The free poles.
     residues : ndarray of complex, shape (k, p)
-        Of each channel.
+        Residues of each channel.
     error : ndarray of complex, shape (p, n_f)
         Residual of the fit.
     size : ndarray of float, shape (p, n_f)
-        Squared values of the fit and of what was taken out before.
+        Squared values of the fit, including subtracted contributions.
     weights : ndarray, shape (p, m)
-        Of the columns of the window, of channels divided by their level.
+        Coefficients of the columns of the window, for channels divided by their level.
     level : ndarray of float, shape (p, 1) or (1, 1)
-        Of each channel.
+        Level of each channel.
     columns : Columns
-        Of the window, decomposed.
+        Decomposed columns of the window.
     squared : ndarray of float, shape (p, n_f)
-        Squared errors in units of their standard deviations.
+        Squared errors in units of their variances.
     normals, gradients : ndarray, shapes (p, n, n) and (p, n)
-        Of the cost of each channel by the poles, as `Window.mixed` has them.
+        Gauss-Newton matrix and gradient of the cost of each channel by the poles, in the parameters
+        of `Window.mixed`.
     envelope : Envelope
-        Of the noise.
+        Envelope of the noise.
     """
 
     poles: _Complex
@@ -323,11 +327,11 @@ class Solved:
 
     @property
     def squares(self) -> _Real:
-        """Squared errors, each divided by the share of noise that the fit leaves of it."""
+        """Squared errors, divided by the share of noise that remains in the residual."""
         n_f, Q = self.error.shape[1], self.columns.Q
         if len(Q) > n_f:  # real and imaginary parts
             Q = Q[:n_f] + 1j * Q[n_f:]
-        # Columns follow more of the noise if it is correlated over lines.
+        # A fit follows more of the noise if the noise is correlated over lines.
         left = 1.0 - np.mean(self.envelope.inflation(Q)) * self.columns.leverage()
         if left.shape[1] > n_f:  # real and imaginary parts
             left = 0.5 * (left[:, :n_f] + left[:, n_f:])
@@ -335,7 +339,7 @@ class Solved:
 
     @property
     def own(self) -> list[list[int]]:
-        """The columns of each pole: one, or two of a pole with a mirror image."""
+        """The columns of each pole: one, or two for a pole with a mirror image."""
         k = len(self.poles)
         if not np.isrealobj(self.weights):
             return [[r] for r in range(k)]
@@ -344,21 +348,21 @@ class Solved:
 
     @property
     def worths(self) -> _Real:
-        """By how much the cost of each channel would grow without each pole, shape (k, p)."""
+        """Increase of the cost of each channel without each pole, shape (k, p)."""
         out = np.zeros((len(self.poles), len(self.error)))
         for r, own in enumerate(self.own):
             found, spread = self.weights[:, own, None], self.columns.covariance(own)
-            spread = spread + _TINY * np.eye(len(own))  # of a pole that others span
+            spread = spread + _TINY * np.eye(len(own))  # keeps it regular
             out[r] = np.sum((found.conj() * np.linalg.solve(spread, found)).real, axis=(1, 2))
         return out
 
     @property
     def worth(self) -> _Real:
-        """By how much the cost would grow without each pole, shape (k,)."""
+        """Increase of the cost without each pole, shape (k,)."""
         return np.asarray(np.sum(self.worths, axis=1))
 
     def damped(self, damping: float) -> tuple[_Complex, float]:
-        """Return a step, the diagonal made larger by a share, and the decrease that it promises."""
+        """Return a step with a relatively increased diagonal, and its expected decrease."""
         loaded = self.normal + damping * np.diag(np.diag(self.normal))
         step = np.linalg.lstsq(loaded, self.gradient, rcond=None)[0]
         promised = float(np.vdot(self.gradient, step).real)
@@ -369,7 +373,7 @@ class Solved:
     def deviation(self) -> _Real:
         """Standard deviations of the poles' real and imaginary parts, shape (2, k).
 
-        They hold where the errors were weighted with their own standard deviations.
+        They are valid if the errors were weighted by their standard deviations.
         """
         k = len(self.poles)
         spread = np.linalg.lstsq(self.normal, np.eye(len(self.normal)), rcond=None)[0]
@@ -384,11 +388,11 @@ class Errors:
     Attributes
     ----------
     noise : ndarray of float, shape (p,)
-        Variances of those that come from the noise at given poles, independent from channel to
-        channel and of all phases alike.
+        Variances of the errors from noise at fixed poles, independent between channels and with
+        random phase.
     common : ndarray of complex, shape (q, p)
-        What comes from the errors of the poles: these rows times independent errors of unit
-        variance.
+        Errors caused by the errors of the poles: these rows times independent random numbers of
+        unit variance.
     """
 
     noise: _Real
@@ -396,20 +400,20 @@ class Errors:
 
     @classmethod
     def none(cls, p: int) -> Errors:
-        """Return those of data without noise."""
+        """Return the errors of data without noise."""
         return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128))
 
 
 def deviance(fitted: Solved) -> float:
-    """Return -2 log of the likelihood of a fit with its likeliest noise, up to a constant."""
+    """Return -2 log of the maximum likelihood over the noise, up to a constant."""
     variance = Noise.of(fitted.squares, fitted.size).deviation(fitted.size) ** 2
     return 2.0 * float(np.sum(np.log(variance) + fitted.left / variance))
 
 
 def pole_deviation(window: Window, fitted: Solved, weights: Weights) -> _Real:
-    """Return standard deviations of the poles' real and imaginary parts, shape (2, k).
+    """Return the standard deviations of the poles' real and imaginary parts, shape (2, k).
 
-    In noise with the deviations of the weights, correlated over lines as the envelope says.
+    The noise has the standard deviations of the weights and the correlation of the envelope.
     """
     own = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
     return np.asarray(fitted.deviation * own)
@@ -418,8 +422,8 @@ def pole_deviation(window: Window, fitted: Solved, weights: Weights) -> _Real:
 def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
     """Return the errors of the residues of each pole, in noise as for `pole_deviation`.
 
-    Of the normal equations of poles and residues together: residues follow the poles by
-    -A^+ dA/dpoles, and at the poles fitted have the noise of a linear fit.
+    They follow from the normal equations of poles and residues: residues change by -A^+ dA/dpoles
+    with the poles, and have the noise of a linear fit at the fitted poles.
     """
     basis, k, p = window.basis, len(fitted.poles), len(window.Y)
     follow = fitted.columns.beyond(window.derivatives(fitted.poles))[1]
@@ -430,7 +434,7 @@ def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
     common = np.array([basis.residues(one, fitted.poles) for one in spread.T]).reshape(-1, k, p)
     common = common * fitted.level.T
     if not basis.mirrored:
-        common = np.concatenate([common, 1j * common])  # of both parts of the poles
+        common = np.concatenate([common, 1j * common])  # for real and imaginary parts of the poles
     errors = []
     residue = window.inflation(fitted.poles, weights)
     pole = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
@@ -445,18 +449,18 @@ def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
 def reweighted(
     window: Window, poles: _Complex, weights: Weights, gain: float = GAIN
 ) -> tuple[Solved, Weights]:
-    """Return the fit with the likeliest poles where the noise is not known, and its weights.
+    """Return the fit of maximum likelihood for unknown noise, and its weights.
 
     Parameters
     ----------
     window : Window
-        Lines and what else there is.
+        Lines and other modes.
     poles : ndarray of complex, shape (k,)
-        To begin with.
+        Initial poles.
     weights : Weights
-        To begin with; then those of the residual.
+        Initial weights.
     gain : float
-        Steps that would lower the cost by less are left out.
+        Steps with a smaller expected decrease of the cost are omitted.
     """
     fitted = moved(window, poles, weights, gain)
     for _ in range(_ALIKE):
@@ -466,9 +470,9 @@ def reweighted(
 
 
 def moved(window: Window, poles: _Complex, weights: Weights, gain: float = GAIN) -> Solved:
-    """Return the fit with the poles moved to where the cost is smallest, as `reweighted`."""
+    """Return the fit with poles of smallest cost for given weights; `gain` as in `reweighted`."""
     here, damping = solved(window, poles, weights), 0.0
-    widths = window.width(poles)  # no step is longer
+    widths = window.width(poles)  # upper limit of a step
     for _ in range(_STEPS if len(poles) else 0):
         step, promised = here.damped(damping)
         longest = float(np.max(np.abs(step) / widths, initial=0.0))
@@ -483,19 +487,20 @@ def moved(window: Window, poles: _Complex, weights: Weights, gain: float = GAIN)
 
 
 def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
-    """Return the fit with given poles, by linear least squares.
+    """Return the fit with given poles by linear least squares.
 
     Parameters
     ----------
     window : Window
-        Lines and what else there is.
+        Lines and other modes.
     poles : ndarray of complex, shape (k,)
-        Where they are.
+        The poles.
     weights : Weights
-        Of the values.
+        Weights of the values.
     """
     basis, n_f = window.basis, len(window.x)
-    # Channels without signal have next to no noise.
+    # The noise of channels without signal is nearly zero: divide by the mean weight of each
+    # channel.
     own = np.exp(np.mean(np.log(weights.line), axis=1, keepdims=True))
     level, line = weights.channel * own, weights.line / own
     Y = window.Y / level

@@ -1,10 +1,10 @@
-"""Modes whose frequency varies from run to run, distinguished from modes that are close.
+"""Modes with a different frequency in each run, distinguished from close modes.
 
-Where a sensor moves with its mass, or the structure changes between runs, one mode has another pole
-in every run, and a fit with common poles needs several of them, also in neighbouring windows. On
-the side that stays they have one shape; with few channels there, common poles and fewer modes with
-a pole for each run are compared by their fit. What roves,
-responses or references, is tried both ways.
+If a sensor moves with its mass, or the structure changes between runs, one mode has a different
+pole in every run, and a fit with common poles needs several poles for it, possibly in neighbouring
+windows. These have the same shape on the side that is fixed. If that side has few channels, common
+poles are compared by their fit with fewer modes that have a pole for each run. Both sides,
+responses and references, are tried as roving.
 """
 
 from __future__ import annotations
@@ -42,19 +42,23 @@ __all__ = ["is_split_off", "modes_of"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Most modes that poles of a bundle may be, each with poles for each run.
+#: Largest number of modes with poles for each run that replace the poles of a bundle.
 _TOGETHER = 3
-#: A run that does not know a mode moves its pole further than so many widths beyond those shared.
+#: The pole of a run that does not contain a mode is more than this number of widths away from the
+#: common poles.
 _REACH = 3.0
-#: MAC of shapes that are the same, and the channels that can tell.
+#: MAC of equal shapes, and smallest number of channels for this comparison.
 _ALIKE, _TELL = 0.97, 4
-#: A mode that explains this share of what the others leave is no part of another one.
+#: A mode that explains this share of the residual of all other modes is not part of another mode.
 _SURE = 0.5
-#: A run knows a pole that is worth more than this share of the one that is worth most to it.
+#: A run contains a pole if its worth is more than this share of that of the strongest pole in the
+#: run.
 _KNOWN = 0.01
-#: A pole for each run is tried where a first step promises this share of what it has to gain.
+#: Poles for each run are tried if the expected decrease of a first step is this share of the
+#: required gain.
 _PROMISED = 0.25
-#: Runs that have to know a mode, counted by how evenly its squares are spread over them.
+#: Smallest effective number of runs that contain a mode, from the distribution of its squares over
+#: the runs.
 _RUNS = 1.2
 
 
@@ -66,7 +70,7 @@ def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
     measured : Measured
         The data; its responses or its references may be runs.
     fits : sequence of Weighted
-        With poles that all runs share.
+        Fits with common poles of all runs.
     """
     errors = [errors_of(fit.window, fit.solved, fit.weights) for fit in fits]
     bundles, by_run = [], {}
@@ -96,10 +100,10 @@ def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
 def _best_each(
     fit: Weighted, alike: list[int], roving: tuple[NDArray[np.intp], ...]
 ) -> _Each | None:
-    """Return modes with poles for each run instead of poles of a bundle; None if no better."""
+    """Return modes with poles for each run in place of poles of a bundle; None if no better."""
     if (fit.added[alike] >= 0).any():
         return None
-    least, each = -np.inf, None  # the shapes have decided
+    least, each = -np.inf, None  # the shapes decide
     if len(roving) > 1:
         least, roving = 0.0, tuple(of for of in roving if _may_rove(fit, alike, of))
     for of in (of for of in roving if of.max() > 0):
@@ -112,17 +116,18 @@ def _best_each(
 
 
 def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored: bool) -> bool:
-    """Return whether a mode that explains little may be a part of another one.
+    """Return whether a mode that explains little may be part of another mode.
 
-    A mode whose frequency varies from run to run may be left in two: then one of them explains
-    less than half of what the other leaves, and has its shape on the side that stays.
+    A mode whose frequency varies from run to run may be identified as two. One of them then
+    explains less than half of the residual without it, and has the shape of the other on the fixed
+    side.
 
     Parameters
     ----------
     mode : Mode
         The mode.
     modes : list of Mode
-        All of them.
+        All modes.
     shape : (int, int)
         Numbers of responses and references.
     mirrored : bool
@@ -154,10 +159,10 @@ def _width(pole: complex, mirrored: bool) -> float:
 def _alike(
     fit: Weighted, bundle: list[int], runs: tuple[NDArray[np.intp], NDArray[np.intp]]
 ) -> list[tuple[list[int], tuple[NDArray[np.intp], ...]]]:
-    """Return parts of a bundle of one shape, and what may be runs: the side where they differ.
+    """Return parts of a bundle with one shape each, and the sides that may be roving.
 
-    Poles into which runs have split one mode have its shape on the side that stayed; two modes have
-    the same shape nowhere, but a side of few channels cannot tell.
+    If a mode is split by runs, its poles have the same shape on the fixed side; two modes have the
+    same shape on neither side. A side of few channels does not distinguish these cases.
     """
     rows, columns = runs
     residues = fit.solved.residues[bundle].reshape(len(bundle), rows.max() + 1, columns.max() + 1)
@@ -183,10 +188,10 @@ def _is_damped(pole: complex, window: Window) -> bool:
 
 
 def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
-    """Return whether one mode with a pole for each run can be what poles stand for.
+    """Return whether poles may be one mode with a pole for each run.
 
-    Of one pole the decrease of the cost by a Gauss-Newton step of each run tells how much may be
-    gained, before any of them is fitted.
+    For a single pole, the expected decrease of the cost by one Gauss-Newton step in each run is an
+    estimate of the gain before any fit.
     """
     if len(bundle) > 1:
         return not _apart(fit, bundle, runs)
@@ -210,7 +215,7 @@ def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Criterion:
-    """What fits of some lines leave, and what their free values are worth by chance.
+    """Criterion to compare fits of some lines by cost and number of free values.
 
     Attributes
     ----------
@@ -219,9 +224,9 @@ class _Criterion:
     bundle : list of int
         Its poles that are compared with others.
     shapes : int
-        How many shapes these have on the side that stays. If they are fewer, each residue counts as
-        determined by all channels (G. Schwarz, Ann. Stat. 6 (1978) 461-464), else by its own as in
-        `chance`: no mode that the search has accepted is lost.
+        Number of shapes of these poles on the fixed side. If there are fewer shapes than poles,
+        each residue counts as determined by all channels (G. Schwarz, Ann. Stat. 6 (1978) 461-464),
+        else by its own channel as in `chance`, so that no accepted mode is lost.
     """
 
     fit: Weighted
@@ -235,7 +240,7 @@ class _Criterion:
 
     @property
     def most(self) -> int:
-        """The most modes with poles for each run that are tried."""
+        """Largest number of modes with poles for each run to try."""
         return min(self.shapes, len(self.bundle) - 1, _TOGETHER) if self.fewer else 1
 
     @classmethod
@@ -244,21 +249,21 @@ class _Criterion:
         return cls(fit, bundle, _shapes(fit, bundle, runs))
 
     def gain(self, cost: float, poles: int, modes: int) -> float:
-        """Return by how much a fit is better than that with common poles.
+        """Return the gain of a fit over that with common poles.
 
         Parameters
         ----------
         cost : float
-            Of the fit.
+            Cost of the fit.
         poles, modes : int
             Numbers of poles, and of modes with a residue in each channel.
         """
         common = self.fit.solved.cost
-        misfit = max(1.0, common / self.fit.window.Y.size)  # of neighbours, say, by either fit
+        misfit = max(1.0, common / self.fit.window.Y.size)  # errors common to both fits
         return 2.0 * (common - cost) / misfit - self.least(poles, modes)
 
     def least(self, poles: int, modes: int) -> float:
-        """Return what numbers of poles and modes gain by chance, as `gain`."""
+        """Return the gain of numbers of poles and modes by chance, in the unit of `gain`."""
         p, n_f = self.fit.window.Y.shape
         count = len(self.bundle)
         values = p * n_f if self.fewer else n_f
@@ -268,7 +273,7 @@ class _Criterion:
 
 
 def _shapes(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> int:
-    """Return how many shapes poles have at the channels that stay; 0 where one channel stays."""
+    """Return the number of shapes of poles at the fixed channels; 0 for a single channel."""
     count = int(runs.max()) + 1
     order = np.argsort(runs, kind="stable")
     if len(runs) == count:
@@ -282,10 +287,10 @@ def _shapes(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> int:
 
 
 def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
-    """Return whether each run knows one of the poles only.
+    """Return whether each run contains only one of the poles.
 
-    So do sensors in two directions of a structure that moves in one and in the other: a pole for
-    each run fits these as well, but there is one for each direction.
+    An example are sensors in two directions of a structure with one mode in each: poles for each
+    run fit these as well, but there is one mode for each direction.
     """
     worth = np.array([np.bincount(runs, one) for one in fit.solved.worths[bundle]])
     known = worth > _KNOWN * worth.max(axis=0)
@@ -299,11 +304,11 @@ class _Each:
     Attributes
     ----------
     gain : float
-        By the criterion.
+        Gain by the criterion.
     cost : float
-        Of the fit.
+        Cost of the fit.
     evidence : float
-        The same with the noise of each fit, as of leaning peaks.
+        Gain in deviance, with the noise of each fit, to compare with leaning peaks.
     modes : list of Mode
         The modes.
     """
@@ -315,9 +320,9 @@ class _Each:
 
 
 def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float) -> _Each | None:
-    """Return modes with poles for each run, instead of more common ones.
+    """Return modes with poles for each run in place of common poles.
 
-    None if they gain no more than the least.
+    None if the gain is not above `least`.
     """
     fit, bundle = criterion.fit, criterion.bundle
     window, p = fit.window, len(fit.window.Y)
@@ -334,7 +339,7 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
         alone = Window(window.basis, window.x, window.Y[own], beside, envelope=window.envelope)
         weights = fit.weights.of_channels(own)
         one = moved(alone, begin, weights)
-        stays = _has_left(fit, bundle, one.poles)  # of a run that does not know the mode
+        stays = _has_left(fit, bundle, one.poles)  # the run does not contain the mode
         if stays.any():
             one = solved(alone, np.where(stays, begin, one.poles), weights)
         cost, fitted = cost + one.cost, fitted + deviance(one)
@@ -366,7 +371,7 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
 
 
 def _has_left(fit: Weighted, bundle: list[int], poles: _Complex) -> NDArray[np.bool_]:
-    """Return which poles of a run are not damped, or not near those that all runs share."""
+    """Return which poles of a run are undamped, or far from the common poles."""
     window, shared = fit.window, fit.solved.poles[bundle]
     damped = np.array([_is_damped(complex(pole), window) for pole in poles])
     along, reach = position(shared, window), _REACH * float(np.max(window.width(shared)))
@@ -375,7 +380,7 @@ def _has_left(fit: Weighted, bundle: list[int], poles: _Complex) -> NDArray[np.b
 
 
 def _mean(each: _Complex, std: _Real) -> tuple[complex, _Real]:
-    """Return the mean of the poles of the runs and their spread, weighted by their variances."""
+    """Return mean and spread of the poles of the runs, weighted by their variances."""
     sure = 1.0 / np.maximum(std.T, 1e-12 * np.abs(each)) ** 2
     parts = np.array([each.real, each.imag])
     mean = np.sum(parts * sure, axis=1) / np.sum(sure, axis=1)
@@ -391,7 +396,7 @@ def _without(
     runs: NDArray[np.intp],
     weights: Weights,
 ) -> _Real:
-    """Return the squared residuals without a mode of which each run has its pole, shape (p, n)."""
+    """Return the squared residuals without mode `r`, which has a pole for each run, (p, n)."""
     if each.shape[1] == 1:
         whole = Window(window.basis, window.x, window.Y, beside)
         return solved(whole, each[:0, 0], weights).left
@@ -404,7 +409,7 @@ def _without(
 
 
 def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
-    """Return a mode with a pole that all channels share."""
+    """Return a mode with a pole common to all channels."""
     window, found = fit.window, fit.solved
     others = Window(
         window.basis,

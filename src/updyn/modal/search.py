@@ -1,9 +1,9 @@
-"""The modes of a window, one after the other: each the one that explains most of the residual.
+"""Search for the modes of a window, one by one in the order of the explained residual.
 
-The poles that stay in a stabilisation diagram, the neighbourhood of those already found (a close
-pair may look like one pole) and an even grid are tried. A mode is accepted if it lowers the
-deviance by more than its free values would by chance (G. Schwarz, Ann. Stat. 6 (1978) 461-464),
-times the inflation of the variance by noise that is correlated over lines (`envelope`).
+The trials are stable poles of a stabilisation diagram, poles next to those already found (a close
+pair may look like one pole) and an even grid. A mode is accepted if it decreases the deviance by
+more than its free values would by chance (G. Schwarz, Ann. Stat. 6 (1978) 461-464), times the
+inflation of the variance by noise that is correlated over lines (`envelope`).
 """
 
 from __future__ import annotations
@@ -27,56 +27,56 @@ __all__ = [
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Least share that a mode explains of the residual in its half-power band. What it is worth against
-#: chance decides: a least share of a half loses true modes of dense bands, of which the neighbours
-#: explain most (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes 88.5 %
-#: instead of 91.5 %; of spurious ones there are 15 instead of 16).
+#: Smallest share of the residual in its half-power band that a mode explains. The test against
+#: chance decides: a smallest share of a half loses true modes of dense bands, most of which the
+#: neighbours explain (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes
+#: 88.5 % instead of 91.5 %; of spurious ones there are 15 instead of 16).
 LEAST = 0.1
-#: Least share that a mode has of all channels together at its own frequency; its inverse is the
-#: largest that other modes may cancel.
+#: Smallest share of a mode in all channels together at its own frequency; its inverse is the
+#: largest share that other modes may cancel.
 _SEEN = 0.1
-#: Least share that a mode of a light part has of one channel, so that it shows as a peak there.
+#: Smallest share of a mode of a light part in one channel, for a visible peak there.
 _PEAK = 0.5
-#: Poles without these that are tried before the search ends.
+#: Number of rejected poles after which the search ends.
 _REFUSALS = 3
-#: Of a pole that is found, trial poles lie at this share of its width on either side.
+#: Trial poles next to a pole are at this share of its width on either side.
 _BESIDE = 0.7
-#: A trial pole is refined if it promises this share of the least gain. A pole of half width a
-#: explains 4 a b / ((a + b)^2 + d^2) of one of half width b at a distance d: on the grid, with d up
-#: to a / 2 and b from a / 2 to 2 a, at least 0.86.
+#: A trial pole is refined if its expected gain is this share of the smallest gain. A pole of half
+#: width a explains 4 a b / ((a + b)^2 + d^2) of one of half width b at a distance d: on the grid,
+#: with d up to a / 2 and b from a / 2 to 2 a, at least 0.86.
 _PROMISING = 0.5
-#: A fit whose residual is less than this share of the squared values is exact.
+#: A fit with a residual below this share of the squared values is exact.
 _EXACT = 1e-11
 
 
 def chance(window: Window) -> float:
-    """Return by how much one more mode may lower the deviance without being there.
+    """Return the decrease of the deviance that a spurious mode reaches by chance.
 
-    Each number costs the logarithm of the number of values that determine it: for a residue those
-    of its channel, for a pole all (M. Delattre, M. Lavielle & M.-A. Poursat, Electron. J. Stat. 8
-    (2014) 456-475).
+    Each free number costs the logarithm of the number of values that determine it: for a residue
+    those of its channel, for a pole all (M. Delattre, M. Lavielle & M.-A. Poursat, Electron. J.
+    Stat. 8 (2014) 456-475).
     """
     p, n_f = window.Y.shape
     return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
 
 def search_window(window: Window, stable: _Complex, trials: _Complex, most: int) -> Solved:
-    """Return the fit of a window with as many modes as it shows.
+    """Return the fit of a window with all modes that are found.
 
     Parameters
     ----------
     window : Window
-        Lines and what else there is.
+        Lines and other modes.
     stable, trials : ndarray of complex
-        Poles that stay in the diagram, and others that may be modes.
+        Stable poles of the diagram, and other trial poles.
     most : int
         Largest number of modes.
 
     Notes
     -----
-    Before any mode of it is known, a window full of modes looks like one of correlated noise. Poles
-    that stay in the diagram, and others within their widths, are accepted as in white noise; those
-    that are ripples are removed when all neighbours are fitted (`settle`).
+    Before any mode is known, a window full of modes looks like correlated noise. Stable poles of
+    the diagram, and poles within their widths, are tested as in white noise; ripples among them are
+    removed when all neighbours are fitted (`settle`).
     """
     none = np.zeros(0, dtype=np.complex128)
     fitted, weights = reweighted(window, none, Weights.of(np.abs(window.Y) ** 2))
@@ -109,13 +109,13 @@ def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, w
     Parameters
     ----------
     window : Window
-        Lines and what else there is.
+        Lines and other modes.
     fitted, more : Solved
         The fits without and with the pole.
     weights : Weights
-        Of both.
+        Weights of both.
     white : bool
-        Whether to take all lines as independent.
+        Whether to treat all lines as independent.
     """
     pole = complex(more.poles[-1])
     if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
@@ -135,23 +135,23 @@ def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, w
 def shows_on_lines(
     window: Window, fitted: Solved, more: Solved, weights: Weights, inflation: float
 ) -> bool:
-    """Return whether a pole explains more than one line, as a disturbance would not.
+    """Return whether a pole explains more than one line, unlike a disturbance.
 
     Parameters
     ----------
     window : Window
-        Lines and what else there is.
+        Lines and other modes.
     fitted, more : Solved
         The fits without and with the pole.
     weights : Weights
-        Of the values.
+        Weights of the values.
     inflation : float
-        Of the pole (`Window.inflation`).
+        Inflation of the pole's variance (`Window.inflation`).
     """
     deviation = weights.channel * weights.line
     strongest = int(np.argmax(np.sum((fitted.left - more.left) / deviation**2, axis=0)))
     if len(window.x) - 1 <= more.columns.Q.shape[1]:
-        return False  # too few lines to tell
+        return False  # too few lines
     others = np.arange(len(window.x)) != strongest
     part = window.of_lines(others)
     weights = Weights(weights.channel, weights.line[:, others])
@@ -160,7 +160,7 @@ def shows_on_lines(
 
 
 def _told(at: NDArray[np.bool_], fitted: Solved, more: Solved, weights: Weights) -> float:
-    """Return the share that the last pole explains of what was left at some lines."""
+    """Return the share of the residual at some lines that the last pole explains."""
     weight = 1.0 / (weights.channel * weights.line[:, at]) ** 2
     before, after = (float(np.sum(fit.left[:, at] * weight)) for fit in (fitted, more))
     return 1.0 - after / max(before, 1e-300)
@@ -168,12 +168,12 @@ def _told(at: NDArray[np.bool_], fitted: Solved, more: Solved, weights: Weights)
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """How a pole shows at its own frequency.
+    """Visibility of a pole at its own frequency.
 
     Attributes
     ----------
     everywhere : bool
-        Whether it has a tenth of all channels together at least.
+        Whether its share in all channels together is at least a tenth.
     somewhere : bool
         Whether it is a peak in one channel.
     cancelled : bool
@@ -193,26 +193,26 @@ class Seen:
         at: NDArray[np.bool_],
         worths: _Real,
     ) -> Seen:
-        """Return how a pole shows.
+        """Return the visibility of a pole.
 
         Parameters
         ----------
         window : Window
-            Lines and what else there is.
+            Lines and other modes.
         pole : complex
             The pole.
         residues : ndarray of complex, shape (p,)
-            Of each channel.
+            Residues of each channel.
         at : ndarray of bool, shape (n_f,)
             Lines at its own frequency.
         worths : ndarray of float, shape (p,)
-            By how much the cost of each channel would grow without the pole. A channel knows the
-            pole if that is more than chance.
+            Increase of the cost of each channel without the pole. A channel contains the pole if
+            this is more than chance.
         """
         own = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
         measured = np.abs(window.measured) ** 2
         whole = np.maximum(np.sum(measured[:, at], axis=1), 1e-300)
-        # Over the window, since everything is large where the channel has an antiresonance.
+        # Median over the window, because any pole is large at an antiresonance of the channel.
         level = np.median(measured, axis=1) * np.count_nonzero(at)
         known = worths > np.log(2 * window.Y.size)
         share = np.sum(own) / np.sum(whole)
@@ -224,7 +224,7 @@ class Seen:
 
 
 def _explained(window: Window, fitted: Solved, weights: Weights, tried: _Complex) -> _Real:
-    """Return by how much the cost would fall with each trial pole, where it is."""
+    """Return the decrease of the cost with each trial pole at its initial position."""
     inverse = weights.common
     Q = np.linalg.qr(_complex(window, fitted.poles) * inverse[:, None])[0]
     columns = inverse[:, None] / (window.x[:, None] - tried)
@@ -233,7 +233,7 @@ def _explained(window: Window, fitted: Solved, weights: Weights, tried: _Complex
     left = np.sum(np.abs(columns) ** 2, axis=0)
     error = (window.Y / weights.channel * inverse).T
     error = error - Q @ (Q.conj().T @ error)
-    # A column that the fit spans already has nothing of its own but rounding.
+    # A column within the span of the fit is only rounding error.
     return np.where(
         left > 1e-12,
         np.sum(np.abs(columns.conj().T @ error) ** 2, axis=1) / np.maximum(left, 1e-12),

@@ -2,15 +2,15 @@
 
 Eigenvalues: R. L. Fox & M. P. Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6
 (1968) 2426-2429, eq. 6. Eigenvectors: R. B. Nelson, "Simplified calculation of eigenvector
-derivatives", AIAA J. 14 (1976) 1201-1205: from the mode itself and one factorisation, no sum over
-modes. Wanted at a few DOFs, all derivatives follow from as many solutions with that factorisation
-(its matrix is symmetric), however many unknowns there are. Of a small model all modes are computed,
-and the sum over all of them (Fox & Kapoor) gives the derivatives of all shapes at once.
+derivatives", AIAA J. 14 (1976) 1201-1205: from the mode itself and one factorisation, without a sum
+over modes. For derivatives at a few DOFs, as many solutions with that (symmetric) factorisation
+suffice for any number of unknowns. For a small model all modes are computed, and the sum over all
+modes (Fox & Kapoor) gives the derivatives of all shapes at once.
 
-Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, where there is
-one (R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
-eigenvectors of their matrix of first derivatives; here of those by all unknowns at once). Bending
-in two planes is such a case: `separated` finds the basis.
+Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, if it exists
+(R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
+eigenvectors of their matrix of first derivatives; here of those by all unknowns at once). An
+example is bending in two planes: `separated` finds the basis.
 """
 
 from __future__ import annotations
@@ -35,39 +35,40 @@ __all__ = ["WHOLE", "RealModes", "separated", "slopes", "slopes_of_all"]
 
 _Real = NDArray[np.float64]
 
-#: A strain energy below this share of the sum of its absolute terms is what rounding leaves of
-#: none.
+#: A strain energy below this share of the sum of its absolute terms is rounding error of zero.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _ACCURATE = 1e-6
-#: Models of so many DOFs are decomposed whole. With 14 unknowns that takes a third of the time of
-#: one factorisation a mode at 16 DOFs and as much at 180, of 6 modes; of 20 modes half at 300.
+#: Models with at most this number of DOFs are decomposed completely. With 14 unknowns and 6 modes,
+#: that takes a third of the time of one factorisation per mode at 16 DOFs and the same time at 180;
+#: with 20 modes half at 300.
 WHOLE = 160
-#: Eigenvalues closer than this share are one, and changes smaller than that share of one are none.
+#: Relative distance below which eigenvalues are equal, and relative change of an eigenvalue below
+#: which a coupling is zero.
 _ONE, _UNCOUPLED = 1e-7, 1e-6
-#: A measured shape of which less than this share lies in a subspace says nothing about its basis.
+#: A measured shape with less than this share in a subspace does not determine its basis.
 _WITHIN = 0.5
 _SINGULAR = "the equations of the derivative of a mode shape are singular"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RealModes:
-    """The lowest undamped modes that are no rigid-body motions.
+    """The lowest undamped modes, without rigid-body modes.
 
     Attributes
     ----------
     K, M : sparse CSR, shape (N, N), real symmetric
-        Stiffness (N/m) and mass (kg) of the model, undamped.
+        Stiffness (N/m) and mass (kg) of the undamped model.
     value : ndarray of float, shape (n,)
         Eigenvalues omega^2 in 1/s2, ascending.
     shapes : ndarray of float, shape (N, n)
-        Of unit modal mass.
+        Shapes of unit modal mass.
     n_rigid : int
-        Rigid-body motions below them.
+        Number of rigid-body modes.
     complete : bool
-        Whether the model has no more.
+        Whether these are all modes of the model.
     whole : tuple of ndarray, or None
-        Of a small model, a basis of all motions, shape (N, N), in which K and M are diagonal, and
-        these diagonals.
+        For a small model, a complete basis, shape (N, N), in which K and M are diagonal, and these
+        diagonals.
     """
 
     K: Any
@@ -80,18 +81,18 @@ class RealModes:
 
     @classmethod
     def lowest(cls, system: AffineSystem, state: State, n: int, highest: float) -> RealModes:
-        """Compute modes until they are enough.
+        """Compute the lowest modes.
 
         Parameters
         ----------
         system : AffineSystem
             The compiled model.
         state : State
-            Where.
+            State of the model.
         n : int
-            At least how many, rigid-body motions not counted, as far as the model has them.
+            Smallest number of modes, without rigid-body modes, if the model has as many.
         highest : float
-            Frequency in Hz that at least one of them exceeds, as far as the model has it.
+            Frequency in Hz that the highest mode exceeds, if the model has such a mode.
 
         Returns
         -------
@@ -127,7 +128,7 @@ class RealModes:
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
     def alike(self, which: int) -> NDArray[np.intp]:
-        """Return the modes of the same eigenvalue, the mode itself among them."""
+        """Return all modes with the eigenvalue of mode `which`, including itself."""
         return np.flatnonzero(np.abs(self.value - self.value[which]) <= _ONE * self.value[which])
 
 
@@ -147,24 +148,24 @@ def slopes(
     modes : RealModes
         Modes at `values`.
     which : int
-        Of which one.
+        Number of the mode.
     system : AffineSystem
         The compiled model.
     unknowns : Unknowns
-        Where the unknowns act; those on damping have no effect here.
+        The terms of the model that the unknowns scale; those on damping have no effect here.
     values : ndarray of float, shape (n,)
         The unknowns.
     rows : ndarray of int, shape (k,), optional
-        DOFs at which the derivative of the shape is wanted. None: nowhere.
+        DOFs for the derivative of the shape; by default none.
     along : ndarray of float, shape (N, p), optional
-        Vectors v for which the derivative of v^T phi is wanted, v held.
+        Constant vectors v for the derivative of v^T phi.
 
     Returns
     -------
     value : ndarray of float, shape (n,)
-        Of the eigenvalue, in 1/s2.
+        Derivatives of the eigenvalue, in 1/s2.
     shape : ndarray of float, shape (n, k + p)
-        Of the shape of unit modal mass, at the DOFs and then along the vectors.
+        Derivatives of the shape of unit modal mass at the DOFs, then those along the vectors.
 
     Raises
     ------
@@ -176,8 +177,8 @@ def slopes(
     wanted = _wanted(len(phi), rows, along)
     number = wanted.shape[1]
     mass_basis = modes.M @ basis
-    # Columns: the wanted vectors, unit loads at DOFs among them, and M times the basis, whose
-    # solutions give its shares in the derivative.
+    # Columns: the vectors for the derivatives, including unit loads at DOFs, and M times the basis,
+    # whose solutions give its shares in the derivative.
     Z = np.zeros((len(phi), number + len(group)))
     if number:
         pivots = _pivots(modes, basis)
@@ -209,7 +210,7 @@ def _check_uncoupled(by_value: _Real, me: int, values: _Real, value: float) -> N
     by_value : ndarray of float, shape (n, m)
         phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue.
     me : int
-        Which of them is the mode itself.
+        Position of the mode itself among these.
     values : ndarray of float, shape (n,)
         The unknowns.
     value : float
@@ -218,7 +219,7 @@ def _check_uncoupled(by_value: _Real, me: int, values: _Real, value: float) -> N
     Raises
     ------
     SolverError
-        If one does.
+        If an unknown couples them.
     """
     others = np.delete(by_value, me, axis=1)
     if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
@@ -246,18 +247,19 @@ def slopes_of_all(
     modes
         As for `slopes`.
     which : ndarray of int, shape (m,)
-        Of which modes.
+        Numbers of the modes.
     system, unknowns, values, rows
         As for `slopes`.
     along : ndarray of float, shape (N, m), optional
-        For each mode a vector v for which the derivative of v^T phi is wanted, v held.
+        For each mode a constant vector v for the derivative of v^T phi.
 
     Returns
     -------
     value : ndarray of float, shape (m, n)
-        Of the eigenvalues, in 1/s2.
+        Derivatives of the eigenvalues, in 1/s2.
     shape : ndarray of float, shape (m, n, k + 1)
-        Of the shapes of unit modal mass, at the DOFs and then along the vector where there is one.
+        Derivatives of the shapes of unit modal mass at the DOFs, then that along the vector if
+        given.
 
     Raises
     ------
@@ -291,7 +293,7 @@ def _from_whole(
     rows: NDArray[np.intp] | None,
     along: _Real | None,
 ) -> tuple[_Real, _Real]:
-    """Return `slopes_of_all` by the sum over all motions of the model."""
+    """Return `slopes_of_all` by the sum over all modes of the model."""
     V, stiffness, mass = whole
     phi, value = modes.shapes[:, which], modes.value[which]
     projected, by_mass = np.zeros((2, unknowns.n, V.shape[1], len(which)))
@@ -301,7 +303,7 @@ def _from_whole(
             by_mass[owner] += pushed
             pushed = pushed * -value
         projected[owner] += pushed
-    # V^T (K - lambda M) V is diagonal; along the modes of the eigenvalue itself it is zero.
+    # V^T (K - lambda M) V is diagonal, and zero for the modes of the eigenvalue itself.
     own_value = np.full(len(mass), np.inf)
     np.divide(stiffness, mass, out=own_value, where=mass > 0.0)
     same = np.abs(own_value[:, None] - value) <= _ONE * value
@@ -313,7 +315,7 @@ def _from_whole(
     shape = np.zeros((len(which), unknowns.n, number + (along is not None)))
     for i, mode in enumerate(which):
         group = modes.alike(int(mode))
-        # phi_j = V a: the modes of one eigenvalue may have been turned.
+        # phi_j = V a, because modes of one eigenvalue may have been rotated.
         basis = modes.shapes[:, group]
         at = np.linalg.lstsq(V[:, same[:, i]], basis, rcond=None)[0]
         by_value = projected[:, same[:, i], i] @ at
@@ -330,7 +332,7 @@ def _from_whole(
 
 
 def _wanted(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real:
-    """Return the vectors along which the derivative of a shape is wanted, shape (n, k + p)."""
+    """Return the vectors for the derivatives of a shape, shape (n, k + p)."""
     at = np.zeros(0, dtype=np.intp) if rows is None else rows
     unit = np.zeros((n, len(at)))
     unit[at, np.arange(len(at))] = 1.0
@@ -347,7 +349,7 @@ def separated(
 ) -> RealModes:
     """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
-    What the unknowns leave undecided follows the measured shapes.
+    If the unknowns do not determine the basis, it follows the measured shapes.
 
     Parameters
     ----------
@@ -356,18 +358,18 @@ def separated(
     system : AffineSystem
         The compiled model.
     unknowns : Unknowns
-        Where the unknowns act.
+        The terms of the model that the unknowns scale.
     values : ndarray of float, shape (n,)
         The unknowns.
     seen : callable
-        Returns shapes, shape (N, m), as the sensors see them, shape (k, m).
+        Returns shapes, shape (N, m), at the sensors, shape (k, m).
     measured : ndarray of float, shape (k, n_m)
         Measured shapes of unit length.
 
     Returns
     -------
     RealModes
-        Itself where all eigenvalues are distinct.
+        `modes` itself if all eigenvalues are distinct.
     """
     first, shapes = 0, modes.shapes
     while first < len(modes.value):
@@ -399,7 +401,7 @@ def separated(
 def _forces(
     system: AffineSystem, unknowns: Unknowns, values: _Real, shapes: _Real
 ) -> Iterator[tuple[int, Any, _Real, bool]]:
-    """Yield unknown, own DOFs, derivative times shapes, and whether of mass, by drive."""
+    """Yield unknown, DOFs, derivative times shapes, and whether it is of mass, by drive."""
     state = unknowns.state(system, values)
     drives = zip(unknowns.owner, unknowns.at, unknowns.power, unknowns.scales, strict=True)
     for owner, at, power, scales in drives:
@@ -420,7 +422,7 @@ def _couplings(
     """Return weighted Phi^T (K' - lambda M') Phi by the logarithm of each unknown, (n, m, m)."""
     out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
     for owner, own, force, is_mass in _forces(system, unknowns, values, basis):
-        # Any weights do that are not in a simple ratio.
+        # Arbitrary weights that are not in a simple ratio.
         weight = values[owner] * (1.0 + 0.5 * np.sin(1.0 + owner))
         if is_mass:
             weight *= -value
@@ -431,13 +433,13 @@ def _couplings(
 def _axes(
     system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
 ) -> _Real:
-    """Return the turn, shape (m, m), after which the sum of all couplings is diagonal."""
+    """Return the rotation, shape (m, m), after which the sum of all couplings is diagonal."""
     whole = _couplings(system, unknowns, values, basis, value).sum(axis=0)
     return np.asarray(np.linalg.eigh((whole + whole.T) / 2)[1])
 
 
 def _towards(seen: _Real, measured: _Real) -> _Real:
-    """Return the rotation, shape (m, m), that puts shapes near to measured ones first."""
+    """Return the rotation, (m, m), that orders shapes by their agreement with measured ones."""
     if not len(seen):
         return np.eye(seen.shape[1])
     share = np.linalg.lstsq(seen, measured, rcond=None)[0]
@@ -456,7 +458,7 @@ def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
 
 
 def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
-    """Return the DOFs that move most, one a mode, weighted by strain energy."""
+    """Return the DOFs of largest motion, one for each mode, weighted by strain energy."""
     weighted = basis.T * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))
     return np.asarray(
         scipy.linalg.qr(weighted, mode="r", pivoting=True)[1][: basis.shape[1]], dtype=np.intp
@@ -464,9 +466,9 @@ def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
 
 
 def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real) -> _Real:
-    """Solve with K - lambda M without rows and columns `pivots`, where the solution is zero."""
+    """Solve (K - lambda M) X = loads without rows and columns `pivots`, where X is zero."""
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
-    scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # translations and rotations weigh alike
+    scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # equal translations and rotations
     scale[pivots] = 0.0
     dense = len(loads) <= eigen.DENSE_LIMIT
     A = (_scaled_full if dense else _scaled_sparse)(modes, value, scale, pivots)
@@ -486,7 +488,7 @@ def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Re
 
 
 def _scaled_full(modes: RealModes, value: float, scale: _Real, pivots: NDArray[np.intp]) -> Any:
-    """Return the scaled matrix, with 1 on the diagonal at the pivots."""
+    """Return the scaled dense matrix with 1 on the diagonal at the pivots."""
     A = modes.K.toarray()
     A -= value * modes.M.toarray()
     A *= scale
@@ -496,7 +498,7 @@ def _scaled_full(modes: RealModes, value: float, scale: _Real, pivots: NDArray[n
 
 
 def _scaled_sparse(modes: RealModes, value: float, scale: _Real, pivots: NDArray[np.intp]) -> Any:
-    """Return the same as a sparse matrix."""
+    """Return the scaled sparse matrix with 1 on the diagonal at the pivots."""
     one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
     by = sp.diags_array(scale)
     return sp.csc_array(by @ (modes.K - value * modes.M) @ by + one)

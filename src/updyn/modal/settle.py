@@ -1,4 +1,4 @@
-"""Poles refined to maximum likelihood window by window, without those that are no modes."""
+"""Maximum-likelihood refinement of poles window by window, with removal of spurious poles."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ __all__ = ["estimate_envelope", "poles_of", "settle"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Fits with the noise of the windows, each with the poles of the one before.
+#: Fits with the noise of the windows, each from the poles of the previous one.
 _SWEEPS = 2
-#: Up to this many channels have weights of their own on each line.
+#: Up to this number of channels, each channel has its own weights on each line.
 _OWN = 4096
-#: Lines from which the noise of a window is estimated, those of neighbouring windows among them: a
-#: share and a floor for each channel. More would mix levels of noise, which may differ by 60 dB
+#: Number of lines, including those of neighbouring windows, for the estimate of proportional noise
+#: and floor of each channel in a window. More would mix noise levels, which may differ by 60 dB
 #: over a band of accelerances.
 _NOISE_LINES = 60
-#: A pole that lowers the cost by this many times the least gain is a mode by any noise, and needs
-#: no fit without it: only time depends on this number.
+#: A pole with a gain of this multiple of the smallest gain is a mode for any noise, without a fit
+#: that omits it. The value affects only the computing time.
 _PLAIN = 20.0
 
 
@@ -48,16 +48,16 @@ def poles_of(fits: Sequence[Weighted]) -> _Complex:
 
 
 def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list[Weighted]:
-    """Return the fits of all windows, each with the noise of the residuals around it.
+    """Return the fits of all windows, each with the noise of nearby residuals.
 
     Parameters
     ----------
     measured : Measured
         The data.
     poles : ndarray of complex, shape (k,)
-        To begin with, by ascending frequency.
+        Initial poles, by ascending frequency.
     added : ndarray of int, shape (k,)
-        Of poles that stay, whatever they are worth, a number, of others -1.
+        Number of the user's pick for poles that are kept without a test; -1 for all others.
     """
     residuals: _Residuals | None = None
     residues: _Complex | None = None
@@ -86,14 +86,14 @@ def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list
 
 
 def estimate_envelope(measured: Measured, fits: Sequence[tuple[Solved, _Real]]) -> Envelope:
-    """Return the envelope of the residuals of fits, which hold no modes.
+    """Return the envelope of the residuals of fits, which contain no modes.
 
     Parameters
     ----------
     measured : Measured
-        The data; where their noise is white, it stays white.
+        The data; a white envelope stays white.
     fits : sequence of (Solved, ndarray of float)
-        With the standard deviations of their values, shapes (p, n) or (1, n).
+        Fits with the standard deviations of their values, shapes (p, n) or (1, n).
     """
     if measured.envelope.is_white:
         return measured.envelope
@@ -109,12 +109,12 @@ def estimate_envelope(measured: Measured, fits: Sequence[tuple[Solved, _Real]]) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Residuals:
-    """Squared residuals of fits, by their place in the band.
+    """Squared residuals of fits, by position in the band.
 
     Attributes
     ----------
     frequency : ndarray of float, shape (w,)
-        Middle of each window in Hz.
+        Centre of each window in Hz.
     squares, sizes : list of ndarray of float, shapes (p, n)
         Squared residuals and squared values of each window.
     """
@@ -152,7 +152,7 @@ def _pruned(
     added: NDArray[np.intp],
     noise: Noise | None,
 ) -> Weighted:
-    """Return the fit of a window without the poles that are no modes."""
+    """Return the fit of a window without spurious poles."""
     weights = Weights.of(np.abs(window.Y) ** 2)
     if noise is not None:
         size = solved(window, poles, weights).size
@@ -177,7 +177,7 @@ def _pruned(
 def _held(
     measured: Measured, window: Window, poles: _Complex, fitted: Solved, weights: Weights
 ) -> Solved:
-    """Return the fit in which poles that would leave the band, or grow in time, have not moved."""
+    """Return the fit with poles reset that left the band or became unstable."""
     left = measured.inside(poles) & ~measured.inside(fitted.poles)
     if not left.any():
         return fitted
@@ -187,10 +187,10 @@ def _held(
 def _surpluses(
     measured: Measured, window: Window, fitted: Solved, weights: Weights
 ) -> Iterator[float]:
-    """Yield the gain in deviance of each pole beyond chance; a mode has a positive one.
+    """Yield the gain in deviance of each pole less that by chance; above 0 for a mode.
 
-    The fit without a pole is weighted by its own likeliest noise: weighted by that of the fit with
-    the pole, a peak of which a large share is noise would count for little at any height.
+    The fit without a pole is weighted by its own estimated noise. With the noise of the fit with
+    the pole, a peak with a large share of noise would have little weight at any height.
     """
     inflation = window.inflation(fitted.poles, weights)
     least, whole = chance(window), deviance(fitted)

@@ -1,8 +1,8 @@
-"""The two sides of a measurement, responses and references: shapes from residues at both.
+"""Responses and references as the two sides of a measurement: shapes from residues at both.
 
 The residue of a mode is its shape at the responses times its shape at the references; a drive point
-gives the scale (Ewins, Modal Testing, 2nd ed. 2000, section 4.5). Two modes of one frequency show
-as a residue of rank two.
+determines the scale (Ewins, Modal Testing, 2nd ed. 2000, section 4.5). Two modes of one frequency
+have a residue of rank two.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ __all__ = ["Sides"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: A singular value of a residue above this share of the first is a further mode at the same
+#: A singular value of a residue above this share of the first is another mode at the same
 #: frequency.
 _SECOND = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sides:
-    """The two sides of a measurement, responses and references, and where they meet.
+    """Responses and references of a measurement, and their common DOFs.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class Sides:
     more : ndarray of int
         References that are not among the responses.
     at_references : bool
-        Without a drive point, whether the references say more than the responses, as when the
-        hammer roves.
+        Whether shapes are those at the references: without a drive point, if there are more
+        references than responses, as with a roving hammer.
     dofs : list of Dof
-        Of the shapes.
+        DOFs of the shapes.
     row_scale, column_scale : ndarray of float, shapes (n_i,) and (n_j,)
-        Factors on responses and references that make rotations and translations equally large:
-        1 for translations.
+        Factors on responses and references for rotations and translations of equal size: 1 for
+        translations.
     """
 
     rows: NDArray[np.intp]
@@ -87,7 +87,7 @@ class Sides:
         return len(self.rows) > 0
 
     def shapes(self, product: _Complex) -> list[_Complex]:
-        """Return the shapes of one frequency at `dofs`, one or more.
+        """Return one or several shapes of one frequency at `dofs`.
 
         Parameters
         ----------
@@ -97,9 +97,9 @@ class Sides:
         Notes
         -----
         With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points
-        they are equal, so that U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5,
-        for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of
-        one channel may outweigh a mode that another shows, and pass for a second mode.
+        they are equal, so U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5, for
+        one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of one
+        channel may exceed a mode in another, and appear as a second mode.
         """
         U, W = self._factors(product)
         if not self.scaled:
@@ -121,29 +121,29 @@ class Sides:
         return U / self.row_scale[:, None], W / self.column_scale[:, None]
 
     def deviations(self, product: _Complex, noise: _Real, common: _Complex) -> _Real:
-        """Return standard deviations of the real shape at `dofs` relative to its own scale.
+        """Return standard deviations of the real shape at `dofs`, for fixed length.
 
         Parameters
         ----------
         product : ndarray of complex, shape (n_i, n_j)
             As for `shapes`.
         noise : ndarray of float, shape (n_i, n_j)
-            Variances of the errors of the product that are independent.
+            Variances of the independent errors of the product.
         common : ndarray of complex, shape (q, n_i, n_j)
-            Further errors: these times independent ones of unit variance.
+            Common errors: these rows times independent random numbers of unit variance.
 
         Returns
         -------
         ndarray of float, shape (N,)
-            In the unit of the shape; nan where the product holds two modes, whose shapes are
-            arbitrary within their plane.
+            In the unit of the shape; nan if the product contains two modes, because their shapes
+            are arbitrary within their plane.
 
         Notes
         -----
         First order. With dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow from the
-        projections dP W^* / |W|^2 and dP^T U^* / |U|^2 alone (in the scale of `shapes`). Of the
-        shape x + i y, turned so that x . y = 0, an error in phase or in scale has no part in the
-        real shape at fixed length: dx is taken orthogonal to x.
+        projections dP W^* / |W|^2 and dP^T U^* / |U|^2 alone (in the scale of `shapes`). The shape
+        x + i y is rotated to x . y = 0. Errors in phase and scale have no part in the real shape at
+        fixed length: dx is taken orthogonal to x.
         """
         shapes = self.shapes(product)
         if len(shapes) > 1:
@@ -162,7 +162,7 @@ class Sides:
         return np.asarray(np.sqrt(np.maximum(squares + np.sum(fixed.real**2, axis=1), 0.0)))
 
     def _derivatives(self, U: _Complex, W: _Complex) -> tuple[_Complex, _Complex]:
-        """Return the derivatives of the shape at `dofs` by U and by W, of one mode."""
+        """Return the derivatives of the shape of one mode at `dofs` by U and by W."""
         N = len(self.dofs)
         by_rows, by_columns = (np.zeros((N, len(side)), dtype=np.complex128) for side in (U, W))
         if not self.scaled:
@@ -189,7 +189,7 @@ def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
     shape : ndarray of complex, shape (N,)
         The shape.
     slope : ndarray of complex, shape (N, n)
-        Its derivatives.
+        Derivatives of the shape.
     """
     turn = np.exp(-0.5j * np.angle(np.sum(shape**2)))
     x, y = (shape * turn).real, (shape * turn).imag
@@ -200,10 +200,10 @@ def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
 
 
 def _scale_of_rotations(frf: FRF) -> float:
-    """Return the factor on a rotation that makes it as large as a translation.
+    """Return the factor on rotations that makes them as large as translations.
 
-    The root mean squares of the kinds of FRF (by force and torque, of translation and rotation) are
-    taken as level q^-n with n the number of rotations, by least squares in the logarithm.
+    The rms values of the kinds of FRF (by force and torque, of translation and rotation) are fitted
+    by level q^-n with n the number of rotations, by least squares in the logarithm.
     """
     rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
     rows, levels = [], []

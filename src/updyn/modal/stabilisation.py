@@ -1,8 +1,8 @@
-"""The stabilisation diagram: poles of fits of increasing order, and those that stay.
+"""The stabilisation diagram: poles of fits of increasing order, and stable poles.
 
-Poles of the structure appear in every fit of sufficient order at nearly the same place, poles of
+Poles of the structure appear at nearly the same place in every fit of sufficient order, poles of
 noise do not (H. Van der Auweraer & B. Peeters, Sound and Vibration 38 (1) (2004) 28-33). A long
-band is fitted in overlapping parts, since the order needed grows with the number of modes.
+band is fitted in overlapping parts, because the necessary order increases with the number of modes.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ _Real = NDArray[np.float64]
 
 #: Lines of a part of the band without its overlaps, each half as long.
 _PART = 200
-#: Orders of the fits, and lines an order at least.
+#: Largest order, step of the orders, and smallest number of lines for each order.
 _LARGEST, _STEP, _LINES = 32, 2, 5
-#: A pole has stayed where the next order has one within this share of its damping, or of the
-#: distance of the lines.
+#: A pole is stable if the next order has one within this share of its damping, or of the distance
+#: of the lines.
 _NEAR, _BETWEEN = 0.3, 0.2
-#: Orders that a pole has to stay for.
+#: Number of consecutive orders of a stable pole.
 _STAYS = 3
-#: Columns of which the poles are common at most: of more the strongest combinations.
+#: Largest number of columns in a fit; if there are more, their strongest combinations.
 _COLUMNS = 4
-#: Damping ratio above which a pole is no mode.
+#: Largest damping ratio of a mode.
 _HEAVY = 0.3
 
 
@@ -41,13 +41,13 @@ class Diagram:
     Attributes
     ----------
     order : ndarray of int, shape (n,)
-        Of the polynomial that has the pole.
+        Order of the polynomial of each pole.
     frequency : ndarray of float, shape (n,)
-        In Hz.
+        Frequencies in Hz.
     damping : ndarray of float, shape (n,)
-        As a share of critical damping.
+        Damping ratios.
     stable : ndarray of bool, shape (n,)
-        Whether the order before has the pole at nearly the same place.
+        Whether the previous order has the pole at nearly the same place.
     """
 
     order: NDArray[np.int_]
@@ -57,14 +57,14 @@ class Diagram:
 
 
 def stabilised(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
-    """Return the poles that stay, and the diagram.
+    """Return the stable poles and the diagram.
 
     Parameters
     ----------
     freq : ndarray of float, shape (n_f,)
         Lines in Hz, ascending.
     Y : ndarray of complex, shape (n_f, n_i, n_j)
-        The functions, scaled so that all count alike.
+        The functions, scaled for equal weight.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def stabilised(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
 
 
 def _parts(freq: _Real) -> list[tuple[int, int, float, float]]:
-    """Return parts of the band: lines from, to, and the frequencies that are the part's own."""
+    """Return parts of the band: first and last line, and limits of the part in frequency."""
     n = len(freq)
     count = max(1, round(n / _PART))
     edges = np.linspace(0, n, count + 1).astype(int)
@@ -114,7 +114,7 @@ def _parts(freq: _Real) -> list[tuple[int, int, float, float]]:
 
 
 def _fits(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
-    """Return orders and their poles of one part."""
+    """Return orders and poles of the fits of one part."""
     Y = _combined(Y)
     largest = max(2, min(_LARGEST, len(freq) // _LINES))
     orders = list(range(2, largest + 1, _STEP))
@@ -128,7 +128,7 @@ def _fits(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
 
 
 def _combined(Y: _Complex) -> _Complex:
-    """Return the functions with the smaller side as columns, of many the strongest combinations."""
+    """Return the functions with the smaller side as columns, or its strongest combinations."""
     if Y.shape[2] > Y.shape[1]:
         Y = Y.transpose(0, 2, 1)
     if Y.shape[2] <= _COLUMNS:
@@ -140,7 +140,7 @@ def _combined(Y: _Complex) -> _Complex:
 
 
 def _chains(fits: list[_Complex], least: float) -> tuple[list[complex], list[NDArray[np.bool_]]]:
-    """Return the poles that stay up to the last order, and of each order which have stayed."""
+    """Return the poles that are stable up to the last order, and flags for each order."""
     stable: list[NDArray[np.bool_]] = []
     length = np.zeros(0, dtype=int)
     before: _Complex = np.zeros(0, dtype=np.complex128)
@@ -155,7 +155,7 @@ def _chains(fits: list[_Complex], least: float) -> tuple[list[complex], list[NDA
 
 
 def _nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple[int, int]]:
-    """Return pairs of poles, one to one, nearest first, that are as good as equal."""
+    """Return pairs of nearly equal poles, one to one, nearest first."""
     if not len(poles) or not len(before):
         return []
     apart = np.abs(poles[:, None] - before)

@@ -16,29 +16,29 @@ __all__ = ["REACH", "band_of_modes", "line_weights", "synthesise"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Lines on either side over which the power is averaged for the weight of a line: as many as
-#: `updyn.modal.unexplained` takes for the level around a peak.
+#: Lines on either side in the average power for the weight of a line, as in
+#: `updyn.modal.unexplained` for the level around a peak.
 _AROUND = 15
-#: Half-power bandwidths from a mode at which its FRF has fallen to a tenth of the peak:
-#: 1 / sqrt(1 + (2 * 5)^2).
+#: Half-power bandwidths from a mode at which its FRF has fallen to a tenth of the peak: 1 / sqrt(1
+#: + (2 * 5)^2).
 REACH = 5.0
 
 
 def line_weights(frf: FRF) -> _Real:
-    """Return the weight of each line: one over the rms of all channels around it.
+    """Return the weight of each line: the inverse of the rms of all channels around it.
 
-    Levels of accelerances differ by a factor of 1000 and more over a band. Without weights the
-    errors of the largest peaks would determine the residues of all modes.
+    Levels of accelerances differ by a factor of 1000 and more over a band. Without weights, errors
+    of the largest peaks would determine the residues of all modes.
 
     Parameters
     ----------
     frf : FRF
-        The measurement. Each channel is divided by its own rms first, as their units may differ.
+        The measurement. Each channel is divided by its rms first, because units may differ.
 
     Returns
     -------
     ndarray of float, shape (n_f,)
-        0 for a line at 0 Hz and where all channels are zero.
+        0 for a line at 0 Hz and for lines at which all channels are zero.
     """
     power = np.abs(frf.values) ** 2
     mean = power.mean(axis=0)
@@ -62,8 +62,8 @@ def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray of bool, shape (n_f,)
-        From five half-power bandwidths below the lowest mode to five above the highest one; all
-        lines if no line is between.
+        Lines from five half-power bandwidths below the lowest mode to five above the highest; all
+        lines if none is between.
     """
     reach = REACH * modes.frequency * np.nan_to_num(modes.loss_factor)
     low, high = (modes.frequency - reach).min(), (modes.frequency + reach).max()
@@ -72,19 +72,19 @@ def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
 
 
 def synthesise(modes: ModeSet, frf: FRF) -> FRF:
-    """Return the FRFs that follow from the poles of modes.
+    """Return FRFs synthesised from the poles of modes.
 
     Parameters
     ----------
     modes : ModeSet
-        Their frequencies and loss factors are used; their shapes are not.
+        Frequencies and loss factors of the modes; their shapes are not used.
     frf : FRF
         The measurement, to which residues and residual terms are fitted.
 
     Returns
     -------
     FRF
-        At the lines, DOFs and in the quantity of the measurement.
+        FRFs at the lines and DOFs and in the quantity of the measurement.
 
     Raises
     ------
@@ -94,10 +94,10 @@ def synthesise(modes: ModeSet, frf: FRF) -> FRF:
     Notes
     -----
     Least squares frequency domain (LSFD) estimation (W. Heylen, S. Lammens, P. Sas, Modal Analysis
-    Theory and Testing, KU Leuven 1997). With s = i omega + decay, each receptance is
-    sum_r R_r / (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L represents the
-    modes below the band, the upper residual U those above. R_r, L and U are complex and free in
-    each channel; lines are weighted by `line_weights`.
+    Theory and Testing, KU Leuven 1997). With s = i omega + decay, each receptance is sum_r R_r /
+    (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L represents the modes below
+    the band, the upper residual U those above. R_r, L and U are complex and free in each channel;
+    lines are weighted by `line_weights`.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def synthesise(modes: ModeSet, frf: FRF) -> FRF:
 
 
 def _terms(modes: ModeSet, frf: FRF) -> _Complex:
-    """Return the functions of which the FRFs are sums, shape (n_f, n_modes + 2)."""
+    """Return the terms of the FRFs, shape (n_f, n_modes + 2)."""
     s = frf.s[:, None]
     poles = (2.0 * np.pi * modes.frequency) ** 2 * (1.0 + 1j * modes.loss_factor)
     moving = np.abs(s) > 0.0

@@ -1,7 +1,7 @@
-"""The band in tiles that cover it, each searched for modes.
+"""Tiles that cover the band, each searched for modes.
 
-Every line belongs to one tile: those near candidates of the stabilisation diagram to the tile of
-these, all others to tiles in between, since a mode may have no stable pole in the diagram.
+Every line belongs to one tile: lines near candidates of the stabilisation diagram to the tile of
+these, all others to tiles in between, because a mode may have no stable pole in the diagram.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ __all__ = ["search_band"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Lines of a tile without candidates, and lines on either side that are fitted with it: enough for
+#: Lines of a tile without candidates, and additional lines on either side of its window: enough for
 #: a polynomial of degree 3 to follow the modes outside.
 _TILE, _MARGIN = 60, 15
-#: Trial poles on an even grid: steps in half-power bandwidths, most of them.
+#: Even grid of trial poles: step in half-power bandwidths, and largest number.
 _GRID, _TRIALS = 0.5, 200
-#: Half-power bandwidths of trial poles where no candidate says how wide modes are, in lines.
+#: Half-power bandwidths of trial poles in lines, if no candidate indicates the width of modes.
 _WIDTHS = (1.0, 4.0)
 #: Largest loss factor of a trial pole.
 _LARGEST = 0.3
-#: Lines that each mode of a window needs at least.
+#: Smallest number of lines for each mode of a window.
 _LINES_A_MODE = 4
 
 
@@ -40,11 +40,11 @@ class _Tile:
     Attributes
     ----------
     own : slice
-        Candidates among them.
+        Candidates in the tile.
     lines : slice
         The lines of the window.
     low, high : float
-        Frequencies in Hz between which modes belong to the tile.
+        Limits of the tile for the frequencies of its modes, in Hz.
     """
 
     own: slice
@@ -61,7 +61,7 @@ def search_band(measured: Measured, candidates: _Complex) -> _Complex:
     measured : Measured
         The data.
     candidates : ndarray of complex, shape (k,)
-        Poles of the stabilisation diagram that stay.
+        Stable poles of the stabilisation diagram.
     """
     axis = measured.axis
     candidates = candidates[measured.inside(candidates)]
@@ -73,8 +73,8 @@ def search_band(measured: Measured, candidates: _Complex) -> _Complex:
         most = max(1, (tile.lines.stop - tile.lines.start) // _LINES_A_MODE)
         poles = search_window(window, own, _grid(measured, own, tile), most).poles
         at = axis.frequency(poles)
-        # Half a line of either neighbour: an estimate at the edge may fall on the other side in the
-        # next tile, which has those found so far.
+        # Extend the tile by half a line: an estimate at the edge may fall on the other side in the
+        # next tile, which contains the poles found so far.
         edge = 0.5 * measured.spacing
         kept = measured.inside(poles) & (at >= tile.low - edge) & (at < tile.high + edge)
         found = np.concatenate([found, poles[kept]])
@@ -103,7 +103,7 @@ def _tiles(measured: Measured, candidates: _Complex) -> Iterator[_Tile]:
 
 
 def _between(freq: _Real, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
-    """Yield tiles of lines that have no candidate."""
+    """Yield tiles of lines without candidates."""
     count = max(1, round((last - first) / _TILE))
     edges = np.linspace(first, last, count + 1).astype(int)
     none = slice(next_candidate, next_candidate)
@@ -113,13 +113,13 @@ def _between(freq: _Real, next_candidate: int, first: int, last: int) -> Iterato
 
 
 def _limits(freq: _Real, first: int, last: int) -> tuple[float, float]:
-    """Return the frequencies between which modes belong to some lines."""
+    """Return the limits of some lines for the frequencies of their modes."""
     low = float(freq[first]) if first else 0.0
     return low, float(freq[last]) if last < len(freq) else np.inf
 
 
 def _grid(measured: Measured, own: _Complex, tile: _Tile) -> _Complex:
-    """Return trial poles all over the lines of a tile."""
+    """Return trial poles over all lines of a tile."""
     axis, f = measured.axis, measured.freq[tile.lines]
     f = f[(f >= tile.low) & (f < tile.high)]
     if not len(f):

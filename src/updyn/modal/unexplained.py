@@ -1,4 +1,4 @@
-"""Significant peaks of the measurement to which no mode belongs."""
+"""Significant peaks of the measurement without a mode."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ __all__ = ["find_unexplained", "peaks_without_modes"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Least height of a peak over its surroundings, in dB: what a test engineer takes for a peak.
+#: Smallest height of a peak over its surroundings, in dB, as a test engineer would see a peak.
 _HEIGHT = 10.0
 #: Probability that noise alone has a peak anywhere in the band.
 _ALPHA = 0.01
-#: Lines on either side of which the median is the level around a peak: for narrow and wide peaks.
+#: Lines on either side for the median level around a peak: for narrow and wide peaks.
 _AROUND = (15, 60)
-#: Lines on either side of which a peak is the highest.
+#: Lines on either side that are not higher than a peak.
 _HIGHEST = 2
-#: A peak belongs to a mode within so many half-power bandwidths and lines of it.
+#: A peak belongs to a mode within the sum of these numbers of half-power bandwidths and lines.
 _BANDWIDTHS, _LINES = 1.0, 2.0
-#: Peaks that a message names.
+#: Largest number of peaks in a message.
 _NAMED = 8
 
 
@@ -37,7 +37,7 @@ def peaks_without_modes(peaks: _Real) -> str:
 
 
 def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
-    """Return the frequencies in Hz of significant peaks that belong to no mode, ascending.
+    """Return the frequencies in Hz of significant peaks without a mode, ascending.
 
     The mode indicator is the sum of the squared values of all channels, divided by its median over
     the surrounding lines.
@@ -47,7 +47,7 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     measured : Measured
         The data.
     poles : ndarray of complex, shape (k,)
-        Those of all modes.
+        Poles of all modes.
     """
     n = len(measured.freq)
     channels = measured.cube.reshape(n, -1)
@@ -59,7 +59,7 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
         if n > 2 * lines:
             over |= power > least * scipy.ndimage.median_filter(power, 2 * lines + 1)
     highest = power >= scipy.ndimage.maximum_filter1d(power, 2 * _HIGHEST + 1)
-    highest[[0, -1]] = False  # the edge of a slope
+    highest[[0, -1]] = False  # edges of a slope
     peaks = measured.freq[over & highest]
     at = measured.axis.frequency(poles)
     reach = _BANDWIDTHS * measured.bandwidth(poles) + _LINES * measured.spacing
@@ -68,10 +68,10 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
 
 
 def _noise_peak(p: int, n: int) -> float:
-    """Return the indicator that the noise of p channels exceeds on any of n lines by chance.
+    """Return the indicator that noise of p channels exceeds by chance on any of n lines.
 
     The sum of p squares over an estimate of its mean has an F distribution. A median of m squares
-    is as accurate as a mean of half as many: 0.48 m of exponential variables, 0.64 m of normal
+    is as accurate as a mean of half as many: 0.48 m for exponential variables, 0.64 m for normal
     ones (H. Cramer, Mathematical Methods of Statistics, 1946, section 28.5).
     """
     lines = 2 * _AROUND[0] + 1

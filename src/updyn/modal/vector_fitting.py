@@ -1,10 +1,10 @@
-"""Vector fitting: rational fits with poles that all functions share, added one by one.
+"""Vector fitting: rational fits with common poles of all functions, added one by one.
 
 B. Gustavsen & A. Semlyen, IEEE Trans. Power Delivery 14 (1999) 1052-1061 (vector fitting: poles are
 moved to the zeros of a common denominator, in partial fractions); B. Gustavsen, ibid. 21 (2006)
-1587-1592 (its level left free); D. Deschrijver et al., IEEE Microw. Wirel. Compon. Lett. 18 (2008)
-383-385 (functions one after the other); S. Grivet-Talocia & M. Bandinu, IEEE Trans. Electromagn.
-Compat. 48 (2006) 104-120 (poles added where the fit is worst).
+1587-1592 (free level of the denominator); D. Deschrijver et al., IEEE Microw. Wirel. Compon. Lett.
+18 (2008) 383-385 (functions one after the other); S. Grivet-Talocia & M. Bandinu, IEEE Trans.
+Electromagn. Compat. 48 (2006) 104-120 (poles added at the largest error).
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ __all__ = ["Basis", "Fitted", "fit", "growing", "predicting", "relocated", "stac
 _Complex = NDArray[np.complex128]
 
 _SWEEPS, _SETTLED = 6, 1e-11
-#: A residual below this share of the data is rounding.
+#: A residual below this share of the data is rounding error.
 _ROUNDING = 1e-12
-#: Poles are added until this number more of them has not improved the prediction.
+#: Poles are added until this number of further poles does not improve the prediction.
 _PATIENCE = 4
-#: Least relative improvement of the prediction.
+#: Smallest relative improvement of the prediction.
 _BETTER = 0.02
-#: The fewest poles are taken whose prediction is worse than the best by at most this factor.
+#: The selected fit is that of the fewest poles with a prediction at most this factor worse than the
+#: best.
 _AS_GOOD = 1.05
-#: Relative error of the prediction that is rounding.
+#: Relative error of the prediction that is rounding error.
 _EXACT = 1e-10
 #: Loss factor of a new pole.
 _NEW = 0.01
@@ -41,7 +42,7 @@ _OWN_IMAGE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """The functions of which a fit is a sum: partial fractions and powers of x.
+    """Basis of a rational fit: partial fractions and powers of x.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ class Basis:
         Largest power of x.
     mirrored : bool
         Whether the functions are conjugate at conjugate x (x = i omega; poles come in conjugate
-        pairs, one of which stands for both, and all weights are real), or any function of a real x.
+        pairs, represented by one of them, and all weights are real); else any function of a real x.
     """
 
     degree: int
@@ -58,8 +59,8 @@ class Basis:
     def fractions(self, x: _Complex, poles: _Complex) -> _Complex:
         """Return the fractions at x, shape (n_f, m).
 
-        Of a mirrored pole they are two, sum and i times difference with its image, unless the pole
-        is its own image.
+        A mirrored pole has two, the sum and i times the difference with its image, unless it is
+        real.
         """
         own = 1.0 / (x[:, None] - poles)
         if not self.mirrored:
@@ -73,7 +74,7 @@ class Basis:
         return np.asarray(x[:, None] ** np.arange(self.degree + 1))
 
     def parts(self, A: _Complex) -> NDArray[Any]:
-        """Return equations of the weights: real over imaginary parts where weights are real."""
+        """Return real equations of the weights, real above imaginary parts, if they are real."""
         if not self.mirrored:
             return A
         return np.vstack([A.real, A.imag])
@@ -94,11 +95,11 @@ class Fitted:
     Attributes
     ----------
     basis : Basis
-        Of what it is a sum.
+        Basis of the fit.
     poles : ndarray of complex, shape (k,)
-        In the unit of x.
+        Poles in the unit of x.
     weights : ndarray, shape (m, p)
-        Of the functions of the basis, in each of the p functions.
+        Weights of the basis in each of the p functions.
     cost : float
         Sum of squared errors.
     """
@@ -114,7 +115,7 @@ class Fitted:
         return self.basis.residues(self.weights, self.poles)
 
     def at(self, x: _Complex) -> _Complex:
-        """Return the functions, shape (n_f, p)."""
+        """Return the fitted functions at x, shape (n_f, p)."""
         return np.asarray(_columns(self.basis, x, self.poles) @ self.weights)
 
 
@@ -126,20 +127,20 @@ def growing(
     Parameters
     ----------
     basis : Basis
-        What is fitted.
+        Basis of the fit.
     x : ndarray of complex, shape (n_f,)
         The variable at the lines, scaled to at most 1 in size.
     Y : ndarray of complex, shape (n_f, p)
         The functions.
     first : ndarray of complex, shape (k,)
-        Poles to begin with.
+        Initial poles.
     largest : int
-        Number of poles at which to end.
+        Largest number of poles.
 
     Yields
     ------
     Fitted
-        The next one, with a pole more where the last fitted worst.
+        The next fit, with one more pole at the largest error of the last.
     """
     poles = first
     for _ in range(len(first), largest + 1):
@@ -154,7 +155,9 @@ def growing(
 def predicting(
     basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
 ) -> tuple[Fitted, tuple[Fitted, Fitted]]:
-    """Return the fit with as many poles as best predict lines left out, which does not fit noise.
+    """Return the fit with the number of poles that best predicts omitted lines.
+
+    This avoids a fit of the noise.
 
     Parameters
     ----------
@@ -164,9 +167,9 @@ def predicting(
     Returns
     -------
     whole : Fitted
-        Of all lines.
+        Fit of all lines.
     halves : tuple of Fitted
-        Of every second line, with as many poles.
+        Fits of every second line with as many poles.
     """
     halves = slice(0, None, 2), slice(1, None, 2)
     total = float(np.sum(np.abs(Y) ** 2))
@@ -194,7 +197,7 @@ def fit(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> Fitted:
     """Fit the residues to the functions for given poles, by linear least squares."""
     A = basis.parts(_columns(basis, x, poles))
     norms = np.linalg.norm(A, axis=0)
-    scale = np.where(norms > 0, norms, 1.0)  # of a pole far away nothing may be left
+    scale = np.where(norms > 0, norms, 1.0)  # the fraction of a distant pole may vanish
     weights = np.linalg.lstsq(A / scale, basis.parts(Y), rcond=_TINY)[0] / scale[:, None]
     return Fitted(basis, poles, weights, float(np.sum(np.abs(basis.parts(Y) - A @ weights) ** 2)))
 
@@ -204,12 +207,12 @@ def _columns(basis: Basis, x: _Complex, poles: _Complex) -> _Complex:
 
 
 def _worst(basis: Basis, x: _Complex, error: _Complex, poles: _Complex) -> complex:
-    """Return a new pole beside the line with the largest error."""
+    """Return a new pole next to the line with the largest error."""
     at = complex(x[int(np.argmax(np.sum(np.abs(error) ** 2, axis=1)))])
     away = 1j * _NEW * abs(at)
     if basis.mirrored:
         away = -0.5 * _NEW * abs(at)
-    while (np.abs(poles - at - away) < 1e-9 * abs(at)).any():  # not on top of another one
+    while (np.abs(poles - at - away) < 1e-9 * abs(at)).any():  # distinct from all others
         away *= 0.5
     return at + away
 
@@ -220,16 +223,16 @@ def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
         before = poles
         try:
             poles = _zeros(basis, x, Y, poles)
-        except np.linalg.LinAlgError:  # two poles coincide: the functions have fewer
+        except np.linalg.LinAlgError:  # two poles coincide: too many poles
             break
-        # The poles may change their order.
+        # The order of the poles may change.
         if max((np.abs(before - p).min() / abs(p) for p in poles), default=0.0) < _SETTLED:
             break
     return poles
 
 
 def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
-    """Return the zeros of sigma that minimises |sigma Y - numerators| at mean |sigma|^2 = 1."""
+    """Return the zeros of the sigma that minimises |sigma Y - numerators| at mean |sigma|^2 = 1."""
     inner = basis.fractions(x, poles)
     Q = np.linalg.qr(basis.parts(np.hstack([inner, basis.powers(x)])))[0]
     sigma = np.hstack([inner, np.ones((len(x), 1))])
@@ -240,16 +243,16 @@ def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
 
 
 def stacked(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDArray[Any]:
-    """Return the triangle of the equations of sigma, with those of one more function.
+    """Return the triangle of the equations of sigma, extended by one function.
 
     Parameters
     ----------
     triangle : ndarray, shape (k, m + 1)
-        Of the functions before; at first without rows.
+        Triangle of the previous functions; initially without rows.
     block : ndarray, shape (n, m + 1)
-        The function times the fractions and 1, as `Basis.parts`.
+        The function times the fractions and 1, as from `Basis.parts`.
     Q : ndarray, shape (n, j)
-        Orthonormal columns of which its numerator is a sum: they are eliminated.
+        Orthonormal basis of its numerator, which is eliminated.
     """
     block = block - Q @ (Q.conj().T @ block)
     own = np.linalg.qr(block, mode="r")
@@ -262,11 +265,11 @@ def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]
     Parameters
     ----------
     basis : Basis
-        Of the fractions.
+        Basis of the fractions.
     x : ndarray of complex, shape (n_f,)
         The variable at the lines.
     poles : ndarray of complex, shape (m,)
-        Of sigma.
+        Poles of sigma.
     triangle : ndarray
         Equations of sigma, from `stacked`.
     """
@@ -279,8 +282,7 @@ def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]
         pair = poles.imag != 0
         poles = np.append(poles, poles[pair].conj())
         residues = np.append(residues, residues[pair].conj())
-    # The zeros are eigenvalues of diag(a) - 1 c^T / c_0, as a pencil that a vanishing c_0 does not
-    # harm.
+    # The zeros are eigenvalues of diag(a) - 1 c^T / c_0, as a pencil that allows c_0 = 0.
     n = len(poles)
     A, B = np.zeros((2, n + 1, n + 1), dtype=np.complex128)
     A[:n, :n], A[:n, n], A[n, :n], A[n, n] = np.diag(poles), 1.0, residues, c[-1]
@@ -291,7 +293,7 @@ def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]
 
 
 def _stable(basis: Basis, poles: _Complex) -> _Complex:
-    """Return stable poles: unstable ones reflected, of mirror images the upper one."""
+    """Return stable poles: unstable ones reflected, and the upper one of each mirrored pair."""
     if not basis.mirrored:
         return np.asarray(poles.real + 1j * np.maximum(np.abs(poles.imag), _TINY))
     imag = np.where(np.abs(poles.imag) > _OWN_IMAGE * np.abs(poles), poles.imag, 0.0)
