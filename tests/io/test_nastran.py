@@ -259,7 +259,7 @@ def test_rigid_bars(deck, bar):
         ),
         (
             "CBEAM,60,6,1,2,1.,1.,1.\nPBEAM,6,1,1.,1.,1.,,1.",
-            r"MYSTRAN has no CBEAM; a CBAR, .* or the matrices from",
+            r"MYSTRAN has no CBEAM; use a CBAR, .* or the matrices from",
         ),
         (
             "RBAR,60,9,20,123,456",

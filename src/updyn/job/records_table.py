@@ -116,7 +116,7 @@ class RecordsTable(SetupTable):
                 raise ValueError(f"missing key 'file' in [[records.setup]] {number}")
         if self.impact is not None and (self.window, self.segment) != (None, None):
             raise ValueError(
-                "impact: windows for hits take whole records; leave window and segment out"
+                "impact: windows for hits need whole records; omit window and segment"
             )
         if self.cut is not None and self.segment is not None:
             raise ValueError("cut: it is for hits, segment for a force that lasts; give one")
