@@ -261,20 +261,7 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
 
 
 def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
-    """Return `Correlation.figures` of the FRFs of a page for the responses used in the fit.
-
-    Parameters
-    ----------
-    data : ReportData
-        Measured FRFs, and which responses are held out.
-    values : ndarray of complex, shape (n_f, n_responses, n_references), or None
-        FRFs of a model.
-
-    Returns
-    -------
-    dict of str to float
-        Empty if `values` is None or all responses are held out.
-    """
+    """Return `Correlation.figures` over the fitted responses of a page; empty without any."""
     fitted = ~np.array(data.held_out, dtype=np.bool_)
     if values is None or not fitted.any():
         return {}

@@ -45,15 +45,7 @@ _STYLES = {
 
 
 def is_significant(result: UpdateResult, parameter: Parameter) -> bool:
-    """Whether the 95 % interval of an unknown excludes its start; False without an interval.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    parameter : Parameter
-        One of its unknowns.
-    """
+    """Whether the 95 % interval of an unknown excludes its start; False without an interval."""
     span = _interval(result, parameter)
     if span is None:
         return False
@@ -178,17 +170,7 @@ def changes_figure(result: UpdateResult) -> Figure | None:
     """Return the change of each unknown from its start with its 95 % interval, by quantity.
 
     The axis is logarithmic in the ratio to the start and labelled in percent, so half and double
-    are equally far from no change.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-
-    Returns
-    -------
-    Figure or None
-        None if no unknown starts above zero.
+    are equally far from no change. None if no unknown starts above zero.
     """
     rows, headings = _rows(result)
     if not rows:

@@ -69,17 +69,8 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
 
     Channels are ranked by the relative residual of the updated model (or of the start model, if the
     former could not be computed), which depends on level, sign and phase. Channels measured as zero
-    are omitted.
-
-    Parameters
-    ----------
-    data : ReportData
-        The FRFs and their agreement.
-
-    Returns
-    -------
-    dict of str to (int, int)
-        With the key ``"only"`` for a single channel; empty if no model could be computed.
+    are omitted. The key is ``"only"`` for a single channel; the result is empty if no model could
+    be computed.
     """
     residual = data.residual_after
     if residual is None:
@@ -124,20 +115,7 @@ def _caption(data: ReportData, i: int, j: int) -> str:
 
 
 def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
-    """Return magnitude and phase of a channel over frequency.
-
-    Parameters
-    ----------
-    data : ReportData
-        Measured FRFs, and both models on the finer grid.
-    i, j : int
-        Positions of response and reference.
-
-    Returns
-    -------
-    Figure or None
-        None without lines.
-    """
+    """Return magnitude and phase over frequency of channel (i, j); None without lines."""
     if not data.freq.size:
         return None
     unit_of = unit(data.quantity, data.responses[i], data.references[j])

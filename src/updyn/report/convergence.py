@@ -284,21 +284,10 @@ def _whole(axis: dict[str, Any], last: int) -> dict[str, Any]:
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the values of the unknowns over the iterations that led to the result.
+    """Return the values of unknowns of one kind over the iterations that led to the result.
 
-    Fits are separated by gaps. Of many unknowns, those with the largest range are named.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    chosen : sequence of Parameter
-        Unknowns of one kind; factors are shown relative to their start.
-
-    Returns
-    -------
-    Figure or None
-        None without unknowns or steps.
+    Factors are relative to their start. Fits are separated by gaps. Of many unknowns, those with
+    the largest range are named. None without unknowns or steps.
     """
     made, steps = _paths(result)
     if not chosen or not steps:

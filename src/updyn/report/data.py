@@ -251,17 +251,9 @@ def _gathered(
 def fine_grid(
     models: Sequence[Model], freq: NDArray[np.float64], *, reduced: bool
 ) -> NDArray[np.float64]:
-    """Return the given lines together with lines that resolve the resonances of the models, in Hz.
+    """Return the given lines (Hz) together with lines that resolve the resonances of the models.
 
-    Parameters
-    ----------
-    models : sequence of Model
-        Models whose curves are drawn, all of the same size.
-    freq : ndarray of float, shape (n,)
-        Ascending positive lines in Hz, contained in the result.
-    reduced : bool
-        Whether the FRFs are computed from a reduced model; if so, lines are evenly spaced, because
-        the modes of the full model would be expensive.
+    If `reduced`, lines are evenly spaced, because the modes of the full model would be expensive.
     """
     if freq.size < 2:
         return freq

@@ -60,15 +60,7 @@ _Figures = Mapping[str, Mapping[str, float]]
 
 
 def key_figure(name: str, value: float) -> tuple[str, str, str]:
-    """Return title, value and ideal value of a figure of agreement of one model.
-
-    Parameters
-    ----------
-    name : str
-        A name such as ``"frac_median"``.
-    value : float
-        The value.
-    """
+    """Return title, value and ideal value of a figure of agreement of one model."""
     title, say, ideal = next(
         (title, say, ideal) for known, title, say, ideal, _ in _KEY_FIGURES if known == name
     )
@@ -157,18 +149,7 @@ def _before_and_after(
 
 # -- several tests -------------------------------------------------------------------------------
 def joint_head(result: JointResult) -> str:
-    """Return the head of the page of several tests, with the agreement of the worst test.
-
-    Parameters
-    ----------
-    result : JointResult
-        The result.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return the head of the page of several tests, with the agreement of the worst test."""
     tests = list(result.results.values())
     worst = min(tests, key=lambda test: _agreement(test, "after").get("frac_median", 1.0))
     figures = agreement(worst)
@@ -288,17 +269,7 @@ class Verdict:
 
 
 def verdict(result: UpdateResult) -> Verdict:
-    """Return the verdict on a result; sentences of its message are not repeated.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-
-    Returns
-    -------
-    Verdict
-    """
+    """Return the verdict on a result; sentences of its message are not repeated."""
     badge, kind = result.badge.phrase, result.badge.colour
     if result.trust is not None:
         return Verdict(badge, kind, *_judged(result, result.trust))

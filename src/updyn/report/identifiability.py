@@ -168,18 +168,7 @@ def _singular_trace(
 
 
 def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlation coefficients of a covariance matrix.
-
-    Parameters
-    ----------
-    covariance : ndarray of float, shape (n, n)
-        Covariance of n unknowns.
-
-    Returns
-    -------
-    ndarray of float, shape (n, n)
-        Values from -1 to 1; NaN in rows that are not finite or have no variance.
-    """
+    """Return the correlation matrix of a covariance; NaN for a variance that is 0 or not finite."""
     variance = np.diag(covariance)
     known = np.isfinite(variance) & (variance > 0)
     out = np.full(covariance.shape, np.nan)
@@ -192,17 +181,7 @@ def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -> Figure | None:
     """Return the correlation map of the unknowns; cells of undetermined unknowns are blank.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The n unknowns.
-    covariance : ndarray of float, shape (n, n)
-        Their covariance.
-
-    Returns
-    -------
-    Figure or None
-        None for a single unknown, and if no correlation is known.
+    None for a single unknown, and if no correlation is known.
     """
     names = names_of(tuple(parameters))
     if len(names) < 2 or covariance.shape != (len(names), len(names)):
@@ -216,15 +195,7 @@ def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -
 def combinations_map(ident: Identifiability) -> Figure | None:
     """Return the undetermined combinations as a matrix: unknowns down, combinations across.
 
-    Parameters
-    ----------
-    ident : Identifiability
-        Identifiability with its undetermined combinations.
-
-    Returns
-    -------
-    Figure or None
-        None if the data determine every unknown.
+    None if the data determine every unknown.
     """
     directions = ident.null_directions
     if not directions:

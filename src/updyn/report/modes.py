@@ -198,18 +198,8 @@ def comac_bars(table: ModalTable) -> Figure | None:
 def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure]:
     """Return maps of the geometry with COMAC at the sensors, by name of the figure.
 
-    Parameters
-    ----------
-    table : ModalTable
-        The modes.
-    geometry : Geometry, optional
-        Positions of the nodes. Sensors at other nodes are omitted.
-
-    Returns
-    -------
-    dict of str to Figure
-        Any of ``"comac-map-start"`` and ``"comac-map-updated"``. A node with several sensors shows
-        their lowest value.
+    The names are ``"comac-map-start"`` and ``"comac-map-updated"``. A node with several sensors
+    shows their lowest value. Sensors at nodes outside the geometry are omitted.
     """
     made: dict[str, Figure] = {}
     if geometry is None or not len(geometry.nodes):
@@ -280,15 +270,7 @@ def _comac_map(
 
 
 def modal_rows(table: ModalTable, *, fitted: bool = True) -> list[tuple[list[str], str]]:
-    """Return the cells and the CSS class of each table row.
-
-    Parameters
-    ----------
-    table : ModalTable
-        The modes.
-    fitted : bool
-        Whether there is an updated model.
-    """
+    """Return the cells and the CSS class of each table row; `fitted` with an updated model."""
     shown = []
     for count, row in enumerate(table.rows, 1):
         computed = [row.start, row.updated] if fitted else [row.start]

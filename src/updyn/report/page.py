@@ -102,7 +102,7 @@ def render(
 
 
 def assemble(content: Content, head: str, title: str, version: str, *, folds: bool = False) -> str:
-    """Return a page with every section that applies to its content.
+    """Return a page as HTML with every section that applies to its content.
 
     Parameters
     ----------
@@ -114,11 +114,6 @@ def assemble(content: Content, head: str, title: str, version: str, *, folds: bo
         Title in the browser, and the version of updyn that wrote the page.
     folds : bool
         Whether sections outside the first screen are folded.
-
-    Returns
-    -------
-    str
-        HTML.
     """
     sections: list[Section] = []
     bodies: list[str] = []

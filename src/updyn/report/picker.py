@@ -113,13 +113,7 @@ class Identified:
 
 
 def picker_figure(found: Identified) -> Figure:
-    """Return the figure; ``picks.js`` adds curves and modes.
-
-    Parameters
-    ----------
-    found : Identified
-        Modes and measurement.
-    """
+    """Return the figure; ``picks.js`` adds curves and modes."""
     diagram = found.modes.diagram
     highest = 2.0 if diagram is None else float(diagram.order.max(initial=0)) + 3.0
     traces = [_curve("cmif-0", "y", "@measured", 1.3, "CMIF")]
@@ -170,15 +164,7 @@ def _poles(diagram: Diagram) -> list[dict[str, Any]]:
 
 
 def _layout(unit_: str, highest: float) -> dict[str, Any]:
-    """Return the axes of the figure.
-
-    Parameters
-    ----------
-    unit_ : str
-        Unit of the mode indicator function.
-    highest : float
-        Order at which modes are marked.
-    """
+    """Return the axes of the figure: unit of the indicator, and order at which modes are marked."""
     level = [_PHASE + _GAP, _PHASE + _GAP + _MAGNITUDE]
     log = {"type": "log", "exponentformat": "power", "fixedrange": True, "zeroline": False}
     return {
@@ -251,17 +237,9 @@ def _marks(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
 def picker_data(found: Identified) -> dict[str, Any]:
     """Return the data for ``picks.js``, ready for JSON.
 
-    Parameters
-    ----------
-    found : Identified
-        Modes and measurement.
-
-    Returns
-    -------
-    dict
-        ``freq`` (Hz), ``weights``, ``cmif`` (by singular value, 0 at 0 Hz) and ``values`` (by drawn
-        channel, real and imaginary parts interleaved), each as base64 of little-endian floats;
-        names and units of these channels; modes, peaks and poles.
+    The arrays ``freq`` (Hz), ``weights``, ``cmif`` (by singular value, 0 at 0 Hz) and ``values``
+    (by drawn channel, real and imaginary parts interleaved) are base64 of little-endian floats.
+    Further entries are names and units of these channels, modes, peaks and poles.
     """
     frf, modes = found.frf, found.modes
     indicator = np.zeros((len(frf.freq), min(found.indicator.values.shape[1], _CURVES)))

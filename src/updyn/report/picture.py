@@ -382,17 +382,7 @@ class _Projection:
 
 
 def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Return the right, up and towards-viewer axes of a viewpoint as rows.
-
-    Parameters
-    ----------
-    azimuth, elevation : float
-        Angles in degrees, as in `VIEWS`.
-
-    Returns
-    -------
-    ndarray of float, shape (3, 3)
-    """
+    """Return the right, up and towards-viewer axes as rows, for angles in degrees, shape (3, 3)."""
     a, e = math.radians(azimuth), math.radians(elevation)
     eye = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([-math.sin(a), math.cos(a), 0.0])

@@ -187,18 +187,9 @@ class Panel:
 def stacked(
     panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequence[float] = ()
 ) -> Figure:
-    """Return a figure of panels over a common x axis.
+    """Return a figure of panels, from top to bottom, over a common x axis.
 
-    Parameters
-    ----------
-    panels : sequence of Panel
-        The panels, from top to bottom.
-    x : dict
-        The common x axis.
-    height : int
-        Height of the figure in pixels.
-    marks : sequence of float
-        Positions of vertical lines through all panels.
+    `height` is in pixels; `marks` are positions of vertical lines through all panels.
     """
     total = sum(p.share for p in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
@@ -341,20 +332,7 @@ def _off_zero(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
 
 
 def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
-    """Return the positions of the minimum and maximum of each interval, to keep the peaks.
-
-    Parameters
-    ----------
-    values : array_like of float, shape (n,)
-        Values in the order of the axis.
-    limit : int
-        Largest number of positions.
-
-    Returns
-    -------
-    ndarray of int
-        Ascending positions; all of them if there are at most `limit` values.
-    """
+    """Return ascending positions of the minimum and maximum of each interval, at most `limit`."""
     array = np.asarray(values, dtype=np.float64)
     if len(array) <= limit:
         return np.arange(len(array))
@@ -368,18 +346,7 @@ def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
 def phases(
     first: NDArray[np.complex128], *others: NDArray[np.complex128]
 ) -> list[NDArray[np.float64]]:
-    """Return phases in degrees that do not jump along the lines.
-
-    Parameters
-    ----------
-    first, *others : ndarray of complex, shape (n_f,)
-        FRFs of one channel.
-
-    Returns
-    -------
-    list of ndarray of float, shape (n_f,)
-        The unwrapped phase of `first`; for the others, the phase nearest to it.
-    """
+    """Return the unwrapped phase of `first` and the nearest phases of `others`, in degrees."""
     with np.errstate(invalid="ignore"):
         base = np.unwrap(np.angle(first))
         out = [np.degrees(base)]
@@ -391,19 +358,7 @@ def phases(
 def wrapped_phase(
     x: ArrayLike, H: NDArray[np.complex128]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lines and phase within ±180 degrees, with gaps at wraps and where the FRF is zero.
-
-    Parameters
-    ----------
-    x : array_like of float, shape (n_f,)
-        Lines in Hz.
-    H : ndarray of complex, shape (n_f,)
-        An FRF.
-
-    Returns
-    -------
-    lines, degrees : ndarray of float, shape (n_f + number of wraps,)
-    """
+    """Return lines and phase within ±180 degrees, with gaps at wraps and zeros of the FRF."""
     lines = np.asarray(x, dtype=np.float64)
     degrees = np.where(H == 0.0, np.nan, np.degrees(np.angle(H)))
     after = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
@@ -450,19 +405,8 @@ def _through(at: float) -> dict[str, Any]:
 def log_bars(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
     """Return a chart with one horizontal bar per named value on a logarithmic axis.
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        Values by name, from top to bottom; non-finite values are omitted.
-    title : str
-        Title of the axis.
-    mark : float, optional
-        Position of a vertical line across the bars.
-
-    Returns
-    -------
-    Figure or None
-        None if no value is finite.
+    Non-finite values are omitted; None if none is finite. `mark` is the position of a vertical
+    line.
     """
     known = {name: v for name, v in values.items() if math.isfinite(v)}
     if not known:

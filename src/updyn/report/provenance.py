@@ -18,20 +18,10 @@ __all__ = ["PROVENANCE", "data_checksum", "model_checksum"]
 
 
 def data_checksum(data: FRF | ModeSet) -> str:
-    """Return the SHA-256 of the data.
+    """Return the SHA-256 of the data as hexadecimal digits.
 
     FRFs: quantity, labels, lines (float64) and values (complex128), little-endian. Modes: labels,
     frequencies, shapes and loss factors.
-
-    Parameters
-    ----------
-    data : FRF or ModeSet
-        The data.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
     """
     digest = hashlib.sha256()
     if isinstance(data, ModeSet):
@@ -50,15 +40,7 @@ def data_checksum(data: FRF | ModeSet) -> str:
 def model_checksum(model: Model) -> str:
     """Return the SHA-256 of a model: labels, then name, damping and matrices of each group.
 
-    Parameters
-    ----------
-    model : Model
-        The model. Sparse matrices are hashed as little-endian CSR arrays.
-
-    Returns
-    -------
-    str
-        Hexadecimal digits.
+    Sparse matrices are hashed as little-endian CSR arrays.
     """
     digest = hashlib.sha256()
     digest.update("\n".join(model.dofs.labels).encode())

@@ -58,15 +58,7 @@ HELD = Held()
 def trade_off(result: UpdateResult) -> Figure | None:
     """Return the trade-off curve: distance from the start over misfit, with the chosen point.
 
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-
-    Returns
-    -------
-    Figure or None
-        None without regularisation.
+    None without regularisation.
     """
     record = result.options.get("regularisation")
     if not record:

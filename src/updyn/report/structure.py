@@ -114,15 +114,7 @@ STRUCTURE = Structure()
 def structure_of(results: Sequence[UpdateResult]) -> str:
     """Return picture and legend for the tests of one structure, with the sensors of all tests.
 
-    Parameters
-    ----------
-    results : sequence of UpdateResult
-        Results for one structure; the model with the most degrees of freedom is drawn.
-
-    Returns
-    -------
-    str
-        HTML; empty if no model has a geometry to draw.
+    The model with the most degrees of freedom is drawn. Empty if no model has a geometry.
     """
     result = _largest(results)
     if result is None:
@@ -240,16 +232,8 @@ class _Changes:
 def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
     """Return the change of each group affected by an unknown: quantity and factor.
 
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-
-    Returns
-    -------
-    dict of str to (str, float)
-        By group, the factor on the first of stiffness, mass and viscous damping that is an unknown.
-        Loss factors are not factors and are omitted.
+    The factor is on the first of stiffness, mass and viscous damping that is an unknown. Loss
+    factors are not factors and are omitted.
     """
     parameters = result.parameters
     changes = parameters.changes([result.values[name] for name in parameters.names])
@@ -266,16 +250,7 @@ def group_remarks(result: UpdateResult) -> dict[str, str]:
     """Return a remark on the change of each group in `group_changes`; empty if significant.
 
     A change is significant if the 95 % interval of an unknown that causes it excludes the start.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-
-    Returns
-    -------
-    dict of str to str
-        ``"not significant"``, ``"not determined"`` or an empty string.
+    The remarks are ``"not significant"`` and ``"not determined"``.
     """
     changes = group_changes(result)
     out = dict.fromkeys(changes, "not significant")

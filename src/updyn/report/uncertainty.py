@@ -137,21 +137,10 @@ def ends_of(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
 
 # -- intervals -----------------------------------------------------------------------------------
 def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles) -> Figure | None:
-    """Return the intervals of the unknowns in standard deviations from the estimate.
+    """Return the intervals of the unknowns in Laplace standard deviations from the estimate.
 
-    Intervals of factors are shown on the logarithm.
-
-    Parameters
-    ----------
-    result : UpdateResult or JointResult
-        Estimates and Laplace standard deviations.
-    found : Draws or Profiles
-        The intervals.
-
-    Returns
-    -------
-    Figure or None
-        None if no unknown has both an interval and a standard deviation.
+    Intervals of factors are shown on the logarithm. None if no unknown has both an interval and a
+    standard deviation.
     """
     ends = ends_of(found)
     chosen = [p for p in result.parameters if p.name in ends and 0 < result.std[p.name] < np.inf]
@@ -223,20 +212,10 @@ def _bars(
 
 # -- band ----------------------------------------------------------------------------------------
 def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, str] | None:
-    """Return the most uncertain of the measured FRFs with the band of the updated model.
+    """Return the most uncertain measured FRF, with the band of the updated model, and its channel.
 
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    found : Draws or Profiles
-        Its uncertainty. The band is computed from draws, or by Laplace's approximation for
-        profiles.
-
-    Returns
-    -------
-    Figure, str
-        The figure and its channel; None if the band is too expensive or not computable.
+    The band is computed from draws, or by Laplace's approximation for profiles. None if it is too
+    expensive or not computable.
     """
     frf = result.frf
     lines = frf.freq[frf.freq > 0]

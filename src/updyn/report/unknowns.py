@@ -139,19 +139,7 @@ def _parameter_notes(result: UpdateResult, parameter: Parameter) -> list[str]:
 def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
     """Return the estimates of one kind of unknown with 95 % intervals and bounds.
 
-    Factors are shown relative to their start, on a logarithmic axis.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    chosen : sequence of Parameter
-        Unknowns of one kind.
-
-    Returns
-    -------
-    Figure or None
-        None without unknowns.
+    Factors are shown relative to their start, on a logarithmic axis. None without unknowns.
     """
     if not chosen:
         return None
