@@ -20,17 +20,7 @@ _FINEST = 32767
 
 
 def as_json(scene: Scene) -> str:
-    """Return a scene as JSON that is safe inside a script element.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    str
-    """
+    """Return a scene as JSON that is safe inside a script element."""
     return embedded_json(encoded(scene))
 
 
@@ -45,16 +35,8 @@ def embedded_json(value: Any) -> str:
 def encoded(scene: Scene) -> dict[str, Any]:
     """Return a scene as objects that JSON can represent.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    dict of str to object
-        Float arrays as base64 of float32, integer arrays as base64 of int32. Shapes as ``data``,
-        base64 of int16, and ``scale``, the value of the integer 32767.
+    Float arrays are base64 of float32, integer arrays base64 of int32. Shapes are ``data``, base64
+    of int16, and ``scale``, the value of the integer 32767.
     """
     return {
         "format": FORMAT,

@@ -17,18 +17,7 @@ _HEIGHT = 440
 
 
 def model_frame(model: Model) -> str | None:
-    """Return a model in a frame for a notebook.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-
-    Returns
-    -------
-    str or None
-        HTML; None if the model has no geometry to draw, or too many nodes.
-    """
+    """Return a model as an HTML frame; None without a geometry to draw, or with too many nodes."""
     if model.geometry is None or len(model.geometry.nodes) > _MOST_NODES:
         return None
     try:
