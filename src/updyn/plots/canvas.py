@@ -248,25 +248,14 @@ def _whole(axes: Axes) -> Figure:
 
 # -- magnitude and phase ---------------------------------------------------------------------------
 def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
-    """Return magnitudes on the scale on which they are drawn.
+    """Return magnitudes on the scale `level`; nan for the logarithm of zero.
 
-    Parameters
-    ----------
-    values : array_like of complex
-        Values in their unit.
-    level : {"log", "dB", "linear"}
-        Scale.
-
-    Returns
-    -------
-    ndarray of float
-        Magnitudes in the same unit, or in dB relative to 1 unit; nan in place of the logarithm of
-        zero.
+    The result is in the unit of the values, or in dB relative to 1 unit.
 
     Raises
     ------
     OptionError
-        If `level` is not one of these.
+        If `level` is not "log", "dB" or "linear".
     """
     if level not in LEVELS:
         raise OptionError(f"level {level!r}: {suggest(str(level), LEVELS)}")
@@ -292,15 +281,7 @@ def phase_axis(axes: Axes) -> None:
 
 
 def log_axis(axes: Axes, which: str = "x") -> None:
-    """Make an axis logarithmic, with ticks at 1, 2 and 5 if it spans few decades.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Axes that already contain the curves.
-    which : {"x", "y"}
-        Which axis.
-    """
+    """Make the x or y axis logarithmic, with ticks at 1, 2 and 5 if it spans few decades."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set(**{f"{which}scale": "log"})
