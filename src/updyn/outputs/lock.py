@@ -49,12 +49,7 @@ else:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against writing by other processes and threads.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing folder.
+    """Lock an existing folder against writing by other processes and threads.
 
     Raises
     ------

@@ -99,11 +99,6 @@ class Manifest:
     def read(cls, folder: Path) -> Manifest:
         """Return the manifest of a folder; an empty one if there is no file.
 
-        Parameters
-        ----------
-        folder : Path
-            The folder, which need not exist.
-
         Raises
         ------
         FormatError
@@ -139,15 +134,7 @@ class Manifest:
         write_json(content, folder / MANIFEST)
 
     def obstacle(self, folder: Path, name: str) -> str:
-        """Return the reason why a file must not be replaced or removed; empty if it may.
-
-        Parameters
-        ----------
-        folder : Path
-            The folder of the manifest.
-        name : str
-            Path of the file relative to the folder.
-        """
+        """Return the reason why a file must not be replaced or removed; empty if it may."""
         entry = self.entries.get(name)
         return obstacle(folder, name, () if entry is None else (entry.sha256,))
 
@@ -181,39 +168,21 @@ def _why(error: Exception) -> str:
 
 
 def is_inside(name: str) -> bool:
-    """Return whether a name is a plain path inside a folder.
-
-    Parameters
-    ----------
-    name : str
-        Path with slashes.
-    """
+    """Return whether a name (with slashes) is a plain path inside a folder."""
     parts = PurePosixPath(name).parts
     plain = bool(parts) and ".." not in parts and not PurePosixPath(name).is_absolute()
     return plain and not PureWindowsPath(name).anchor and "\\" not in name and "\0" not in name
 
 
 def is_output(name: str) -> bool:
-    """Return whether a file has a fixed output name of the commands, not a name chosen in a job.
-
-    Parameters
-    ----------
-    name : str
-        Path relative to a folder of results, with slashes.
-    """
+    """Return whether a path in a results folder has a fixed output name of the commands."""
     *folders, last = name.split("/")
     plain = is_inside(name) and len(folders) <= _DEEPEST and not name.startswith(".")
     return plain and last in OUTPUT_NAMES
 
 
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 digest of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """Return the SHA-256 digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -221,14 +190,7 @@ def file_digest(path: Path) -> str:
 def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
     """Return the reason why a file must not be replaced or removed; empty if it may.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    name : str
-        Path of the file relative to the folder.
-    digests : iterable of str
-        Digests of the contents that may be replaced.
+    `digests` are those of the contents that may be replaced.
     """
     path = folder / name
     for parent in reversed(PurePosixPath(name).parents[:-1]):
@@ -252,19 +214,7 @@ def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
 
 
 def obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    """Return the files of a folder that must not be replaced, with the reasons.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder, which need not exist.
-    names : iterable of str
-        Paths relative to the folder.
-
-    Returns
-    -------
-    dict of str to str
-        Reasons by name; empty if all may be written.
+    """Return the reasons by name for the files of a folder that must not be replaced.
 
     Raises
     ------

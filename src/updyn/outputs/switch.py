@@ -50,11 +50,8 @@ _NAME = re.compile(r"\.(unfinished|finished)-[0-9a-f]{16}")
 def open_folder(folder: Path) -> Iterator[None]:
     """Create a folder if missing, lock it, and complete an interrupted switch in it.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder. If the block raises, the folder and its parents are removed again, if they were
-        created here and are empty.
+    If the block raises, the folder and its parents are removed again, if they were created here and
+    are empty.
 
     Raises
     ------
@@ -68,13 +65,7 @@ def open_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def create_folder(folder: Path) -> Iterator[None]:
-    """Create a folder and its parents; if the block raises, remove those of them that are empty.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    """
+    """Create a folder and its parents; if the block raises, remove those of them that are empty."""
     created = [path for path in (folder, *folder.absolute().parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as undo:
@@ -229,10 +220,7 @@ def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
 def recover(folder: Path) -> None:
     """Complete or remove the interrupted switches that killed processes left in a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder, which need not exist.
+    The folder need not exist.
 
     Raises
     ------
