@@ -8,8 +8,7 @@ Read a model and measured FRFs, choose the unknowns, update, judge, hand over::
     result = updyn.update(model, frf, unknowns)
     print(result.summary())
 
-Importing updyn loads numpy and scipy only; the names in ``__init__.pyi`` are loaded when they are
-first used.
+Importing updyn loads numpy and scipy only; the names in ``__init__.pyi`` are loaded on first use.
 """
 
 import lazy_loader

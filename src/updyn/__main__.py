@@ -3,7 +3,7 @@
 import signal
 import sys
 
-# Ctrl-C before the command line has its handlers, and after it, ends the process without a word.
+# Ctrl-C before the command line installs its handlers, and afterwards, ends the process silently.
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from updyn.cli import main  # noqa: E402

@@ -1,8 +1,8 @@
 """Degrees of freedom: strict labels, sign, order, matching and complement.
 
-A label reads ``node:direction`` with an optional sign on the direction: ``"12:Z"``, ``"12:-Z"``,
-``"3:RX"``. The sign says which way the sensor (or the hammer) pointed; a model's own DOFs are
-positive.
+A label has the form ``node:direction`` with an optional sign on the direction: ``"12:Z"``,
+``"12:-Z"``, ``"3:RX"``. The sign gives the orientation of the sensor (or the hammer); the DOFs of
+a model are positive.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INDEX = {name: i for i, name in enumerate(DIRECTIONS)}
 _LABEL = re.compile(r"(-?[0-9]+):([+-]?)(R?[XYZ])")
 _LARGEST_NODE = 10**17  # node * 6 + direction, and a difference of two, have to fit 64 bits
-_MOST_DIGITS = 100  # of a number that is worth converting; zeros in front count
+_MOST_DIGITS = 100  # longest number that is converted, leading zeros included
 _SHAPE = "node:direction, with an integer node, an optional sign and one of " + ", ".join(
     DIRECTIONS
 )
@@ -84,12 +84,12 @@ class Dof:
         Parameters
         ----------
         label : str or Dof
-            The text; a `Dof` is returned as it is.
+            The text; a `Dof` is returned unchanged.
 
         Returns
         -------
         Dof
-            What the label says.
+            The degree of freedom.
 
         Raises
         ------
@@ -130,9 +130,9 @@ class Match:
 class DofSet(Sequence[Dof]):
     """An ordered, immutable set of degrees of freedom.
 
-    Held as arrays: a million DOFs take some 35 MB and are matched in a fraction of a second. Two
-    sets are equal if they hold the same DOFs with the same signs in the same order; `in` and
-    `match` look at node and direction only.
+    The DOFs are stored as arrays: a million DOFs take about 35 MB and are matched in a fraction of
+    a second. Two sets are equal if they have the same DOFs with the same signs in the same order;
+    `in` and `match` compare node and direction only.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class DofSet(Sequence[Dof]):
     Raises
     ------
     DofError
-        If a label cannot be read or a DOF stands twice (with either sign).
+        If a label cannot be read or a DOF occurs twice (with either sign).
 
     Examples
     --------
@@ -163,7 +163,7 @@ class DofSet(Sequence[Dof]):
 
     def __init__(self, dofs: Iterable[str | Dof]) -> None:
         if isinstance(dofs, DofSet):
-            for name in DofSet.__slots__:  # nothing of it can change, so it is shared
+            for name in DofSet.__slots__:  # immutable, so the arrays are shared
                 object.__setattr__(self, name, getattr(dofs, name))
             return
         if isinstance(dofs, str):
@@ -180,7 +180,7 @@ class DofSet(Sequence[Dof]):
     def from_arrays(
         cls, nodes: ArrayLike, axes: ArrayLike, signs: ArrayLike | None = None
     ) -> DofSet:
-        """Build from arrays, without a label a DOF.
+        """Build from arrays instead of labels.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class DofSet(Sequence[Dof]):
         axes : array_like of int, shape (n,)
             Directions, 0 to 5 for X Y Z RX RY RZ.
         signs : array_like of int, shape (n,), optional
-            +1 or -1. None: all +1.
+            +1 or -1; by default all +1.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class DofSet(Sequence[Dof]):
         Raises
         ------
         DofError
-            If an index or a sign is out of range, or a DOF stands twice.
+            If an index or a sign is out of range, or a DOF occurs twice.
         """
         node = whole_numbers(nodes, "DOF nodes")
         axis = whole_numbers(axes, "DOF directions")
@@ -314,17 +314,17 @@ class DofSet(Sequence[Dof]):
         other : iterable of str or Dof
             The DOFs to find.
         what : str
-            How to call them in an error, for instance ``"response"``.
+            Name of the DOFs in an error message, such as ``"response"``.
 
         Returns
         -------
         Match
-            Position here, and product of the two signs, of each DOF of `other`.
+            Position in this set and product of the two signs, for each DOF of `other`.
 
         Raises
         ------
         DofError
-            If one is not here; the message lists the nearest that are.
+            If a DOF is not in this set; the message lists the nearest ones.
         """
         wanted = DofSet(other)
         index, found = self._find(wanted)
@@ -353,7 +353,7 @@ class DofSet(Sequence[Dof]):
         Raises
         ------
         DofError
-            If one of `other` is not here; the message lists the nearest that are.
+            If a DOF of `other` is not in this set; the message lists the nearest ones.
         """
         keep = np.ones(len(self), dtype=np.bool_)
         keep[self.match(other).index] = False
@@ -370,27 +370,10 @@ class DofSet(Sequence[Dof]):
 def positions(
     given: ArrayLike, n: int, what: str, error: type[InputError] = DofError
 ) -> NDArray[np.intp]:
-    """Return the positions of items that are named by their numbers from 0, or by a flag for each.
+    """Return the positions of items given by their numbers from 0 (each once) or by `n` flags.
 
-    Parameters
-    ----------
-    given : array_like of int or bool
-        The numbers, each once; or `n` flags.
-    n : int
-        How many items there are.
-    what : str
-        How to call them in an error.
-    error : type
-        The error to raise.
-
-    Returns
-    -------
-    ndarray of int, shape (k,)
-
-    Raises
-    ------
-    InputError
-        Of type `error`, if one is not there or named twice, or something else is given.
+    An error of type `error`, with the name `what`, is raised if a number is out of range or occurs
+    twice, or something else is given.
     """
     array = _array_of(given, what, error)
     if array.dtype.kind == "b" and array.shape == (n,):
@@ -406,26 +389,9 @@ def positions(
 def whole_numbers(
     given: ArrayLike, what: str, error: type[InputError] = DofError
 ) -> NDArray[np.int64]:
-    """Return `given` as integers; a fraction, a text or a truth value is refused, not rounded.
+    """Return `given` as a new integer array of its shape; fractions and booleans are errors.
 
-    Parameters
-    ----------
-    given : array_like
-        Whole numbers, of an integer or a floating type.
-    what : str
-        How to call them in an error.
-    error : type
-        The error to raise.
-
-    Returns
-    -------
-    ndarray of int64, shape of `given`
-        A new array.
-
-    Raises
-    ------
-    InputError
-        Of type `error`, if one is not a whole number.
+    An error of type `error`, with the name `what`, is raised if one is not a whole number.
     """
     array = _array_of(given, what, error)
     if array.dtype.kind not in "iuf":

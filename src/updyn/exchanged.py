@@ -1,9 +1,9 @@
-"""`Exchanged`: a group as it would be with the section axes of its beams exchanged (Iy and Iz).
+"""`Exchanged`: variant of a group with exchanged section axes of its beams (Iy and Iz).
 
-Models of beams with exchanged section axes, or with an orientation vector that is turned by 90
-degrees, are a frequent mistake. The elements that make a group know its sections and keep a recipe
-for the other matrices; they are computed where an error of the model is looked for, and only then.
-A reader of matrices alone keeps no recipe, and a stored model has none.
+Exchanged section axes, or an orientation vector turned by 90 degrees, are frequent mistakes in
+models of beams. The elements of a group know their sections and keep a recipe for the matrices of
+the variant; these are computed only when model errors are sought. A reader of bare matrices keeps
+no recipe, and a stored model has none.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class StiffnessAndMass:
     Parameters
     ----------
     stiffness, mass : sparse, shape (N, N), or None
-        In N/m and kg; None: the group has none.
+        In N/m and kg; None if the group has no such matrix.
     """
 
     stiffness: Any | None
@@ -33,7 +33,7 @@ class StiffnessAndMass:
 
 
 class Recipe(Protocol):
-    """How the matrices of a group follow from its elements."""
+    """Computation of the matrices of a group from its elements."""
 
     def matrices(self) -> StiffnessAndMass:
         """Compute stiffness and mass with exchanged section axes.
@@ -51,15 +51,16 @@ class Exchanged:
     Parameters
     ----------
     recipe : Recipe
-        Computes the matrices as the elements give them.
+        Computation of the matrices from the elements.
     what : str
-        What to exchange in the definition of the model: "Iyy and Izz in the section of beam 'a'".
+        Properties to exchange in the definition of the model: "Iyy and Izz in the section of beam
+        'a'".
     turn : str
-        What to turn instead: "its orientation by 90 degrees"; empty where there is none.
+        Property to turn instead: "its orientation by 90 degrees"; empty if there is none.
     maps : tuple of sparse
-        Transformations T of the DOFs since then, in order: A becomes T^T A T.
+        Later transformations T of the DOFs, in order: A becomes T^T A T.
     stiffness, mass : float
-        Factors on the matrices since then.
+        Later factors on the matrices.
     """
 
     recipe: Recipe
@@ -89,7 +90,7 @@ class Exchanged:
         Parameters
         ----------
         T : sparse, shape (N, n)
-            The present DOFs by the new ones.
+            Present DOFs as combinations of the new DOFs.
 
         Returns
         -------

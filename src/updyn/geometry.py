@@ -25,18 +25,18 @@ class Geometry:
     xyz : array_like of float, shape (n, 3)
         Positions in m.
     lines : array_like of int, shape (m, 2), optional
-        Pairs of node numbers, to draw.
+        Pairs of node numbers of lines to draw.
     axes : array_like of float, shape (n, 3, 3), optional
         Displacement directions of each node: rows are its X, Y, Z, orthonormal (to 1e-4), in the
-        global system. None: global.
+        global system. By default, the global axes.
     faces : array_like of int, shape (k, 4), optional
-        Quadrangles as node numbers around them, to draw: shells, and the outer faces of solids. Of
-        a triangle the last node stands twice.
+        Quadrangles to draw (shells and outer faces of solids), by node numbers around each. The
+        last node of a triangle is repeated.
 
     Raises
     ------
     InputError
-        If shapes disagree, a node is not a whole number or stands twice, a position is not finite,
+        If shapes disagree, a node is not a whole number or occurs twice, a position is not finite,
         a line or a face names an unknown node, or the directions of a node are not orthonormal.
 
     Examples
@@ -102,12 +102,12 @@ class Geometry:
 
     @property
     def line_ends(self) -> NDArray[np.intp]:
-        """The ends of each line as places among `nodes`, shape (m, 2)."""
+        """The ends of each line as indices of `nodes`, shape (m, 2)."""
         return self._places(self.lines)
 
     @property
     def face_corners(self) -> NDArray[np.intp]:
-        """The corners of each face as places among `nodes`, shape (k, 4)."""
+        """The corners of each face as indices of `nodes`, shape (k, 4)."""
         return self._places(self.faces)
 
     def _places(self, numbers: NDArray[np.int64]) -> NDArray[np.intp]:

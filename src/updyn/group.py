@@ -1,15 +1,15 @@
 """`Group`: one named part of a model, its matrices and its damping.
 
-What a group adds to the dynamic stiffness (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2
-of eq. 1; the Rayleigh terms after Rayleigh, The Theory of Sound, vol. 1, 2nd ed. 1894, section
-97)::
+Contribution of a group to the dynamic stiffness (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1
+and C2 of eq. 1; the Rayleigh terms after Rayleigh, The Theory of Sound, vol. 1, 2nd ed. 1894,
+section 97)::
 
     Z_e(omega) = (1 + i gamma r(f) + i omega beta) K + i omega C - (omega^2 - i omega alpha) M
 
-with the loss factor gamma, its relative course r over frequency (1 where there is no table), and
-the Rayleigh coefficients alpha (1/s, `mass_damping`) and beta (s, `stiffness_damping`). All of them
-are relative to the matrices as they are: a factor on a group's stiffness or mass multiplies the
-damping that comes from it.
+with the loss factor gamma, its relative variation r over frequency (1 without a table), and the
+Rayleigh coefficients alpha (1/s, `mass_damping`) and beta (s, `stiffness_damping`). All are
+relative to the current matrices: a factor on a group's stiffness or mass also multiplies the
+damping proportional to it.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ Matrix: TypeAlias = Any
 
 MATRICES = ("stiffness", "mass", "viscous")
 
-#: What can change in a group, and the matrix that it acts on. Matrices change by a factor, all
-#: others are values.
+#: Quantities of a group that can change, and the matrix on which each acts. Matrices change by a
+#: factor; all others are values.
 GROUP_QUANTITIES = {
     "stiffness": "stiffness",
     "mass": "mass",
@@ -56,17 +56,16 @@ GROUP_QUANTITIES = {
     "stiffness_damping": "stiffness",
 }
 
-#: Those that are values, with their units; all are damping, not negative, and 0 where nothing is
-#: said.
+#: Quantities that are values, with their units; all are damping, not negative, and 0 by default.
 VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
 
-#: All damping of a group besides its viscous matrix, as `Group` takes it by name.
+#: All damping of a group except its viscous matrix, by argument name of `Group`.
 DAMPING = (*VALUES, "loss_table")
 
-#: Rounding of an entry, as a share of the largest.
+#: Rounding error of a matrix entry, relative to the largest entry.
 ROUNDING = 1e-10
 
-#: Whole numbers from here on are no double.
+#: Integers from here on do not fit a double.
 _LARGEST = 2**1023
 
 
@@ -78,32 +77,34 @@ class Group:
     ----------
     stiffness, mass : array_like or sparse, shape (N, N), optional
         Real symmetric contribution of the part to K (N/m) and M (kg), in the DOFs of the model.
-        None: the part has no such contribution.
+        None if the part has no such contribution.
     loss_factor : float
         Structural (hysteretic) loss factor gamma, relative to `stiffness`; not negative.
     viscous : array_like or sparse, shape (N, N), optional
-        Likewise the contribution to C1 (N s/m).
+        Contribution of the part to C1 (N s/m).
     mass_damping : float
-        Rayleigh coefficient alpha in 1/s: alpha times `mass` is viscous damping, too. Not negative.
+        Rayleigh coefficient alpha in 1/s: alpha times `mass` is added to the viscous damping. Not
+        negative.
     stiffness_damping : float
-        Rayleigh coefficient beta in s: so is beta times `stiffness`. Not negative.
+        Rayleigh coefficient beta in s: beta times `stiffness` is added to the viscous damping. Not
+        negative.
     loss_table : LossTable or (array_like, array_like), optional
-        Lines in Hz and factors: the loss factor is `loss_factor` times the factor at each line,
-        linear in between. The part answers at no line outside.
+        Frequencies in Hz and factors: the loss factor is `loss_factor` times the factor at each
+        frequency, with linear interpolation. Evaluation outside the table is an error.
 
     Attributes
     ----------
     exchanged : Exchanged or None
-        The same part with the section axes of its beams exchanged, where it was made of elements
-        that know them (`with_exchanged`); for the search for causes. A group of other matrices has
-        none, and it is not stored with a model.
+        The same part with exchanged section axes of its beams, if it was made of elements with
+        known sections (`with_exchanged`); used by the search for causes. None for other matrices;
+        not stored with a model.
 
     Raises
     ------
     ModelError
-        If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes
-        differ, a damping coefficient is not a finite number of at least 0, or there is nothing that
-        a damping coefficient above 0 or a loss table could act on.
+        If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry),
+        sizes differ, a damping coefficient is not a finite number of at least 0, or the matrix on
+        which a damping coefficient above 0 or a loss table acts is missing.
 
     Examples
     --------
@@ -174,7 +175,7 @@ class Group:
         damping: Mapping[str, Any],
         exchanged: Exchanged | None = None,
     ) -> Group:
-        """Build from matrices that came out of a `Group` and need no second check."""
+        """Build from matrices of an existing `Group`, without a second check."""
         out = cls.__new__(cls)
         object.__setattr__(out, "exchanged", exchanged)
         for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
@@ -205,7 +206,7 @@ class Group:
 
     @property
     def damping(self) -> dict[str, Any]:
-        """The damping without the viscous matrix, by name, as `Group` takes it."""
+        """The damping except the viscous matrix, by argument name of `Group`."""
         out: dict[str, Any] = {"loss_factor": self.loss_factor}
         for name in VALUES:
             value = getattr(self, name)
@@ -217,7 +218,7 @@ class Group:
 
     @property
     def damping_words(self) -> str:
-        """The damping without the viscous matrix, as text."""
+        """The damping except the viscous matrix, as text."""
         units = {name: f" {unit}".rstrip() for name, unit in VALUES.items()}
         said = [
             f"{name.replace('_', ' ')} {value:g}{units[name]}"
@@ -245,7 +246,7 @@ class Group:
         Raises
         ------
         ModelError
-            If there is no such quantity.
+            If the quantity is unknown.
         """
         if quantity not in GROUP_QUANTITIES:
             raise ModelError(
@@ -264,21 +265,21 @@ class Group:
         Returns
         -------
         float
-            1 for a factor, else the group's own value.
+            1 for a factor, otherwise the value in the group.
         """
         if quantity not in VALUES:
             return 1.0
         return float(getattr(self, quantity))
 
     def loss_at(self, freq: float, name: str) -> float:
-        """Return the loss factor at a line.
+        """Return the loss factor at a frequency.
 
         Parameters
         ----------
         freq : float
-            The line in Hz.
+            Frequency in Hz.
         name : str
-            The group's, for messages.
+            Name of the group, for messages.
 
         Returns
         -------
@@ -287,14 +288,14 @@ class Group:
         Raises
         ------
         ModelError
-            If the line lies outside the group's table.
+            If the frequency lies outside the group's table.
         """
         if self.loss_table is None or not self.loss_factor:
             return self.loss_factor
         return self.loss_factor * float(self.loss_table.at(np.array([freq]), name)[0])
 
     def viscous_part(self) -> Matrix | None:
-        """Return the viscous matrix plus alpha M plus beta K; None where there is none."""
+        """Return the viscous matrix plus alpha M plus beta K; None if all are zero."""
         shares = (
             (self.viscous, 1.0),
             (self.mass, self.mass_damping),
@@ -330,14 +331,14 @@ class Group:
         return Group(stiffness, mass, viscous=viscous, **self.damping)
 
     def transformed(self, change: Callable[[Matrix], Matrix], T: Matrix) -> Group:
-        """Return a group in other DOFs, its variant with exchanged section axes included.
+        """Return the group in other DOFs, including its variant with exchanged section axes.
 
         Parameters
         ----------
         change : callable
-            Returns a matrix in the new DOFs, T^T A T.
+            Function that returns T^T A T, a matrix in the new DOFs.
         T : sparse, shape (N, n)
-            The DOFs of this group by the new ones.
+            DOFs of this group as combinations of the new DOFs.
 
         Returns
         -------
@@ -348,12 +349,12 @@ class Group:
         return self.with_matrices(K, M, C).with_exchanged(exchanged)
 
     def with_exchanged(self, exchanged: Exchanged | None) -> Group:
-        """Return the group with what is known of it with exchanged section axes.
+        """Return the group with a description of its variant with exchanged section axes.
 
         Parameters
         ----------
         exchanged : Exchanged or None
-            None: nothing is known.
+            The variant; None if unknown.
 
         Returns
         -------
@@ -367,12 +368,12 @@ class Group:
         Returns
         -------
         Group
-            Without a way back.
+            The group, without a description of the variant.
 
         Raises
         ------
         ModelError
-            If nothing is known of sections, or the elements cannot be computed.
+            If the sections are unknown, or the elements cannot be computed.
         """
         if self.exchanged is None:
             raise ModelError("the group has no beams whose section axes are known")
@@ -380,13 +381,13 @@ class Group:
         return self.with_matrices(found.stiffness, found.mass, self.viscous)
 
     def with_damping(self, damping: Mapping[str, Any]) -> Group:
-        """Return a group of the same matrices with other damping.
+        """Return a group with the same matrices and other damping.
 
         Parameters
         ----------
         damping : mapping of str to float, LossTable or None
             ``loss_factor``, ``mass_damping``, ``stiffness_damping`` and ``loss_table`` as for
-            `Group`; what is not named stays.
+            `Group`; other damping is unchanged.
 
         Returns
         -------
@@ -395,7 +396,7 @@ class Group:
         Raises
         ------
         ModelError
-            If a name is not one of these, or a value is not usable.
+            If a name is not one of these, or a value is invalid.
         """
         for name in damping:
             if name not in DAMPING:
@@ -404,7 +405,7 @@ class Group:
         return Group._checked(*self._matrices, changed, self.exchanged)
 
     def changed(self, change: Mapping[str, float]) -> Group:
-        """Return a changed copy, without a check.
+        """Return a changed copy, without checks.
 
         Parameters
         ----------
@@ -414,7 +415,7 @@ class Group:
         Returns
         -------
         Group
-            What is unchanged is shared with this one.
+            The copy; unchanged matrices are shared with this group.
         """
         new = {name: change[name] for name in VALUES if name in change}
         stiffness, mass, viscous = (
@@ -428,17 +429,17 @@ class Group:
 
 
 def is_number(value: object) -> bool:
-    """Tell whether something is a real number.
+    """Return whether a value is a real number.
 
     Parameters
     ----------
     value : object
-        Anything.
+        The value.
 
     Returns
     -------
     bool
-        False for truth values, too, and for whole numbers beyond all doubles.
+        False for booleans, too, and for integers that do not fit a double.
     """
     if isinstance(value, int) and not isinstance(value, bool):
         return abs(value) < _LARGEST
@@ -462,17 +463,17 @@ def _times(matrix: Matrix | None, factor: float) -> Matrix | None:
 
 
 def read_only(matrix: Matrix) -> Matrix:
-    """Close the arrays of a sparse matrix to writing.
+    """Make the arrays of a sparse matrix read-only.
 
     Parameters
     ----------
     matrix : sparse
-        In a compressed form.
+        Matrix in a compressed format.
 
     Returns
     -------
     sparse
-        The same.
+        The same object.
     """
     for array in (matrix.data, matrix.indices, matrix.indptr):
         array.flags.writeable = False
@@ -522,25 +523,25 @@ def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
     return read_only(matrix)
 
 
-#: A line may be so far outside, as a share, by rounding.
+#: Relative tolerance for frequencies outside a table by rounding.
 _TABLE_ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class LossTable:
-    """A loss factor over frequency, relative to its value: linear between lines, none outside.
+    """Relative loss factor over frequency, linear between lines and undefined outside.
 
     Parameters
     ----------
     freq : array_like of float, shape (n,)
-        Lines in Hz, ascending; two at least.
+        Frequencies in Hz, ascending; at least two.
     relative : array_like of float, shape (n,)
-        Factor on the loss factor at each of them; not negative.
+        Factor on the loss factor at each frequency; not negative.
 
     Raises
     ------
     ModelError
-        If the two do not fit together, or a number is not usable.
+        If the two lengths differ, or a number is invalid.
 
     Examples
     --------
@@ -591,14 +592,14 @@ class LossTable:
         return f"LossTable({len(self.freq)} lines, {self.freq[0]:g} to {self.freq[-1]:g} Hz)"
 
     def at(self, freq: NDArray[np.float64], group: str) -> NDArray[np.float64]:
-        """Return the factor at some lines.
+        """Return the factor at given frequencies.
 
         Parameters
         ----------
         freq : ndarray of float, shape (n,)
-            Lines in Hz.
+            Frequencies in Hz.
         group : str
-            Whose table it is, for messages.
+            Name of the group, for messages.
 
         Returns
         -------
@@ -607,7 +608,7 @@ class LossTable:
         Raises
         ------
         ModelError
-            If a line lies outside the table.
+            If a frequency lies outside the table.
         """
         low, high = self.freq[0], self.freq[-1]
         outside = (freq < low * (1.0 - _TABLE_ROUNDING)) | (freq > high * (1.0 + _TABLE_ROUNDING))
@@ -621,12 +622,12 @@ class LossTable:
 
 
 def as_table(given: Any) -> LossTable | None:
-    """Return a `LossTable` from anything that `Group` accepts as one.
+    """Return a `LossTable` from a value that `Group` accepts.
 
     Parameters
     ----------
     given : LossTable, pair of array_like, or None
-        Two rows: lines in Hz and factors.
+        Two rows: frequencies in Hz and factors.
 
     Returns
     -------
@@ -635,7 +636,7 @@ def as_table(given: Any) -> LossTable | None:
     Raises
     ------
     ModelError
-        If it is neither, or the numbers are not usable.
+        If the value has another form, or a number is invalid.
     """
     if given is None or isinstance(given, LossTable):
         return given

@@ -1,7 +1,7 @@
-"""How objects show themselves in a notebook: small tables and pictures, as HTML without scripts.
+"""HTML of objects in a notebook: small tables and pictures without scripts.
 
-What is made here stays in an exported notebook, needs no network, and escapes every text: labels
-come from files. Pictures have a light ground, whatever that of the notebook is.
+The HTML stays in an exported notebook, needs no network, and escapes every text, as labels come
+from files. Pictures have a light background, independent of that of the notebook.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from updyn.style import FIGURE_TEXT, PAPER, SPACES, category
 __all__ = ["VIEWERS", "Curve", "badge", "card", "curves", "spans", "structure", "table", "viewed"]
 
 #: Interactive views by class of object, such as ``"Model"``: functions from the object to HTML, or
-#: None where it cannot be shown so.
+#: None if it has no interactive view.
 VIEWERS: Registry[Callable[[Any], str | None]] = Registry(
     "notebook viewer",
     "updyn.notebook_viewers",
@@ -30,29 +30,29 @@ VIEWERS: Registry[Callable[[Any], str | None]] = Registry(
 
 _Real = NDArray[np.float64]
 
-#: Size of a picture in px, and its margins: left, right, above, below.
+#: Size of a picture in px, and its margins: left, right, top, bottom.
 _WIDTH, _HEIGHT = 620, 210
 _LEFT, _RIGHT, _ABOVE, _BELOW = 62, 12, 24, 36
-#: Steps of a curve, each with its least and greatest value.
+#: Number of bins of a curve, each drawn with its minimum and maximum.
 _STEPS = 600
-#: Rows of a table, and lines of a structure.
+#: Largest number of rows of a table, and of lines of a structure.
 _MOST_ROWS, _MOST_LINES = 20, 3000
-#: Eye of the picture of a structure: azimuth and elevation in degrees.
+#: View direction of the picture of a structure: azimuth and elevation in degrees.
 _EYE = 38.0, 24.0
 
 
 # -- text ------------------------------------------------------------------------------------------
 def card(title: str, facts: Mapping[str, object], *parts: str) -> str:
-    """Return an object as HTML: its title, its facts in a line, and parts below.
+    """Return an object as HTML: its title, a line of facts, and parts below.
 
     Parameters
     ----------
     title : str
-        What it is, as text.
+        Title, as text.
     facts : mapping of str to object
-        Values by name, as text; empty ones are left out.
+        Values by name, as text; empty values are skipped.
     *parts : str
-        HTML; empty ones are left out.
+        HTML; empty parts are skipped.
 
     Returns
     -------
@@ -72,14 +72,14 @@ def card(title: str, facts: Mapping[str, object], *parts: str) -> str:
 
 
 def badge(text: str, kind: str) -> str:
-    """Return a word on a ground that says whether it is good news.
+    """Return a word on a background whose colour shows its kind.
 
     Parameters
     ----------
     text : str
         The word.
     kind : {"good", "warn", "bad"}
-        What it is.
+        Kind of message.
 
     Returns
     -------
@@ -94,14 +94,14 @@ def badge(text: str, kind: str) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: Iterable[int] = (0,)) -> str:
-    """Return a table as HTML; of many rows the first ones, and how many there are beside them.
+    """Return a table as HTML; for many rows, the first ones and the number of the others.
 
     Parameters
     ----------
     header : sequence of str
         Names of the columns.
     rows : sequence of sequence of str
-        As many cells each.
+        Rows with one cell per column.
     left : iterable of int
         Columns that are aligned to the left; the others are aligned to the right.
 
@@ -132,14 +132,14 @@ def _row(kind: str, cells: Sequence[str], left: set[int]) -> str:
 
 
 def viewed(shown: object, otherwise: Callable[[], str]) -> str:
-    """Return the interactive view of an object where one is registered, else a picture.
+    """Return the interactive view of an object if one is registered, else a picture.
 
     Parameters
     ----------
     shown : object
         The object; `VIEWERS` has views by the name of its class.
     otherwise : callable
-        Makes the picture.
+        Function that returns the picture.
 
     Returns
     -------
@@ -159,9 +159,9 @@ class Curve:
     Parameters
     ----------
     name : str
-        In the legend.
+        Name in the legend.
     y : array_like of float, shape (n,)
-        Its values; it has a gap where they are not finite.
+        Values; values that are not finite leave gaps.
     """
 
     name: str
@@ -177,16 +177,16 @@ def curves(
     log_y: bool = True,
     stems: bool = False,
 ) -> str:
-    """Return curves over one axis as a picture.
+    """Return curves over a common axis as a picture.
 
     Parameters
     ----------
     x : array_like of float, shape (n,)
-        Ascending.
+        Ascending values of the horizontal axis.
     shown : sequence of Curve
         The curves.
     titles : (str, str)
-        Of the two axes, with their units.
+        Titles of the two axes, with units.
     log_x, log_y : bool
         Whether an axis is logarithmic.
     stems : bool
@@ -195,7 +195,7 @@ def curves(
     Returns
     -------
     str
-        SVG; empty where there is nothing to draw.
+        SVG; empty if there is nothing to draw.
     """
     at = _on_axis(x, log_x)
     heights = [_on_axis(curve.y, log_y) for curve in shown]
@@ -233,7 +233,7 @@ def _on_axis(values: ArrayLike, logarithmic: bool) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """The map from values (of a logarithmic axis: their logarithms) to px, and its marks."""
+    """Map from values (on a logarithmic axis: their logarithms) to px, with tick marks."""
 
     low: float
     high: float
@@ -243,7 +243,7 @@ class _Axis:
 
     @classmethod
     def of(cls, low: float, high: float, first: float, last: float, log: bool) -> _Axis:
-        """Return an axis with some room above and below the values."""
+        """Return an axis with a margin above and below the values."""
         room = 0.03 * (high - low) or 0.05 * abs(high) or 1.0
         return cls(low - room * (low != 0.0 or log), high + room, first, last, log)
 
@@ -252,7 +252,7 @@ class _Axis:
         return np.asarray(self.first + share * (self.last - self.first))
 
     def marks(self) -> list[tuple[float, str]]:
-        """Return places in px and texts of round values."""
+        """Return positions in px and labels of the tick marks."""
         if self.logarithmic and self.high - self.low > 1.5:
             every = max(1, math.ceil((self.high - self.low) / 5.0))
             values = np.arange(math.ceil(self.low), math.floor(self.high) + 1, every)
@@ -276,7 +276,7 @@ class _Axis:
 
 
 def _frame(across: _Axis, up: _Axis, titles: tuple[str, str]) -> str:
-    """Return grid, marks and titles of the axes."""
+    """Return grid, tick marks and titles of the axes."""
     bottom, right = _HEIGHT - _BELOW, _WIDTH - _RIGHT
     parts = []
     for place, text in across.marks():
@@ -302,7 +302,7 @@ def _text(x: float, y: float, text: str, anchor: str, role: str = "text") -> str
 
 
 def _legend(names: Sequence[str]) -> str:
-    """Return the names of the curves in their colours, at the upper right."""
+    """Return the names of the curves in their colours, for the upper right corner."""
     spans = []
     for number, name in enumerate(names[:6]):
         colour, _ = category(number)
@@ -313,7 +313,7 @@ def _legend(names: Sequence[str]) -> str:
 
 
 def _path(x: _Real, y: _Real, _foot: _Real) -> str:
-    """Return a curve, of many points the least and the greatest of each step: peaks stay."""
+    """Return a curve; of many points only the minimum and maximum of each bin, to keep peaks."""
     if len(x) > 2 * _STEPS:
         edges = np.linspace(0, len(x), _STEPS + 1).round().astype(np.intp)
         chosen: list[int] = []
@@ -349,19 +349,19 @@ def _svg(parts: Sequence[str], height: float) -> str:
 
 # -- intervals -------------------------------------------------------------------------------------
 def spans(rows: Sequence[tuple[str, float, float, float]], title: str) -> str:
-    """Return values with their intervals as a picture, a row each.
+    """Return values with their intervals as a picture, one row per value.
 
     Parameters
     ----------
     rows : sequence of (str, float, float, float)
         Name, lower end, value, upper end; ends that are not finite are not drawn.
     title : str
-        Of the axis, with its unit.
+        Title of the axis, with its unit.
 
     Returns
     -------
     str
-        SVG; empty without finite values. Of many rows the first ones are drawn.
+        SVG; empty without finite values. For many rows, only the first ones are drawn.
     """
     drawn = [row for row in rows if math.isfinite(row[2])][:_MOST_ROWS]
     if not drawn:
@@ -394,20 +394,20 @@ def spans(rows: Sequence[tuple[str, float, float, float]], title: str) -> str:
 
 # -- structure -------------------------------------------------------------------------------------
 def structure(xyz: ArrayLike, ends: ArrayLike) -> str:
-    """Return a picture of nodes and the lines between them, from one side.
+    """Return a picture of nodes and the lines between them, from a fixed view direction.
 
     Parameters
     ----------
     xyz : array_like of float, shape (n, 3)
         Positions of the nodes in m.
     ends : array_like of int, shape (m, 2)
-        Lines as positions among the nodes; where there is none, nodes are drawn as dots.
+        Lines as indices of nodes; without lines, nodes are drawn as dots.
 
     Returns
     -------
     str
-        SVG; empty without nodes. Of more than 3000 lines or nodes evenly chosen ones are drawn,
-        which a note says.
+        SVG; empty without nodes. If there are more than 3000 lines or nodes, an evenly spaced
+        subset is drawn, with a note.
     """
     points, pairs = np.asarray(xyz, dtype=np.float64), np.asarray(ends, dtype=np.intp)
     if not len(points):

@@ -1,11 +1,11 @@
-"""Whether nodes of a test and of a model that have the same number are at the same place.
+"""Whether nodes of a test and of a model with equal numbers are at the same place.
 
-Numbers of a test and of a mesh are independent in most projects, and both begin with 1. Where both
+Numbers of a test and of a mesh are independent in most projects, and both begin with 1. If both
 have positions, nodes with equal numbers are compared. A distance is gross above `GROSS` of the
-model's size: the fifth mode of a beam has a wavelength of about 0.4 of its length, so that a sensor
-is an eighth of a wavelength from where it was measured. Up to `_COARSE` it is not gross where the
-node is the nearest one: the model is coarse. The systems of the two geometries may differ in unit,
-origin and axes: numbers are right where one unit, or one rigid motion, brings all pairs together.
+model's size: the fifth mode of a beam has a wavelength of about 0.4 of its length, so the sensor
+is an eighth of a wavelength away. For a coarse model, a distance up to `_COARSE` is not gross if
+the node is the nearest one. The coordinate systems may differ in unit, origin and axes: numbers
+are right if one unit, or one rigid motion, brings all pairs together.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ __all__ = [
 
 #: Metres of each unit of length.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-#: Distance of a pair from which it is gross, as a share of the model's size (diagonal of its box).
+#: Distance above which a pair is gross, as a share of the model's size (diagonal of its box).
 GROSS = 0.05
 
 _COORDINATES = 0.01  # tolerance of a match by coordinates, as a share of the model's size
 _SAME_SHAPE = 0.2  # rms distance of pairs in another unit over the rms radius of the nodes
 _RIGID_SHAPE = 0.1  # the same after a rigid motion, which has more freedom
-_BETTER = 0.25  # rms distance over that of the pairs as they are, below which another answer counts
+_BETTER = 0.25  # rms distance over that of the given pairs, below which another system is accepted
 _COARSE = 0.25  # largest distance to a nearest node that is not gross, as a share of the size
 _IN_LINE = 1e-6  # width of a set of points over its length
-_TURNED = 1.0  # degrees from which directions of the test are those of other axes
-_SHOWN = 6  # pairs that a message lists
+_TURNED = 1.0  # degrees of rotation from which test directions are taken to be along other axes
+_SHOWN = 6  # pairs listed in a message
 
 Points = NDArray[np.float64]
 
@@ -63,9 +63,9 @@ class System:
     Attributes
     ----------
     factor : float
-        Metres of the unit of the test's positions.
+        Length unit of the test's positions in metres.
     unit : str or None
-        Its name; None if it is m, or if the model is in another unit.
+        Name of the unit; None if it is m, or if the model has another unit.
     rotation : ndarray of float, shape (3, 3)
     shift : ndarray of float, shape (3,)
         In m.
@@ -107,7 +107,7 @@ class LabelCheck:
     Attributes
     ----------
     system : System
-        In which the positions of the test are compared.
+        System in which the positions of the test are compared.
     contradiction : str
         The message on the contradiction, with a remedy; empty if numbers and positions agree.
     proposal : mapping of str to object
@@ -154,7 +154,7 @@ def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
 
 
 def is_in_line(centred: Points) -> bool:
-    """Return whether points lie in a line or at one place, so that a turn about it is undetermined.
+    """Return whether points lie in a line or at one place, which leaves a rotation undetermined.
 
     Parameters
     ----------
@@ -196,13 +196,13 @@ def model_size(model: Model) -> float:
 
 
 def _used(model: Model) -> NDArray[np.bool_]:
-    """Return which nodes of the geometry of a model have a DOF."""
+    """Return a mask of the nodes of the geometry of a model that have a DOF."""
     assert model.geometry is not None
     return np.isin(model.geometry.nodes, model.dofs.nodes)
 
 
 def warn_of_labels(model: Model, frf: FRF) -> None:
-    """Warn if the positions of a measurement that is used by its labels contradict them.
+    """Warn if labels and positions of a measurement contradict each other.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def warn_of_labels(model: Model, frf: FRF) -> None:
     Warns
     -----
     UpdynWarning
-        If both have positions, and nodes with equal numbers are far from each other.
+        If both have positions, and nodes with equal numbers are far apart.
     """
     if model.geometry is None or frf.geometry is None:
         return
@@ -232,14 +232,14 @@ def warn_of_labels(model: Model, frf: FRF) -> None:
 def check_labels(
     model: Model, test: Geometry, nodes: Sequence[int], limit: float | None = None
 ) -> LabelCheck | None:
-    """Compare the positions of nodes that have the same number in test and model.
+    """Compare the positions of nodes with equal numbers in test and model.
 
     Parameters
     ----------
     model : Model
-        With a geometry.
+        Model with a geometry.
     test : Geometry
-        Of the test.
+        Geometry of the test.
     nodes : sequence of int
         Nodes matched by number.
     limit : float, optional
@@ -261,7 +261,7 @@ def check_labels(
 
 
 class _Comparison:
-    """Nodes in test and model, and the systems in which they are compared."""
+    """Positions of nodes in test and model, and the systems in which they are compared."""
 
     def __init__(
         self,
@@ -307,14 +307,14 @@ class _Comparison:
         agreeing = [system for system in moved if self.fits_moved(system)]
         if agreeing:
             return self.in_system(min(agreeing, key=lambda one: one.residual or 0.0))
-        if _rms(self.apart(here)) > self.size:  # another system: its distances tell nothing
+        if _rms(self.apart(here)) > self.size:  # another system, so the distances mean nothing
             here = min(moved, key=lambda one: abs(math.log(self.stretch(one))))
         return self.contradiction(here, {})
 
     # -- distances
     @cached_property
     def tree(self) -> tuple[KDTree, NDArray[np.int64]]:
-        """Tree of the positions of the nodes of the model, and these nodes."""
+        """Tree of the positions of the used nodes of the model, and these nodes."""
         geometry = self.model.geometry
         assert geometry is not None
         used = _used(self.model)
@@ -331,7 +331,7 @@ class _Comparison:
         return distance, names[at]
 
     def gross(self, system: System) -> NDArray[np.bool_]:
-        """Return which pairs are too far apart."""
+        """Return a mask of the pairs that are too far apart."""
         distance = np.linalg.norm(self.apart(system), axis=1)
         far = distance > self.limit
         if self.stated or not far.any():
@@ -340,7 +340,7 @@ class _Comparison:
         return np.asarray(far & ~(is_nearest & (distance <= _COARSE * self.size)))
 
     def stretch(self, system: System) -> float:
-        """Return the size of the test over that of the nodes of the model."""
+        """Return the size of the test relative to that of the nodes of the model."""
         points = system.apply(self.x)
         own = _rms(points - points.mean(axis=0))
         return own / self.radius if own > 0 and self.radius > 0 else math.inf
@@ -358,13 +358,13 @@ class _Comparison:
             return False
         distance, names = self.nearest(unit)
         if unit.factor != 1.0 and self.n_places < 3:
-            return False  # in some unit one or two nodes lie on others by chance
+            return False  # with a free unit, one or two nodes lie on others by chance
         near = bool((distance <= GROSS * self.size).all())
         distinct = len(np.unique(names)) >= self.n_places
         return near and distinct and _rms(distance) < _BETTER * _rms(self.apart(unit))
 
     def moved(self, unit: System) -> System:
-        """Return the system with the rigid motion that brings the pairs closest together."""
+        """Return the system with the rigid motion that best aligns the pairs."""
         R, shift = rigid_motion(unit.factor * self.x, self.y)
         system = replace(unit, rotation=R, shift=shift)
         return replace(system, residual=_rms(self.apart(system)))
@@ -374,7 +374,7 @@ class _Comparison:
         assert system.residual is not None
         most = min(_RIGID_SHAPE * self.radius, _BETTER * _rms(self.apart(System())))
         if system.factor != 1.0 and self.n_places < 3:
-            most *= 0.1  # some unit brings any two distances near each other
+            most *= 0.1  # with a free unit, any two distances can be made similar
         shape = system.residual <= max(most, 1e-12 * self.size)
         return shape and not self.gross(system).any()
 
@@ -408,7 +408,7 @@ class _Comparison:
         return LabelCheck(system, warning=warning)
 
     def spread_out(self) -> list[int]:
-        """Return three nodes that determine a motion well, of more than three."""
+        """Return three nodes (of more than three) that determine a motion well."""
         y = self.y
         first = int(np.argmax(np.linalg.norm(y - y.mean(axis=0), axis=1)))
         second = int(np.argmax(np.linalg.norm(y - y[first], axis=1)))
@@ -460,7 +460,7 @@ class _Comparison:
 
 
 def _other_units() -> Iterator[System]:
-    """Yield the test in other units, then the model."""
+    """Yield systems with other units of the test, then of the model."""
     for name, factor in UNITS.items():
         if name != "m":
             yield System(factor, name)
@@ -484,7 +484,7 @@ def _in_unit(system: System) -> LabelCheck:
 
 
 def _model_unit(system: System) -> str:
-    """Return the unit in which the model must be for its nodes to be those of the test."""
+    """Return the unit that the model must have for its nodes to match those of the test."""
     return next(name for name, factor in UNITS.items() if 1.0 / factor == system.factor)
 
 

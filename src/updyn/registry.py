@@ -25,7 +25,7 @@ Entry = TypeVar("Entry")
 
 
 def load_object(path: str) -> Any:
-    """Import what a text ``"module:attribute"`` names.
+    """Import the object that a text ``"module:attribute"`` names.
 
     Parameters
     ----------
@@ -42,14 +42,14 @@ def load_object(path: str) -> Any:
 
 
 class Registry(Mapping[str, Entry], Generic[Entry]):
-    """Entries of one kind of extension by name, in order, each imported when it is first used.
+    """Ordered entries of one kind of extension by name, each imported when it is first used.
 
     Parameters
     ----------
     kind : str
-        What an entry is, in the singular, for messages: ``"method"``.
+        Kind of the entries, in the singular, for messages: ``"method"``.
     group : str
-        Group of the entry points that add to it: ``"updyn.methods"``.
+        Entry point group of further entries: ``"updyn.methods"``.
     entries : mapping of str to object or str
         The built-in entries: objects, or texts ``"module:attribute"``.
     """
@@ -66,14 +66,14 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         Parameters
         ----------
         name : str
-            How it is called.
+            Name of the entry.
         entry : object or str
             The entry, or ``"module:attribute"``, imported when it is first used.
 
         Raises
         ------
         OptionError
-            If there is another entry of that name.
+            If another entry has that name.
         """
         known = self._entries.get(name)
         if known is not None and known != entry:
@@ -81,22 +81,22 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         self._entries[name] = entry
 
     def entry(self, name: str) -> Entry | str:
-        """Return an entry as it was registered: the object or ``"module:attribute"``, not imported.
+        """Return an entry as registered: the object or ``"module:attribute"``, not imported.
 
         Parameters
         ----------
         name : str
-            How it is called.
+            Name of the entry.
 
         Returns
         -------
         object or str
-            The object once it was imported.
+            The object if it was imported before.
 
         Raises
         ------
         KeyError
-            If there is none of that name.
+            If no entry has that name.
         """
         if name not in self._entries:
             self._add_entry_points()
@@ -127,12 +127,12 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         return name in self._entries
 
     def find(self, name: str) -> Entry:
-        """Return an entry that a user asked for.
+        """Return an entry requested by a user.
 
         Parameters
         ----------
         name : str
-            How it is called.
+            Name of the entry.
 
         Returns
         -------
@@ -142,7 +142,7 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         Raises
         ------
         OptionError
-            If there is none of that name; the nearest is named.
+            If no entry has that name; the message gives the nearest.
         """
         if name not in self:
             raise OptionError(f"{self.kind} {name!r}: {suggest(str(name), self)}")

@@ -33,21 +33,21 @@ _NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RA
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
-    """Where the unknowns act in a compiled model: a list of drives, one or more for each unknown.
+    """Terms of a compiled model that the unknowns drive: one or more drives per unknown.
 
-    A term's factor is the product of value**power over the drives that act on it; a loss factor or
-    a Rayleigh coefficient is the value itself.
+    A term's factor is the product of value**power over its drives; a loss factor or a Rayleigh
+    coefficient equals the value.
 
     Attributes
     ----------
     n : int
         Number of unknowns.
     owner : ndarray of int, shape (n_d,)
-        Unknown of each drive.
+        Index of the unknown of each drive.
     at : ndarray of int, shape (n_d,)
-        Term of each drive.
+        Index of the term of each drive.
     number : ndarray of int, shape (n_d,)
-        Which number of that term it is: 0 its factor, 1 its loss factor, 2 its viscous rate.
+        Driven number of that term: 0 factor, 1 loss factor, 2 viscous rate.
     power : ndarray of float, shape (n_d,)
         Exponent of the value in the factor.
     """
@@ -93,11 +93,11 @@ class Unknowns:
 
     @property
     def scales(self) -> NDArray[np.bool_]:
-        """Which drives scale a matrix; the others are a loss factor or a rate, shape (n_d,)."""
+        """Mask of drives that scale a matrix, shape (n_d,); others are a loss factor or a rate."""
         return np.asarray(self.number == _FACTOR)
 
     def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
-        """Return the state of a compiled model at some values of the unknowns.
+        """Return the state of a compiled model at given values of the unknowns.
 
         Parameters
         ----------
@@ -127,16 +127,16 @@ class Unknowns:
         values: NDArray[np.float64],
         omega: NDArray[np.float64],
     ) -> _Complex:
-        """Return the derivative of each drive's coefficient by its unknown.
+        """Return the derivative of each drive's coefficient with respect to its unknown.
 
         Parameters
         ----------
         system : AffineSystem
             The compiled model.
         state : State
-            Where; that of `values`.
+            State at `values`.
         values : ndarray of float, shape (n,)
-            The unknowns there.
+            Values of the unknowns.
         omega : ndarray of float, shape (n_f,)
             Lines in rad/s.
 
@@ -144,8 +144,7 @@ class Unknowns:
         -------
         ndarray of complex, shape (n_d, n_f)
         """
-        # Of the coefficient at a factor of 1: where a drive is alone and linear, factor over value
-        # is exactly that.
+        # Coefficients at a factor of 1: for a single linear drive, factor / value is exactly 1.
         unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[
             self.at
         ]
@@ -182,29 +181,29 @@ def receptance(
     Parameters
     ----------
     solver : FieldSolver
-        The compiled model and how to solve it.
+        Compiled model with its solver.
     unknowns : Unknowns
-        With respect to what to differentiate.
+        Unknowns of the derivatives.
     values : ndarray of float, shape (n_p,)
-        Where: the unknowns' values.
+        Values of the unknowns.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     rows, columns : ndarray of int
         DOFs of responses (n_i) and references (n_j).
     derivatives : bool
-        Whether derivatives are wanted.
+        Whether to compute derivatives.
     lines : ndarray of float, optional
-        All lines at these values, in Hz, of which `freq` is a block; by default it is all. How they
-        are solved depends on them.
+        All frequency lines of the computation in Hz, of which `freq` is a block; by default
+        `freq`. The choice of the solver depends on them.
     weights : ndarray of complex, shape (n_p, n_f), optional
-        What the derivatives by each unknown are multiplied by at each line; by default 1.
+        Factors on the derivatives with respect to each unknown at each line; by default 1.
 
     Returns
     -------
     H : ndarray of complex, shape (n_f, n_i, n_j)
         In m/N.
     dH : ndarray of complex, shape (n_p, n_f, n_i, n_j), or None
-        By unit of each unknown, times the weights.
+        Derivatives per unit of each unknown, times the weights.
 
     Raises
     ------
@@ -242,8 +241,8 @@ def fields_along(
 ) -> tuple[_Complex, _Complex]:
     """Compute fields of unit forces, and their derivatives along few directions, at all DOFs.
 
-    dU = -Z^-1 (dZ U): where many DOFs are looked at and few directions, that takes fewer solves
-    than a field for each DOF (`receptance`).
+    dU = -Z^-1 (dZ U). For many DOFs and few directions, this takes fewer solves than one field per
+    DOF (`receptance`).
 
     Parameters
     ----------
@@ -252,12 +251,12 @@ def fields_along(
     columns : ndarray of int, shape (n_j,)
         DOFs of references.
     directions : ndarray of float, shape (n_p, k)
-        In the space of the unknowns' values.
+        Directions in the space of the unknowns.
 
     Returns
     -------
     U : ndarray of complex, shape (N, n_f, n_j)
-        Fields, which `solver.at` reads.
+        Fields, for `solver.at`.
     dU : ndarray of complex, shape (N, n_f, k, n_j)
         Their derivatives along each direction.
 
@@ -297,16 +296,16 @@ def condensed_product(
     *,
     derivatives: bool = True,
 ) -> tuple[_Complex, _Complex | None]:
-    """Compute Z_red times measured motion, and its derivatives, at a block of lines.
+    """Compute Z_red times measured motion and its derivatives at a block of lines.
 
     Parameters
     ----------
     solver : FieldSolver
-        The compiled model and how to solve it.
+        Compiled model with its solver.
     unknowns : Unknowns
-        With respect to what to differentiate.
+        Unknowns of the derivatives.
     values : ndarray of float, shape (n_p,)
-        Where: the unknowns' values.
+        Values of the unknowns.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     retained : ndarray of int, shape (n,)
@@ -314,19 +313,19 @@ def condensed_product(
     motion : ndarray of complex, shape (n_f, n, m)
         Measured columns h_X on the retained DOFs, in m/N.
     derivatives : bool
-        Whether derivatives are wanted.
+        Whether to compute derivatives.
 
     Returns
     -------
     product : ndarray of complex, shape (n_f, n, m)
-        Z_red h_X, the identity's columns where model and measurement agree.
+        Z_red h_X; columns of the identity if model and measurement agree.
     d_product : ndarray of complex, shape (n_p, n_f, n, m), or None
-        T^T Z'_p (T h_X), by unit of each unknown.
+        T^T Z'_p (T h_X), per unit of each unknown.
 
     Raises
     ------
     SolverError
-        If the structure with its retained DOFs held is singular at a line.
+        If the structure with fixed retained DOFs is singular at a line.
     """
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
@@ -348,7 +347,7 @@ def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp
 
 
 def _view(places: NDArray[np.intp]) -> Any:
-    """Return an index for the first columns that copies nothing, where they are the first."""
+    """Return an index for columns: a slice, which copies nothing, if they are the first columns."""
     if np.array_equal(places, np.arange(len(places))):
         return slice(len(places))
     return places
@@ -357,16 +356,16 @@ def _view(places: NDArray[np.intp]) -> Any:
 def contract(
     system: AffineSystem, unknowns: Unknowns, slopes: _Complex, V: _Complex, U: _Complex
 ) -> _Complex:
-    """Sum slope_d V^T A_d U over the drives of every unknown, line by line.
+    """Sum slope_d V^T A_d U over the drives of each unknown at each line.
 
     Parameters
     ----------
     system : AffineSystem
         The compiled model, whose terms are the A_d.
     unknowns : Unknowns
-        Which terms an unknown drives.
+        Terms that the unknowns drive.
     slopes : ndarray of complex, shape (n_d, n_f)
-        From `Unknowns.slopes`, with the sign that is wanted.
+        From `Unknowns.slopes`, with the required sign.
     V, U : ndarray of complex, shape (N, n_f, n_v) and (N, n_f, n_u)
         Fields. V is transposed, not conjugated.
 
@@ -397,14 +396,14 @@ def contract(
 
 
 def _product(V: _Complex, U: _Complex) -> _Complex:
-    """Return V^T U line by line, shape (n_f, n_v, n_u), for fields (n, n_f, columns)."""
+    """Return V^T U at each line, shape (n_f, n_v, n_u), for fields (n, n_f, columns)."""
     return np.asarray(V.transpose(1, 2, 0) @ U.transpose(1, 0, 2))
 
 
 def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[tuple[int, list[int]]]]:
-    """Return the terms at some positions, each with those positions.
+    """Return the terms at given positions, each with these positions.
 
-    Terms that share their rows stand together.
+    Terms with the same rows are grouped.
     """
     positions: dict[int, list[int]] = {}
     for d, t in enumerate(at.tolist()):

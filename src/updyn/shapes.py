@@ -1,4 +1,4 @@
-"""Shapes of finite elements: the lines and faces that are drawn of them, by their corners.
+"""Shapes of finite elements: edges and faces to draw, by corner.
 
 Corners are in the order that Nastran, Abaqus, CalculiX, Ansys, Exodus, OpenSees and VTK share.
 """
@@ -34,13 +34,13 @@ class Shape:
     Attributes
     ----------
     n_corners : int
-        How many; nodes on edges come after them.
+        Number of corners; nodes on edges follow the corners.
     edges : tuple of (int, int)
-        Corners that an edge joins.
+        Two corners of each edge.
     faces : tuple of tuple of int
         Corners around each face, seen from outside.
     encloses : bool
-        Whether the faces enclose a volume, so that one that two elements share is an inner one.
+        Whether the faces enclose a volume; a face that two elements share is then an inner face.
     """
 
     n_corners: int
@@ -98,7 +98,7 @@ def edges_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.
     Returns
     -------
     ndarray of int, shape (n, 2)
-        The nodes that they join; an edge whose ends are one node is none.
+        Two nodes of each edge; edges whose two nodes coincide are omitted.
     """
     pairs = [np.empty((0, 2), dtype=np.int64)]
     for shape, nodes in elements:
@@ -108,18 +108,18 @@ def edges_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.
 
 
 def faces_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
-    """Return the faces of elements that can be seen from outside, each once.
+    """Return the outer faces of elements, each once.
 
     Parameters
     ----------
     elements : iterable of (Shape, ndarray of int)
-        Elements of one shape and their nodes, shape (m, at least `Shape.n_corners`). One whose
-        corners coincide has the faces that are left of it.
+        Elements of one shape and their nodes, shape (m, at least `Shape.n_corners`). Faces of
+        elements with coincident corners are reduced accordingly.
 
     Returns
     -------
     ndarray of int, shape (n, 4)
-        Nodes around each, the last of a triangle twice.
+        Nodes around each face; the last node of a triangle is repeated.
     """
     solid = [np.empty((0, 4), dtype=np.int64)]
     open_ = [np.empty((0, 4), dtype=np.int64)]
@@ -130,20 +130,20 @@ def faces_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.
 
 
 def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return faces as four nodes each, the last of a triangle twice.
+    """Return faces with four nodes each; the last node of a triangle is repeated.
 
     Parameters
     ----------
     faces : ndarray of int, shape (n, 3) or (n, 4)
-        Nodes around each; neighbours may be one node.
+        Nodes around each face; neighbouring nodes may coincide.
 
     Returns
     -------
     ndarray of int, shape (at most n, 4)
-        Without those that have fewer than three nodes.
+        The faces with at least three distinct nodes.
     """
     given = faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
-    stands = given != np.roll(given, -1, axis=1)  # the last of those that are one node
+    stands = given != np.roll(given, -1, axis=1)  # last of coincident neighbours
     order = np.argsort(~stands, axis=1, kind="stable")
     out = np.take_along_axis(given, order, axis=1)
     count = stands.sum(axis=1)
@@ -152,19 +152,20 @@ def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the faces that can be seen from outside, each once.
+    """Return the outer faces, each once.
 
     Parameters
     ----------
     solid : ndarray of int, shape (n, 4)
-        All faces of solids, the last node of a triangle twice. One that stands twice lies within.
+        All faces of solids; the last node of a triangle is repeated. A face that occurs twice is
+        an inner face.
     open_ : ndarray of int, shape (m, 4)
-        Those of shells.
+        Faces of shells.
 
     Returns
     -------
     ndarray of int, shape (k, 4)
-        In the order given.
+        The outer faces, in the given order.
     """
     _, first, count = np.unique(
         _whatever_order(solid), axis=0, return_index=True, return_counts=True
@@ -175,7 +176,7 @@ def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[n
 
 
 def _whatever_order(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return faces, shape (n, 4), with their nodes sorted; of triangles the least stands twice."""
+    """Return faces, shape (n, 4), with sorted nodes; a triangle has its smallest node twice."""
     out = np.sort(faces, axis=1)
     triangle = faces[:, 2] == faces[:, 3]
     three = np.sort(faces[triangle, :3], axis=1)

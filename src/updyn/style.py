@@ -1,13 +1,12 @@
-"""Design tokens: colours, colour maps, sizes of type, spaces; one look for report and figures.
+"""Design tokens for report and figures: colours, colour maps, type sizes and spaces.
 
-The pages get them as variables of their style sheet (`css`), figures of matplotlib by
-`updyn.plots`, pictures in notebooks by `updyn.notebook`. No other module states a colour of a
-curve.
+Pages get them as style sheet variables (`css`), matplotlib figures through `updyn.plots`, and
+pictures in notebooks through `updyn.notebook`. No other module defines the colour of a curve.
 
-The categories keep apart in grey print by their lightness and for colour-blind readers
+The categories are distinguishable in grey print by their lightness and for colour-blind readers
 (`tests/unit/test_style.py` measures both: CIE lightness; distance in CIELAB as seen without L or M
 cones by the matrices of Machado, Oliveira & Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009)
-1291). Both maps are even in lightness.
+1291). The lightness of both colour maps varies evenly.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ __all__ = [
     "state",
 ]
 
-#: Colours by role on a light ground.
+#: Colours by role on a light background.
 PAPER: Mapping[str, str] = {
     "ground": "#ffffff",
     "panel": "#f6f7f9",
@@ -58,7 +57,7 @@ PAPER: Mapping[str, str] = {
     "bad": "#a4262c",
     "bad-ground": "#fde7e7",
     "link": "#0b5cad",
-    # sizes in eight steps, small to large: `SEQUENTIAL` from an eighth of it on
+    # magnitudes in eight steps, small to large: `SEQUENTIAL` from one eighth on
     "seq-0": "#cedeee",
     "seq-1": "#a6c6e5",
     "seq-2": "#80acd8",
@@ -67,7 +66,7 @@ PAPER: Mapping[str, str] = {
     "seq-5": "#29609f",
     "seq-6": "#184885",
     "seq-7": "#08306b",
-    # the picture of a structure: change of a group by size, softer and stiffer; forces
+    # picture of a structure: change of a group by size, softer and stiffer; forces
     "less-4": "#a63c00",
     "less-3": "#d55e00",
     "less-2": "#e98a3c",
@@ -83,7 +82,7 @@ PAPER: Mapping[str, str] = {
     "edge": "#3d4650",
     "force": "#b0267f",
 }
-#: The same on a dark screen.
+#: The same roles on a dark screen.
 DARK: Mapping[str, str] = {
     "ground": "#14171b",
     "panel": "#1d2126",
@@ -107,7 +106,7 @@ DARK: Mapping[str, str] = {
     "bad": "#ffaaaa",
     "bad-ground": "#451a1c",
     "link": "#7db8f5",
-    # the same on a dark ground, where the largest is the lightest
+    # the same on a dark background: the largest is the lightest
     "seq-0": "#22344a",
     "seq-1": "#2b4a6e",
     "seq-2": "#336193",
@@ -116,7 +115,7 @@ DARK: Mapping[str, str] = {
     "seq-5": "#83b2e0",
     "seq-6": "#aecdec",
     "seq-7": "#dbe9f6",
-    # the picture of a structure: change of a group by size, softer and stiffer; forces
+    # picture of a structure: change of a group by size, softer and stiffer; forces
     "less-4": "#ffb366",
     "less-3": "#e88e3c",
     "less-2": "#b97a45",
@@ -132,7 +131,7 @@ DARK: Mapping[str, str] = {
     "edge": "#0c0f12",
     "force": "#ff7ac2",
 }
-#: What differs on paper from a light screen: text and rules are darker.
+#: Colours that differ between paper and a light screen: text and rules are darker.
 PRINTED: Mapping[str, str] = {
     "text": "#000000",
     "muted": "#444c55",
@@ -140,22 +139,22 @@ PRINTED: Mapping[str, str] = {
     "faint": "#b5bcc4",
     "link": "#000000",
 }
-#: What a page can be told to look like, whatever the system says.
+#: Values of a page option that overrides the system's light or dark mode.
 LOOKS = ("light", "dark")
-#: The colours of measured data, of the model at the start and of the updated model, by their names
-#: in legends. All figures, pages, pictures and the viewer take them from here.
+#: Roles of the colours of measured data, of the model at the start and of the updated model, by
+#: their names in legends. Used by all figures, pages, pictures and the viewer.
 STATES: Mapping[str, str] = {"measured": "measured", "start": "before", "updated": "after"}
 #: Roles of the colours of further curves in a figure with `STATES`.
 OTHERS = ("third", "fourth")
-#: Roles of the colours of several curves, in their order, and dashes in the notation of matplotlib:
-#: the colours are repeated with the next dash.
+#: Roles of the colours of several curves, in order, and dashes in the notation of matplotlib: the
+#: colours are repeated with the next dash.
 CATEGORIES = ("after", "before", "third", "fourth")
 DASHES = ("-", "--", "-.", ":")
-#: Evenly spaced stops of a map from 0 to 1, light to dark, and of one from -1 to 1.
+#: Evenly spaced stops of a colour map from 0 to 1, light to dark, and of one from -1 to 1.
 SEQUENTIAL = ("#f7f7f7", "#a6c6e5", "#5a92cb", "#29609f", "#08306b")
 DIVERGING = ("#8a3c00", "#dd8433", "#f7f7f7", "#6a9fd4", "#08519c")
 
-#: Sizes of type on pages, relative to running text, and in px of text in figures.
+#: Type sizes on pages, relative to running text, and of text in figures in px.
 SIZES: Mapping[str, float] = {
     "title": 1.9,
     "heading": 1.35,
@@ -176,12 +175,12 @@ def category(number: int) -> tuple[str, str]:
     Parameters
     ----------
     number : int
-        Its number, from 0.
+        Number of the curve, from 0.
 
     Returns
     -------
     (str, str)
-        A colour on a light ground, and a dash in the notation of matplotlib.
+        A colour on a light background, and a dash in the notation of matplotlib.
     """
     round_, place = divmod(number, len(CATEGORIES))
     return PAPER[CATEGORIES[place]], DASHES[round_ % len(DASHES)]
@@ -206,7 +205,7 @@ def state(name: str, other: int = 0) -> str:
 
 
 def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
-    """Return a map as pairs of a place between 0 and 1 and a colour, as plotly takes it.
+    """Return a colour map in plotly's form: pairs of a position between 0 and 1 and a colour.
 
     Parameters
     ----------
@@ -222,11 +221,11 @@ def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
 
 
 def css() -> str:
-    """Return the tokens as variables of a style sheet: light, dark screen, paper.
+    """Return the tokens as style sheet variables for light screen, dark screen and paper.
 
-    A screen is light or dark as its system is, or as the attribute ``data-look`` of the root says.
-    The class ``paper`` of the root is set while a page is printed: its figures are drawn before the
-    rules of print hold.
+    A screen follows the system's light or dark mode unless the attribute ``data-look`` of the root
+    overrides it. The class ``paper`` of the root is set while a page is printed, as figures are
+    drawn before the print rules apply.
     """
     sizes = {f"size-{name}": f"{size:g}rem" for name, size in SIZES.items()}
     spaces = {f"space-{name}": f"{space}px" for name, space in SPACES.items()}

@@ -1,4 +1,4 @@
-"""Text for the terminal: rows in columns, counted nouns, control characters escaped."""
+"""Text for the terminal: aligned columns, counted nouns, escaped control characters."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from collections.abc import Collection, Sequence
 
 __all__ = ["counted", "percent", "printable", "text_table"]
 
-#: What a terminal would obey, or what would change the order of the letters around it.
+#: Characters that a terminal would interpret, or that change the text direction.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def text_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], left: Collection[int] = (0,)
 ) -> str:
-    """Return rows in columns of equal width, two blanks apart.
+    """Return rows as aligned columns, two blanks apart.
 
     Parameters
     ----------
     header : sequence of str
         Names of the columns.
     rows : sequence of sequence of str
-        As many cells each.
+        Rows with one cell per column.
     left : collection of int
         Columns that are aligned to the left; the others are aligned to the right.
 
     Returns
     -------
     str
-        One line a row, without blanks at the end.
+        One line per row, without trailing blanks.
     """
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
@@ -46,9 +46,9 @@ def counted(n: int, noun: str) -> str:
     Parameters
     ----------
     n : int
-        How many.
+        The number.
     noun : str
-        In the singular; the plural takes an s.
+        Singular noun; the plural adds an s.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def percent(share: float) -> str:
     Parameters
     ----------
     share : float
-        1 for 100 %.
+        The share; 1 for 100 %.
 
     Returns
     -------
@@ -74,9 +74,9 @@ def percent(share: float) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Return text without control characters, which stand escaped, as ``\x1b``.
+    r"""Return text with escaped control characters, such as ``\x1b``.
 
-    Line ends and tabs stay. All text that goes to the terminal passes here: names come from files.
+    Line ends and tabs are kept. All text for the terminal is escaped, as names come from files.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Units of measured values: the accepted labels and their factors to SI.
 
-Every reader and every option that takes a unit of a measured value asks this list. A label that is
-not in it is an error; it is never taken as SI.
+Every reader and every option with a unit of measured values uses this list. A label that is not in
+the list is an error; it is never interpreted as SI.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = [
     "suggest_unit",
 ]
 
-#: Factors to SI by the names of a unit.
+#: Factors to SI, by the names of a unit.
 _Factors = Mapping[tuple[str, ...], float]
 
 #: Standard acceleration of gravity, in m/s^2: 3rd CGPM (1901).
@@ -46,11 +46,11 @@ class Unit:
     kind : str
         ``"force"`` (moments included); ``"receptance"`` for a displacement or an angle,
         ``"mobility"`` for a velocity, ``"accelerance"`` for an acceleration; ``"time"``;
-        ``"frequency"``; ``"length"`` for a position. Of a ratio (`find_ratio`): the quantity of the
-        FRF.
+        ``"frequency"``; ``"length"`` for a position. For a ratio (`find_ratio`), the quantity of
+        the FRF.
     factor : float
-        Value of the unit in SI: N or N m; m, m/s, m/s^2 or rad, rad/s, rad/s^2; s; Hz. Of a ratio:
-        these per N or N m.
+        Value of the unit in SI: N or N m; m, m/s, m/s^2 or rad, rad/s, rad/s^2; s; Hz. For a
+        ratio, these per N or N m.
     angular : bool
         Whether it is a unit of a moment or of an angular motion.
     """
@@ -95,7 +95,7 @@ _ANGLES: _Factors = {
     ("mrad",): 1e-3,
     ("deg", "degree", "degrees"): math.pi / 180,
 }
-#: Units of time of the quantities of an FRF, behind the unit of the displacement.
+#: Suffix to the unit of displacement for each quantity of an FRF.
 RATES = {"receptance": "", "mobility": "/s", "accelerance": "/s^2"}
 _VELOCITIES: _Factors = {("ips",): _INCH}
 _ACCELERATIONS: _Factors = {
@@ -123,7 +123,7 @@ _FREQUENCIES: _Factors = {
 
 
 def _table() -> dict[str, list[Unit]]:
-    """Return the units of each name; a name of two meanings, such as rad/s, has two."""
+    """Return the units of each name; a name with two meanings, such as rad/s, has two."""
     out: dict[str, list[Unit]] = {}
     groups: list[tuple[str, str, _Factors, bool]] = [
         ("force", "", _FORCES, False),
@@ -147,7 +147,7 @@ _UNITS = _table()
 
 
 def _regardless_of_case() -> dict[str, list[Unit]]:
-    """Return the units by names in lower case, without names whose case decides (mN, MN)."""
+    """Return the units by lower-case name, without names whose case matters (mN, MN)."""
     meanings: dict[str, list[list[Unit]]] = {}
     for name, units in _UNITS.items():
         known = meanings.setdefault(name.lower(), [])
@@ -164,7 +164,7 @@ _MOTIONS = CHANNEL[1:]
 
 
 def _normal(label: str) -> str:
-    """Return a label in the spelling of the list: m/s^2 for m/s**2, (m/s²), m/sec/sec, m/s2."""
+    """Return a label in normal spelling: m/s^2 for m/s**2, (m/s²), m/sec/sec, m/s2."""
     text = strip_brackets(" ".join(label.split()))
     text = text.replace("**", "^").replace("²", "^2").replace("^ 2", "^2")
     text = re.sub("[µμ]", "u", text)
@@ -178,7 +178,7 @@ def _normal(label: str) -> str:
 
 
 def strip_brackets(label: str) -> str:
-    """Return a label without the brackets, round or square, around all of it.
+    """Return a label without enclosing round or square brackets.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def strip_brackets(label: str) -> str:
     Returns
     -------
     str
-        ``"m/s^2"``, ``"g"``; a label such as ``"(m)/(s)"`` as it is.
+        ``"m/s^2"``, ``"g"``; a label such as ``"(m)/(s)"`` is unchanged.
     """
     text = label.strip()
     while len(text) > 1 and (text[0], text[-1]) in (("(", ")"), ("[", "]")) and _is_pair(text):
@@ -197,7 +197,7 @@ def strip_brackets(label: str) -> str:
 
 
 def _is_pair(text: str) -> bool:
-    """Return whether the first bracket of a text is closed by its last."""
+    """Return whether the last bracket of a text closes its first."""
     depth = 0
     for at, letter in enumerate(text):
         depth += (letter in "([") - (letter in ")]")
@@ -209,7 +209,7 @@ def _is_pair(text: str) -> bool:
 def find_unit(label: str, *kinds: str) -> Unit | None:
     """Return the unit that a label names.
 
-    Case decides only where it has to, between ``mN`` and ``MN`` for instance. Brackets around the
+    Case matters only if it changes the meaning, as for ``mN`` and ``MN``. Brackets around the
     label, ``**`` for ``^`` and ``sec`` for ``s`` are accepted.
 
     Parameters
@@ -323,7 +323,7 @@ def parse_unit(label: str, channel: str) -> Unit:
 
 
 def merge_units(stated: str, found: str, channel: str) -> str:
-    """Return the unit of a channel that a user states, unless the file contradicts it.
+    """Return the unit that a user gives for a channel, unless the file contradicts it.
 
     Parameters
     ----------
@@ -342,7 +342,7 @@ def merge_units(stated: str, found: str, channel: str) -> str:
     Raises
     ------
     DataError
-        If the stated unit is not known, or the file has another unit that is known.
+        If the given unit is unknown, or the file has another known unit.
     """
     unit = parse_unit(stated, channel)
     other = find_unit(found)

@@ -1,6 +1,6 @@
-"""`variants_of`: the models that a model would be without a frequent mistake in its definition.
+"""`variants_of`: variants of a model without a frequent mistake in its definition.
 
-The mistake is exchanged section axes of beams (`updyn.exchanged`): of one group, or of all.
+The mistake is exchanged section axes of beams (`updyn.exchanged`), in one group or in all.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from updyn.model import Model
 
 __all__ = ["LARGEST_TRIED", "Variant", "exchanged_axes", "variants_of"]
 
-#: Size in DOFs up to which variants are compared with data: about a second for each.
+#: Largest number of DOFs for which variants are compared with data: about a second each.
 LARGEST_TRIED = 5_000
 
 
@@ -23,9 +23,9 @@ class Variant:
     Parameters
     ----------
     base : Model
-        The model as it is.
+        The given model.
     groups : tuple of str
-        The groups whose beams have exchanged section axes.
+        Groups whose section axes are exchanged.
     """
 
     base: Model
@@ -37,7 +37,7 @@ class Variant:
         Returns
         -------
         Model
-            On the same DOFs.
+            The variant, with the same DOFs.
 
         Raises
         ------
@@ -50,12 +50,12 @@ class Variant:
 
     @property
     def mistake(self) -> str:
-        """What is wrong with the model if this one is right, without a full stop."""
+        """The mistake in the model if this variant is right, without a full stop."""
         return exchanged_axes(self.groups)
 
     @property
     def remedy(self) -> str:
-        """What to change in the definition of the model, in one or two sentences."""
+        """The change to the definition of the model, in one or two sentences."""
         found = (self.base.group(name).exchanged for name in self.groups)
         every = [one for one in found if one is not None]
         text = f"Exchange {'; '.join(dict.fromkeys(one.what for one in every))}"
@@ -85,17 +85,17 @@ def exchanged_axes(groups: Sequence[str]) -> str:
 
 
 def variants_of(model: Model) -> tuple[Variant, ...]:
-    """Return the variants of a model: exchanged section axes of one group, and of all.
+    """Return the variants of a model with exchanged section axes of one group, and of all.
 
     Parameters
     ----------
     model : Model
-        Made of beams whose sections are known; others have none.
+        The model; without beams of known section, it has no variants.
 
     Returns
     -------
     tuple of Variant
-        Nothing is computed until `Variant.model`.
+        The variants; `Variant.model` computes the matrices.
     """
     names = [name for name, group in model.groups.items() if group.exchanged is not None]
     each = [Variant(model, (name,)) for name in names]
