@@ -82,17 +82,7 @@ def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
 
 
 def describe_recorded(found: Recorded) -> str:
-    """Return the findings about records, and coherence or noise of their FRFs, as text.
-
-    Parameters
-    ----------
-    found : Recorded
-        The FRFs and their records.
-
-    Returns
-    -------
-    str
-    """
+    """Return the findings about records, and coherence or noise of their FRFs, as text."""
     texts = [_setup_text(setup) for setup in found.setups]
     texts.append(describe_frf(found.frf))
     if found.frf.coherence is not None:

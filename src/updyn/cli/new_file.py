@@ -18,17 +18,7 @@ _UNFINISHED = ".unfinished-"
 
 
 def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
-    """Write a file and its companion files; replace existing files only if forced.
-
-    Parameters
-    ----------
-    target : Path
-        The file.
-    write : callable
-        Writes to a path.
-    force : bool
-        Whether to replace existing files.
-    """
+    """Write a file and its companion files; replace existing files only if forced."""
     if not target.parent.is_dir():
         raise FormatError(f"the folder {str(target.parent)!r} does not exist", target)
     # The names of companion files are known only after writing.

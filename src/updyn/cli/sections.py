@@ -34,15 +34,7 @@ _AGAIN = "updyn run JOB.toml --resume (with the same --out)"
 
 
 def joined(sections: Sequence[Callable[[T], str]], content: T) -> str:
-    """Return the sections of a content as one text.
-
-    Parameters
-    ----------
-    sections : sequence of callable
-        Each returns text, which may be empty.
-    content : object
-        Argument of the sections.
-    """
+    """Return the nonempty sections of a content as one text, separated by blank lines."""
     texts = [section(content) for section in sections]
     return "\n\n".join(filter(None, texts))
 
@@ -290,13 +282,7 @@ def _causes(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, .
 
 
 def overview(ready: Prepared) -> str:
-    """Return model, test and fitted data of a job as text.
-
-    Parameters
-    ----------
-    ready : Prepared
-        The job with model, data and unknowns.
-    """
+    """Return model, test and fitted data of a job as text."""
     job = ready.job
     texts = [f"{job.title or job.path.stem}: {job.method.name}"]
     for test in ready.tests:
