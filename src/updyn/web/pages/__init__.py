@@ -39,15 +39,7 @@ _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
 
 def add_pages(app: FastAPI, workspace: Workspace) -> None:
-    """Add all pages and embedded pages to an application.
-
-    Parameters
-    ----------
-    app : FastAPI
-        The application.
-    workspace : Workspace
-        The shared state.
-    """
+    """Add all pages and embedded pages to an application."""
     places = {place: name for place, (name, _) in PAGES.items()}
     for place, (name, fill) in PAGES.items():
         ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))

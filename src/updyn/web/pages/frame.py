@@ -38,11 +38,6 @@ def add_frame(
         Address of this page.
     fill : callable
         Builds the content.
-
-    Returns
-    -------
-    callable
-        Builds the page.
     """
 
     async def page() -> None:
@@ -130,16 +125,9 @@ def _job_bar(workspace: Workspace) -> None:
 
 
 def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
-    """Call a function whenever a value has changed, also by another tab or a run.
+    """Call `refresh` whenever the returned value has changed, also by another tab or a run.
 
     Call this before the value is shown, to detect later changes.
-
-    Parameters
-    ----------
-    version : callable
-        Returns the value.
-    refresh : callable
-        The function to call.
     """
     last = version()
 
@@ -158,13 +146,6 @@ def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
 
     A rebuilt chart might be removed before the browser has drawn it, which causes an error in the
     browser.
-
-    Parameters
-    ----------
-    chart : echart
-        The chart.
-    options : mapping
-        From `updyn.web.charts`.
     """
     chart.options.clear()
     chart.options.update(options)
@@ -172,17 +153,7 @@ def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
 
 
 def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
-    """Return an action that shows its error as a message.
-
-    Parameters
-    ----------
-    action : callable
-        May raise an `UpdynError`.
-
-    Returns
-    -------
-    callable
-    """
+    """Return an action that shows its `UpdynError` or `OSError` as a message."""
 
     @functools.wraps(action)
     def safe(*arguments: Any) -> None:
@@ -195,13 +166,7 @@ def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
 
 
 def complain(text: str) -> None:
-    """Show a message that stays until it is closed.
-
-    Parameters
-    ----------
-    text : str
-        The message.
-    """
+    """Show a message that stays until it is closed."""
     close = [{"label": "Close", "color": "white"}]
     ui.notify(text, type="negative", timeout=0, actions=close, multi_line=True)
 
@@ -209,17 +174,7 @@ def complain(text: str) -> None:
 async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
     """Return the result of a slow function without blocking the page; show its error instead.
 
-    Parameters
-    ----------
-    function : callable
-        May raise an `UpdynError`.
-    *arguments : object
-        Its arguments.
-
-    Returns
-    -------
-    object or None
-        None if it raised an error, or the page was rebuilt in the meantime.
+    None if it raised an `UpdynError`, or the page was rebuilt in the meantime.
     """
     with ui.row().classes("items-center") as waiting:
         ui.spinner()
@@ -240,14 +195,7 @@ async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
 def embed_page(place: str, title: str, height: str) -> None:
     """Show another page in a frame; it can reach this page only by messages.
 
-    Parameters
-    ----------
-    place : str
-        Address on this server.
-    title : str
-        Title, for screen readers.
-    height : str
-        Height in CSS units.
+    `place` is the address on this server, `title` is for screen readers, `height` is in CSS units.
     """
     frame = ui.element("iframe").classes("w-full").style(f"height: {height}; border: 0")
     frame._props.update(src=place, title=title)

@@ -14,17 +14,7 @@ __all__ = ["no_job", "show", "troubles"]
 
 
 def no_job(workspace: Workspace) -> bool:
-    """Return whether no job is open; if so, show a message.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether no job is open; if so, show a message."""
     if workspace.document is not None:
         return False
     with ui.row():
@@ -34,13 +24,7 @@ def no_job(workspace: Workspace) -> bool:
 
 
 def troubles(view: View) -> None:
-    """Show errors of reading and matching.
-
-    Parameters
-    ----------
-    view : View
-        The job.
-    """
+    """Show errors of reading and matching."""
     for text in dict.fromkeys(view.wrong.values()):
         with ui.row().classes("items-start no-wrap"):
             ui.icon("error", color="negative").props('aria-label="Error"')
@@ -48,13 +32,7 @@ def troubles(view: View) -> None:
 
 
 async def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
     if no_job(workspace):
         return
     document = workspace.opened

@@ -34,13 +34,7 @@ _CLICKED = """(e) => {
 
 
 async def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
     if no_job(workspace):
         return
     kept: dict[int, _Choice] = {}

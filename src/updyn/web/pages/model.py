@@ -33,13 +33,7 @@ _COLUMNS = [
 
 
 async def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
     if no_job(workspace):
         return
     mover = _Mover(workspace)

@@ -21,13 +21,7 @@ window.addEventListener("message", (event) => {
 
 
 def hear_picks(hear: Callable[[Mapping[str, Any]], Any]) -> None:
-    """Call a function whenever something is picked in an embedded page.
-
-    Parameters
-    ----------
-    hear : callable
-        Takes the message of the embedded page, which is not validated.
-    """
+    """Call `hear` with the message of each pick in an embedded page; messages are not validated."""
 
     def take(event: events.GenericEventArguments) -> None:
         if isinstance(event.args, dict):

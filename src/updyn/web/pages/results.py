@@ -26,13 +26,7 @@ _ANSWERS = {True: "yes", False: "no", None: "not known"}
 
 
 def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
 
     @ui.refreshable
     def page() -> None:
@@ -76,17 +70,9 @@ def _run_states(workspace: Workspace) -> object:
 
 
 def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
-    """Return runs side by side: status, trust, agreement, and each unknown with its deviation.
+    """Return runs side by side as columns and rows of a table.
 
-    Parameters
-    ----------
-    runs : mapping of str to RunFolder
-        Runs by name.
-
-    Returns
-    -------
-    columns, rows : list of dict
-        In the format of a table.
+    Rows are status, trust, agreement, and each unknown with its standard deviation.
     """
     keys = {name: f"run{number}" for number, name in enumerate(runs)}  # no dots in keys
     columns: list[dict[str, Any]] = [

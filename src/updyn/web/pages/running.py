@@ -20,13 +20,7 @@ __all__ = ["show"]
 
 
 async def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
     if no_job(workspace):
         return
     controls(workspace, "run", begin="Save and run")

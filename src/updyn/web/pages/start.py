@@ -20,13 +20,7 @@ _UNKNOWN = "as the file says"
 
 
 def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
     ui.label(str(workspace.project.folder)).classes("text-sm opacity-70")
     with ui.row().classes("w-full items-stretch"):
         with ui.card().classes("flex-1 min-w-72"):

@@ -31,17 +31,7 @@ _STATES = {
 
 
 def controls(workspace: Workspace, task: str, *, begin: str) -> None:
-    """Show the results folder and the buttons of a task.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    task : str
-        Name of the task in `TASKS`.
-    begin : str
-        Text of the start button.
-    """
+    """Show the results folder and the buttons of a task; `begin` labels the start button."""
     with ui.row().classes("items-center"):
         folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
         folder.classes("w-80")
@@ -60,15 +50,7 @@ def controls(workspace: Workspace, task: str, *, begin: str) -> None:
 
 
 def state_of(worker: Worker, workspace: Workspace) -> None:
-    """Show the state of a task in words, with its notes and its summary.
-
-    Parameters
-    ----------
-    worker : Worker
-        Worker of the task.
-    workspace : Workspace
-        The shared state.
-    """
+    """Show the state of a task in words, with its notes and its summary."""
     text, now = _STATES[worker.state], worker.now
     if worker.active and now:
         text += f": {now['stage']}, {now['accepted']} steps"
@@ -93,18 +75,7 @@ def state_of(worker: Worker, workspace: Workspace) -> None:
 
 
 def task_page(task: str) -> Callable[[Workspace], None]:
-    """Return a page of a task: its keys in the job, its buttons, and the page that it writes.
-
-    Parameters
-    ----------
-    task : str
-        Name of the task in `TASKS`.
-
-    Returns
-    -------
-    callable
-        Fills the page.
-    """
+    """Return a page of a task: its keys in the job, its buttons, and the page that it writes."""
 
     def show(workspace: Workspace) -> None:
         if no_job(workspace):
@@ -135,14 +106,7 @@ def task_page(task: str) -> Callable[[Workspace], None]:
 def _written_pages(workspace: Workspace, task: str, known: dict[str, str]) -> None:
     """Show the latest page that the task wrote for the job, with a selection of other pages.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    task : str
-        Name of the task in `TASKS`.
-    known : dict
-        ``picks`` of the job as shown on the written page.
+    `known` receives the ``picks`` of the job as shown on the written page.
     """
     pages, latest = workspace.pages(task)
     if not pages:
@@ -238,12 +202,7 @@ def _entry(workspace: Workspace, task: str, field: Field) -> Any:
 def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
     """Let the page of modes set the picks of the job.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    known : dict
-        ``picks`` of the job as shown on the written page.
+    `known` receives the ``picks`` of the job as shown on the written page.
     """
 
     def take(picked: Mapping[str, Any]) -> None:

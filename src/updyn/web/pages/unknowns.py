@@ -28,13 +28,7 @@ _COLUMNS: list[dict[str, Any]] = [
 
 
 async def show(workspace: Workspace) -> None:
-    """Fill the page.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Fill the page."""
     if no_job(workspace):
         return
     choices = _Choices(workspace)
