@@ -37,7 +37,7 @@ from updyn.updating.result import UpdateResult
 
 __all__ = ["Curves", "gather_curves", "is_geometric", "write_comparison"]
 
-#: The paper's method and its baseline; drawn in one figure if both converged to a result.
+#: The paper's method and its baseline, drawn in one figure.
 PAIR = ("equation-error", "reduced-frf")
 #: Largest and smallest number of lines at which the model curves are computed, depending on model
 #: size.
