@@ -2,10 +2,10 @@
 
 Noise estimated from the residual is first assumed to be the same at all sensors. If the residual
 contradicts this, the fit continues from its end with two noise parameters for each sensor, and the
-new fit is kept if its residual is noise. A sensor that the model cannot follow leaves more than
-noise, however small its weight; then the first fit is kept. It is also kept if noise cannot be
-distinguished from the residual of a wrong sensor: on lines so far apart that the response itself is
-not smooth, or if the noise is a third of the response.
+new fit is kept if its residual is noise. If the model cannot follow a sensor, its
+residual is larger than noise, however small its weight; then the first fit is kept. It is also kept
+if noise cannot be distinguished from the residual of a wrong sensor: on lines so far apart that the
+response itself is not smooth, or if the noise is a third of the response.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class OwnNoise:
         return found
 
     def _own(self, found: Judgement) -> list[NoiseModel] | None:
-        """Return noise models with separate noise for each sensor, or None if not indicated."""
+        """Return noise models with separate noise for each sensor, or None if not needed."""
         fit = found.fit
         if fit.reason not in ("converged", "unsettled") or fit.rivals or self.monitor.stopped:
             return None
@@ -137,7 +137,7 @@ class OwnNoise:
     def _told(
         self, i: int, x: NDArray[np.float64], own: NoiseModel, adequacy: Adequacy
     ) -> Adequacy:
-        """Return the assessment of a part with the sensors of larger noise than most."""
+        """Return the assessment of a part with the sensors noisier than most."""
         if own is self.noises[i]:
             return adequacy
         part = self.problem.parts[i]

@@ -116,8 +116,8 @@ class UpdateResult:
         them.
     trust : Trust or None
         Whether the answer is ``"converged"``, ``"determined"``, ``"validated"`` and
-        ``"plausible"``, each True, False or None (not known) with a sentence (``.why``); None in an
-        old record.
+        ``"plausible"``, and whether the model ``"resembles"`` the test: each True, False or None
+        (not known) with a sentence (``.why``); None in an old record.
     findings : tuple of Finding
         Causes of the residual of the fit, the likeliest first; empty if none was found. No causes
         are sought if the residual is noise or there are few lines.
@@ -188,7 +188,7 @@ class UpdateResult:
 
     @property
     def results(self) -> Mapping[str, UpdateResult]:
-        """The results by test, as in `JointResult`: this result, with the test name ""."""
+        """The results by test, as in `JointResult`: this result, under an empty name."""
         return {"": self}
 
     @property

@@ -516,7 +516,7 @@ def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
 
 
 def _left_out(part: Part) -> dict[str, list[str]]:
-    """Return the channels that are rounding, for the record."""
+    """Return the channels whose values are rounding, for the record."""
     at = np.argwhere(part.sign == 0.0)
     names = [f"{part.frf.responses[i]} / {part.frf.references[j]}" for i, j in at]
     return {"rounding": names} if names else {}

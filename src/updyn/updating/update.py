@@ -91,13 +91,13 @@ def update(
         standard deviations; ``scale`` states that of the size of shapes scaled to unit modal mass,
         which is otherwise not fitted.
     engine : None, int, dask.distributed Client or Engine
-        Where lines and tries of the search are evaluated: in this process, in a number of
-        processes on this machine, or on a cluster. The result does not depend on it.
+        Where lines and tries of the search are evaluated: None for this process, a number of
+        processes on this machine, or a cluster. The result does not depend on it.
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; a return value of
         True stops the run, with status ``"stopped"`` and the best values so far.
     validation : iterable of str or Dof, or (float, float), optional
-        Responses, or a band in Hz, held out of the fit and scored afterwards. With modes, a band.
+        Responses, or a band in Hz, held out of the fit and scored afterwards; for modes, a band.
     title : str
         Title of the update.
     tier : {"dense", "sparse", "reduced"}, optional

@@ -57,7 +57,8 @@ _APART = 3.0
 _SELDOM = 1e-3
 #: Reduced chi-square above which a residual is more than noise, for heavy tails and for modes.
 _EXCESS = 1.5
-#: Correlation of neighbouring lines above which it is; least number of lines for this criterion.
+#: Serial correlation above which a residual is more than noise; least number of lines for this
+#: criterion.
 _CORRELATED, _ENOUGH_LINES = 0.2, 8
 #: Unknowns with a larger standard deviation than this are moved.
 _UNSURE = 0.05

@@ -1,4 +1,4 @@
-"""Decision whether the end of tries of a search may be the answer."""
+"""Decision on whether the end of a try of a search may be the answer."""
 
 from __future__ import annotations
 

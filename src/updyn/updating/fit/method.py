@@ -125,8 +125,8 @@ class Fit:
     reason : str
         Why the fit ended: ``"converged"``, ``"unsettled"``, ``"stalled"``, ``"unsolvable"``,
         ``"max-iterations"``, ``"stopped"`` or ``"failed"``. Unsettled: a search found no answer
-        that explains the data and none twice, or weights and estimate did not settle on each other.
-        Unsolvable: the model cannot be solved next to x.
+        that explains the data and no answer twice, or weights and estimate did not settle on each
+        other. Unsolvable: the model cannot be solved next to x.
     R : ndarray of float, shape (k, n)
         Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
         the noise.
@@ -144,7 +144,7 @@ class Fit:
         Regularisation of the fit.
     advice : str
         Experiment advice on undetermined unknowns, from a method that fits other data than FRFs; if
-        empty, lines and sensors that could be added are searched.
+        empty, it is sought among lines and sensors that could be added.
     rivals : tuple of Rival
         Other answers that fit equally well.
     cause : str
@@ -241,7 +241,7 @@ class Method(ABC):
         return ""
 
     def cause(self, problem: Problem) -> str:
-        """Return the obstacle to this method in model or data; may be empty.
+        """Return a sentence on the obstacle to this method in model or data; may be empty.
 
         Called for a fit that failed, stalled or ran out of steps.
 
@@ -295,7 +295,7 @@ class Method(ABC):
         held: int | None = None,
         beside: Answer | None = None,
     ) -> Answer | None:
-        """Return the answer at the end of a fit; by default None, without a search for others.
+        """Return the answer at the end of a fit; None (default): no others are sought.
 
         Parameters
         ----------
@@ -318,7 +318,7 @@ class Method(ABC):
         at: Answer,
         points: Sequence[_Vector],
     ) -> list[Answer]:
-        """Return candidates for other answers that fit equally well; certified fits follow.
+        """Return candidates for other answers that fit equally well, for a certified fit.
 
         Parameters
         ----------

@@ -330,7 +330,7 @@ def regularised(strategy: Method, method: str, regularise: str | float | None) -
 
 @dataclass(frozen=True, slots=True)
 class Regularised(Method):
-    """Regularised method.
+    """Method with regularisation.
 
     Parameters
     ----------

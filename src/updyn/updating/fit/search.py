@@ -5,8 +5,8 @@ widen it further. Loss factors start inflated, which makes the model's resonance
 overlap the measured ones. Loss factors may become negative on the way, because a bound at zero
 stops most searches for lightly damped parts, whose true values are at that bound. A basin is
 accepted only if further tries, with other inflated loss factors and then from random points, end in
-it too; otherwise tries continue near the best end. A basin on few lines is mostly that on all
-lines, so a try descends on few lines and ends on all; if the residual on all lines is more than
+it too; otherwise tries continue near the best end. A basin on few lines is mostly a basin on
+all lines, so a try descends on few lines and ends on all; if the residual on all lines is more than
 noise, tries descend on all. (Measured and rejected: increasing frequencies, because the few low
 lines let the unknowns diverge; smoothed FRFs first, which takes twice the steps; a common factor on
 all stiffnesses that aligns the frequency axes beforehand, which finds no more.)
@@ -59,14 +59,15 @@ SEARCH_STEPS = 60
 #: Loss factors of the first tries. 0.3 is best on average; the others reach some of the answers
 #: that it misses.
 _INFLATED = (0.3, 0.1, 1.0)
-#: Distance of the starts of tries near a point, in turn, in logarithms of factors; in loss factors.
+#: Distances from a point, used in turn, at which tries near it start: in logarithms of factors; in
+#: loss factors.
 _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
-#: Of every so many of these tries, one begins with one unknown put back to its start.
+#: Period, in tries, of those that begin with one unknown put back to its start.
 _BY_TURNS = 3
 #: Tries that begin at the point itself descend first on a share of the lines: in turn on random
 #: lines and on a contiguous band.
 _ANY, _NEIGHBOURS = 1.0 / 3.0, 0.5
-#: Number of such tries, for each try of the search, without a better end after which they stop.
+#: Tries near a point stop after this number, for each try of the search, without a better end.
 _HOPS_A_TRY = 2
 #: Number of tries without a plausible end after which a fault of the data is considered.
 _DOUBTED = 3
@@ -186,8 +187,8 @@ class Search:
     ) -> bool:
         """Repeat the first tries on all lines; return whether the best end is accepted.
 
-        On few lines, tries can agree on an end whose residual is more than noise, and that all
-        lines would separate.
+        On few lines, tries can agree on an end whose residual is more than noise, although they
+        end apart on all lines.
         """
         own: list[Outcome] = []
         agreed = self._tried(problem, problem, self._points(problem), belief, monitor, own)
@@ -488,8 +489,8 @@ def _on_few_lines(problem: Problem) -> Problem:
 def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
     """Return the problem on a share of its lines; None if these are too few for the unknowns.
 
-    A minimum of the misfit on all lines that is not the answer is mostly no minimum on some of the
-    lines; the answer is a minimum on any.
+    A false minimum on all lines is mostly not a minimum on a part of them; the answer is a minimum
+    on any.
     """
     if not problem.parts:
         return None

@@ -99,7 +99,7 @@ class Valley:
         return self.side * float(x[self.unknown] - self.answer.x[self.unknown]) / self.std
 
     def is_covered(self, x: _Vector) -> bool:
-        """Return whether a point already lies far along this side."""
+        """Return whether a point is at least `_LEAST` away from the answer on this side."""
         return self.distance(x) >= _LEAST
 
     def _rise(self, other: Answer) -> float:

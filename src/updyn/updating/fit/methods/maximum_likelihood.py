@@ -84,8 +84,8 @@ _HOPS = 2
 #: Largest number of times that a descent continues in the model of its end; and the ratio below
 #: which a better model must lower a misfit for it to count as an error of the model.
 _RENEWED, _FALLING = 6, 0.8
-#: Largest number of steps of a descent along a valley; least total number of such steps that are
-#: allowed (otherwise as many as the run took before).
+#: Largest number of steps of a descent along a valley; of all further descents, if the run took
+#: fewer steps before.
 _FOLLOWING, _FEWEST = 12, 50
 
 

@@ -64,8 +64,8 @@ class ModalMethod(Method):
     shape_weight : float
         Weight of a relative error of a shape (a share of its rms) over that of the same relative
         error of a frequency. By default shapes are ten times less accurate (Friswell & Mottershead,
-        Finite Element Model Updating in Structural Dynamics, 1995: frequencies to 1 %, shapes to 10
-        %).
+        Finite Element Model Updating in Structural Dynamics, 1995: 1 % for frequencies, 10 % for
+        shapes).
     mac_residual : bool
         Whether a shape is compared by its MAC alone, r = (1 - sqrt(MAC)) / sqrt(MAC) (Moller &
         Friberg 1998), instead of sensor by sensor. It is insensitive near the solution, where a MAC

@@ -50,8 +50,8 @@ _SMALL = 0.1
 class ReducedFrfMethod(Method):
     """e_j - Z_r h_X = dZ_r h_X with independently reduced matrices (method ``"reduced-frf"``).
 
-    Bao, Wang & Cheng 2010 (section 1, their [8], of Xu Zhangming) compare with this method and
-    criticise it. K_e, M_e and C_e of every unit become T^T K_e T and so on, with one real
+    The method of Xu Zhangming that Bao, Wang & Cheng 2010 (section 1, their [8]) criticise and
+    compare with their own. K_e, M_e and C_e of every unit become T^T K_e T and so on, with one real
     transformation T onto the measured DOFs, computed from the undamped model at its start.
     Stiffness, mass and damping are then identified in separate steps, each a linear solve with the
     others held, in turn. The paper does not print its formulas; T is therefore that of Guyan (AIAA
