@@ -1,4 +1,4 @@
-"""Comparison of methods on the same model, data, lines and unknowns, one row for each."""
+"""Comparison of methods on the same model, data, lines and unknowns, with one row per method."""
 
 from updyn.comparison.bench import compare, compare_jointly
 from updyn.comparison.fewest import Fewest

@@ -52,16 +52,16 @@ _Result: TypeAlias = "UpdateResult | JointResult"
 
 @dataclass(slots=True, eq=False)
 class StepCounter:
-    """The callback of one fit: passes its steps on, counts its lines, and remembers a stop.
+    """Callback of one fit that forwards its steps, counts its lines, and records a stop.
 
     Attributes
     ----------
     callback : callable or None
         The callback of the user.
     stage : str
-        Method, and lines where not all are used; put before the stage of every step.
+        Method, with the number of lines unless all are used; prefix of the stage of every step.
     lines_solved : int
-        Lines solved by the latest fit; those of its judgement are not its method's.
+        Lines solved by the latest fit, without those of the assessment of its result.
     stopped : bool
         Whether the user has asked to stop.
     """
@@ -72,7 +72,7 @@ class StepCounter:
     stopped: bool = False
 
     def __call__(self, progress: Progress) -> bool:
-        """Pass a step on; return whether to stop."""
+        """Forward a step; return whether to stop."""
         if progress.stage not in (JUDGE, CAUSES):
             self.lines_solved = progress.lines_done
         if self.callback is not None:
@@ -81,7 +81,7 @@ class StepCounter:
         return self.stopped
 
 
-#: How the fewest lines are chosen.
+#: Ways to choose the fewest lines.
 CHOSEN = ("d-optimal", "even")
 
 
@@ -92,19 +92,19 @@ class Options:
     Attributes
     ----------
     methods : tuple of str
-        Names, each once.
+        Names of the methods, each once.
     by_method : mapping of str to mapping
         Options by method.
     truth : mapping of str to float
-        True values by unknown; empty where they are not known.
+        Known true values by unknown.
     fewest : bool
-        Whether the fewest lines are sought.
+        Whether to seek the fewest lines.
     tolerance : float
         Error below which an unknown counts as recovered.
     chosen : str
-        How the fewest lines are chosen.
+        Way to choose the fewest lines.
     title : str
-        For the record.
+        Title, for documentation.
     """
 
     methods: tuple[str, ...]
@@ -133,7 +133,7 @@ class Options:
         Raises
         ------
         InputError
-            If one is not known or not valid.
+            If an argument is unknown or invalid.
         """
         options = options or {}
         names = _methods(methods, options)
@@ -147,7 +147,7 @@ class Options:
 def _methods(
     given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[str, ...]:
-    """Return the methods to run; one with a wrong name or wrong options is refused."""
+    """Return the methods to run; raise for a wrong name or wrong options."""
     if isinstance(given, str):
         raise OptionError(f"methods {given!r}: expected a list of names, such as [{given!r}]")
     if given is None:
@@ -198,7 +198,7 @@ class Bench:
     Attributes
     ----------
     tests : tuple of Test
-        The tests, with the lines that were chosen.
+        The tests, with the chosen lines.
     parameters : ParameterSet
         The unknowns.
     options : Options
@@ -224,7 +224,7 @@ class Bench:
         options: Options,
         running: Mapping[str, Any],
     ) -> Bench:
-        """Choose the lines, once for all methods, and check the inputs against each other.
+        """Choose the lines once for all methods, and check the inputs for consistency.
 
         Raises
         ------
@@ -262,9 +262,9 @@ class Bench:
         Raises
         ------
         InputError
-            If it cannot be used.
+            If the method does not apply.
         SolverError
-            If the model cannot be solved at a line where it starts.
+            If the model cannot be solved at its start values.
         """
         facts = method_facts(name)
         taken: list[Parameter] = []
@@ -312,7 +312,7 @@ class Bench:
         )
 
     def refused(self, name: str, why: str) -> Row:
-        """Return the row of a method that cannot be used."""
+        """Return the row of a method that does not apply."""
         left = tuple(self.parameters.names)
         return Row(**method_facts(name), status=NOT_APPLICABLE, message=why, left=left)
 
@@ -331,13 +331,13 @@ class Bench:
     def _fit_few(
         self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
     ) -> UpdateResult:
-        """Fit on few lines; no causes of the residual are sought, as only the values are used."""
+        """Fit with few lines, without a search for causes, as only the values are used."""
         own, running = self._own_options(name), self._running(name)
         options = RunOptions(name, own, callback=counter, seek_causes=False, **running)
         return run(tests, self._selection(name, unknowns), options)[0]
 
     def _selection(self, name: str, unknowns: ParameterSet) -> Selection:
-        """Return the unknowns of a fit, with those that the method cannot update held."""
+        """Return the unknowns of a fit; those that the method cannot update are held fixed."""
         held = []
         left_out = {}
         for parameter in self.parameters:
@@ -347,18 +347,18 @@ class Bench:
         return Selection(unknowns, left_out=left_out, held=tuple(held))
 
     def _own_options(self, name: str) -> Mapping[str, Any]:
-        """Return the options that were given for one method."""
+        """Return the options given for one method."""
         return self.options.by_method.get(name, {})
 
     def _running(self, name: str) -> dict[str, Any]:
-        """Return the options of every fit that a method accepts."""
+        """Return the common fit options that a method accepts."""
         running = dict(self.running)
         if not self._regularises(name):
             del running["regularise"]
         return running
 
     def _regularises(self, name: str) -> bool:
-        """Return whether a method accepts the regularisation that is asked for, if any."""
+        """Return whether a method accepts the requested regularisation, if any."""
         try:
             check_regularise(self.running["regularise"], name)
         except OptionError:
@@ -367,7 +367,7 @@ class Bench:
 
     # -- with few lines ------------------------------------------------------------------------
     def fewest(self, row: Row, counter: StepCounter) -> Fewest:
-        """Find the fewest lines with which a method that was run still recovers."""
+        """Return the fewest lines with which a method still recovers the unknowns."""
         assert row.result is not None
         unknowns, stage = row.result.parameters, counter.stage
         n_lines = max(self._n_lines)
@@ -411,7 +411,7 @@ class Bench:
     def _distance(
         self, row: Row, unknowns: ParameterSet
     ) -> Callable[[Mapping[str, float]], float] | Fewest:
-        """Return the function that is at most 1 for recovered values, or why there is none."""
+        """Return a function that is at most 1 for recovered values, or why it is undefined."""
         truth, tolerance = self.options.truth, self.options.tolerance
         if not truth:
             assert row.result is not None
@@ -452,7 +452,7 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
 
 
 def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Part:
-    """Return the problem by which lines are chosen; callers do not keep it, as it may be large."""
+    """Return the problem for choosing lines; callers do not keep it, as it may be large."""
     tier = running["tier"]
     if is_reduced(tier, test.model.n_dofs, len(frf.freq)):
         tier = "sparse"
@@ -486,38 +486,39 @@ def compare(
 ) -> Comparison:
     """Run every method on the same model, measurement, lines and unknowns.
 
-    The row of a method that cannot be used on them states why. A method that cannot update some of
-    the quantities is run with the other unknowns, and its row lists those left at their start.
+    The row of a method that does not apply gives the reason. A method that cannot update some of
+    the quantities is run with the other unknowns, and its row lists the unknowns kept at their
+    start.
 
     Parameters
     ----------
     model, frf, parameters
         As for `updyn.update`.
     methods : iterable of str, optional
-        Names; by default every method that there is.
+        Names; by default all methods.
     lines, noise, engine
-        As for `updyn.update`. Lines that are to be chosen are chosen once, for all methods.
+        As for `updyn.update`. Lines are chosen once for all methods.
     callback : callable, optional
         As for `updyn.update`; the stage of the progress begins with the method. Returning True
-        ends the comparison, with the rows so far.
+        ends the comparison with the rows so far.
     truth : mapping of str to float, optional
-        True values of unknowns, by name, as far as they are known: the rows then hold errors.
+        Known true values of unknowns, by name; the rows then contain errors.
     validation
         As for `updyn.update`.
     fewest : bool
-        Also find the fewest lines with which each method still recovers, which takes several fits
-        a method.
+        Whether to find the fewest lines with which each method still recovers the unknowns, which
+        takes several fits per method.
     tolerance : float
         Error below which an unknown counts as recovered: relative to the truth (absolute for a
-        loss factor); or, where no truth is given, from the method's own estimate with all lines,
-        where 3 standard deviations count as well.
+        loss factor); or, without a truth, relative to the method's estimate with all lines, with a
+        tolerance of at least 3 standard deviations.
     chosen : {"d-optimal", "even"}
-        How the fewest lines are chosen among the lines.
+        Way to choose the fewest lines among the lines.
     options : mapping of str to mapping, optional
         Options by method.
     title, tier, backend, accuracy, regularise
-        As for `updyn.update`. Methods without regularisation are run without it, and their rows
-        say so.
+        As for `updyn.update`. Methods that do not support the regularisation are run without it,
+        which their rows mention.
 
     Returns
     -------
@@ -526,10 +527,10 @@ def compare(
     Raises
     ------
     InputError
-        If model, data and unknowns do not fit together, or an option, a method or a true value is
-        not known.
+        If model, data and unknowns are inconsistent, or an option, a method or a true value is
+        unknown.
     SolverError
-        If the model cannot be solved at a line where it starts.
+        If the model cannot be solved at its start values.
 
     Examples
     --------
@@ -584,20 +585,20 @@ def compare_jointly(
     parameters, methods, engine, callback
         As for `compare`.
     truth, fewest, tolerance, chosen, options, title, tier, backend, accuracy, regularise
-        As for `compare`. The fewest lines are so many of each test.
+        As for `compare`. The fewest lines are counted per test.
 
     Returns
     -------
     Comparison
-        Figures of agreement are those of the test that agrees worst.
+        Figures of agreement are those of the test with the worst agreement.
 
     Raises
     ------
     InputError
-        If models, data and unknowns do not fit together, or an option, a method or a true value is
-        not known.
+        If models, data and unknowns are inconsistent, or an option, a method or a true value is
+        unknown.
     SolverError
-        If a model cannot be solved at a line where it starts.
+        If a model cannot be solved at its start values.
 
     Examples
     --------

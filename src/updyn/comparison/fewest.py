@@ -1,4 +1,4 @@
-"""The fewest lines with which a method still recovers the unknowns."""
+"""Fewest lines with which a method still recovers the unknowns."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _STDS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Fewest:
-    """The fewest lines with which a method still recovers.
+    """The fewest lines with which a method still recovers the unknowns.
 
     Attributes
     ----------
     count : int or None
-        Number of lines of each test; None where none of the numbers tried was enough.
+        Number of lines per test; None if no tried number was sufficient.
     lines : tuple of float
         These lines of the first test, in Hz.
     tried : tuple of (int, float)
-        Every number of lines that was tried, and the error of its fit relative to the tolerance.
+        Each tried number of lines and the error of its fit relative to the tolerance.
     note : str
-        Why nothing, or no more, was tried; may be empty.
+        Why no numbers, or no further ones, were tried; may be empty.
     """
 
     count: int | None
@@ -40,17 +40,7 @@ class Fewest:
 
 
 def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
-    """Return a text that states how the fewest lines are sought.
-
-    Parameters
-    ----------
-    tolerance : float
-        Error below which an unknown counts as recovered.
-    chosen : {"d-optimal", "even"}
-        How lines are chosen.
-    truth : bool
-        Whether the truth is known.
-    """
+    """Return a text that describes the search for the fewest lines."""
     which = "evenly"
     if chosen == "d-optimal":
         which = "D-optimally at the start of the unknowns"
@@ -72,16 +62,10 @@ def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
 
 
 def counts(n_lines: int, values_a_line: int, n_unknowns: int) -> list[int]:
-    """Return the numbers of lines to try, ascending; the last is all.
+    """Return the numbers of lines to try, ascending; the last is `n_lines`.
 
-    Parameters
-    ----------
-    n_lines : int
-        Lines of the data.
-    values_a_line : int
-        Complex values at a line, of all tests.
-    n_unknowns : int
-        Unknowns without a prior: fewer real values than these cannot determine them.
+    `values_a_line` is the number of complex values per line of all tests; `n_unknowns` counts
+    unknowns without a prior, which fewer real values cannot determine.
     """
     least = math.ceil(n_unknowns / (2 * values_a_line))
     return [k for k in COUNTS if least <= k < n_lines] + [n_lines]
@@ -92,8 +76,8 @@ def errors_against(
 ) -> dict[str, float]:
     """Return the errors of the unknowns whose truth is known, by name.
 
-    An error is estimate / truth - 1, of a loss factor estimate - truth. The error of a damping
-    coefficient whose truth is 0 is relative to its start.
+    An error is estimate / truth - 1, and for a loss factor estimate - truth. The error of a
+    damping coefficient with truth 0 is relative to its start.
     """
     errors = {}
     for p in parameters:
@@ -103,7 +87,7 @@ def errors_against(
 
 
 def _scale(parameter: Parameter, value: float) -> float:
-    """Return the value that an error of an unknown is relative to."""
+    """Return the reference value of the error of an unknown."""
     if all(d.quantity == "loss_factor" for d in parameter.acts_on):
         return 1.0
     return abs(value) or abs(parameter.start) or 1.0
@@ -112,7 +96,7 @@ def _scale(parameter: Parameter, value: float) -> float:
 def own_answer(
     result: UpdateResult | JointResult, tolerance: float
 ) -> Callable[[Mapping[str, float]], float]:
-    """Return the distance of values from a method's own estimate, relative to the tolerance."""
+    """Return a function for the distance from a method's own estimate, in tolerances."""
     parameters = result.parameters
 
     def distance(values: Mapping[str, float]) -> float:
@@ -131,20 +115,11 @@ def fewest_lines(
     distance: Callable[[int], float | None],
     lines: Callable[[int], tuple[float, ...]],
 ) -> Fewest:
-    """Try numbers of lines in ascending order until one is enough.
+    """Try numbers of lines in ascending order until one is sufficient.
 
-    The order is ascending because fits with few lines cost little, and because more lines need not
-    be better.
-
-    Parameters
-    ----------
-    numbers : list of int
-        Numbers to try, ascending.
-    distance : callable
-        Returns the error of the fit with a number of lines, relative to the tolerance; None where
-        the user has stopped.
-    lines : callable
-        Returns these lines, in Hz.
+    The order is ascending because fits with few lines are cheap, and because more lines are not
+    always better. `distance` returns the error of the fit with a number of lines, relative to the
+    tolerance, or None if the user stopped; `lines` returns these lines in Hz.
     """
     tried: list[tuple[int, float]] = []
     for number in numbers:

@@ -1,4 +1,4 @@
-"""`Comparison`: the results of several methods, one row each, and the table of them as text."""
+"""`Comparison`: the results of several methods, one row each, and their text table."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ __all__ = [
     "summary",
 ]
 
-#: Status of a method that cannot be used on the data or the unknowns.
+#: Status of a method that does not support the data or the unknowns.
 NOT_APPLICABLE = "does not apply"
 
-#: Statuses of a fit that has arrived where its method leads.
+#: Statuses of a fit that ended as intended.
 _SETTLED = ("converged", "not-identifiable")
 
-#: Quantities of damping, the structural one first.
+#: Quantities of damping, structural damping first.
 _DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
 
-#: Figures that are larger where the agreement is better, by the beginning of their names.
+#: Prefixes of figures that are larger for better agreement.
 _LARGER_IS_BETTER = (*ONE_AT_BEST, "modes_")
 
 _Figures = Mapping[str, Mapping[str, float]]
@@ -55,46 +55,45 @@ class Row:
     Attributes
     ----------
     method : str
-        Its name.
+        Name of the method.
     reference : str
-        Its publication, in short.
+        Short reference of its publication.
     status : str
-        As of `updyn.UpdateResult`, or ``"does not apply"``.
+        Status of `updyn.UpdateResult`, or ``"does not apply"``.
     message : str
-        The cause, in a sentence; why it does not apply.
+        The cause of the status, in a sentence.
     cannot : tuple of str
-        Quantities that it cannot update, whatever the data.
+        Quantities that it cannot update for any data.
     needs : str
-        What it needs of the data beyond what the default method does; may be empty.
+        Requirements on the data beyond those of the default method; may be empty.
     updated : tuple of str
-        Unknowns that it was run with.
+        Unknowns of the run.
     left : tuple of str
-        Unknowns left at their start, because it cannot update their quantities.
+        Unknowns kept at their start, because the method cannot update their quantities.
     values, std : mapping of str to float
-        By unknown; those left stand at their start, with standard deviation nan. Empty where it
-        does not apply.
+        By unknown; those in `left` have their start value and standard deviation nan. Empty if the
+        method does not apply.
     errors : mapping of str to float
-        Errors of the estimate where the truth is known, as of `errors_against`. Unknowns left at
-        their start are included.
+        Errors of unknowns with known truth, from `errors_against`, including unknowns in `left`.
     off : mapping of str to float
-        Estimate minus truth, in the unit of the unknown, where the truth is known.
+        Estimate minus truth, in the unit of the unknown, for unknowns with known truth.
     fitted, held_out : mapping of str to mapping of str to float
         ``before`` and ``after``: figures of agreement with the data of the fit and with the
-        validation set (``db_error_median``, ``frac_median``, ...). Of several tests the worst.
+        validation set (``db_error_median``, ``frac_median``, ...). The worst of several tests.
     rank : int
-        Number of independent combinations of its unknowns that the data determine.
+        Number of independent combinations of the unknowns that the data determine.
     iterations : int
-        Accepted steps, those of its search included.
+        Number of accepted steps, including those of the search for a start.
     lines_solved : int
-        Lines at which the model was solved up to the last step.
+        Number of line solutions of the model up to the last step.
     n_lines : int
-        Lines of the data that were fitted.
+        Number of fitted lines.
     seconds : float
-        Time of the whole update, in s.
+        Duration of the whole update in s.
     fewest : Fewest or None
-        The fewest lines with which it still recovers; None where that was not sought.
+        Fewest lines with which the method still recovers the unknowns; None if not sought.
     result : UpdateResult, JointResult or None
-        The full result; None where it does not apply.
+        The full result; None if the method does not apply.
     """
 
     method: str
@@ -128,14 +127,14 @@ class Row:
     def error_max(self) -> float:
         """Largest size of `errors`.
 
-        inf where one of these unknowns is not determined: its value depends on the path of the fit.
-        nan where the truth is not known.
+        inf if one of these unknowns is undetermined, as its value then depends on the path of the
+        fit; nan if the truth is unknown.
         """
         return max(self._sizes(self.errors), default=math.nan)
 
     @property
     def error_rms(self) -> float:
-        """Root of the mean square of `errors`; inf and nan as of `error_max`."""
+        """Root mean square of `errors`; inf and nan as in `error_max`."""
         if not self.errors:
             return math.nan
         squares = sum(size * size for size in self._sizes(self.errors))
@@ -143,12 +142,12 @@ class Row:
 
     @property
     def error_max_updated(self) -> float:
-        """Largest size of `errors` of the unknowns that it was run with, as of `error_max`."""
+        """Largest size of `errors` among the unknowns of the run, as in `error_max`."""
         updated = [name for name in self.errors if name in self.updated]
         return max(self._sizes(updated), default=math.nan)
 
     def _sizes(self, names: Iterable[str]) -> list[float]:
-        """Return the sizes of errors, inf of unknowns that are not determined."""
+        """Return the sizes of errors; inf for undetermined unknowns."""
         return [
             math.inf if self.std.get(name) == math.inf else abs(self.errors[name]) for name in names
         ]
@@ -157,8 +156,8 @@ class Row:
     def off_in_std(self) -> float:
         """Largest distance from the truth in standard deviations of the method.
 
-        Below about 3 where these are right; nan where the truth is not known or no unknown has a
-        finite standard deviation.
+        Below about 3 if the standard deviations are right; nan if the truth is unknown or no
+        unknown has a finite standard deviation.
         """
         largest = math.nan
         for name, off in self.off.items():
@@ -170,29 +169,29 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison(Sequence[Row]):
-    """Results of several methods: a sequence of `Row`, in the order in which they were run.
+    """Results of several methods: a sequence of `Row`, in the order of the runs.
 
     Attributes
     ----------
     rows : tuple of Row
-        One for each method.
+        One row per method.
     tests : tuple of Test
         The tests, with the lines that all methods fitted.
     parameters : ParameterSet
         The unknowns.
     truth : mapping of str to float
-        True values, as far as they are known.
+        Known true values.
     tolerance : float
-        Error below which an unknown counts as recovered, against the truth or against the method's
-        own estimate with all lines.
+        Error below which an unknown counts as recovered, relative to the truth or to the method's
+        estimate with all lines.
     rule : str
-        How the fewest lines were sought; empty where they were not.
+        Description of the search for the fewest lines; empty if they were not sought.
     stopped : bool
-        Whether the user stopped it.
+        Whether the user stopped the comparison.
     not_run : tuple of str
-        Methods that were not run because of that.
+        Methods that were not run because of the stop.
     title : str
-        For the record.
+        Title, for documentation.
 
     Examples
     --------
@@ -222,7 +221,7 @@ class Comparison(Sequence[Row]):
     @overload
     def __getitem__(self, item: slice) -> tuple[Row, ...]: ...
     def __getitem__(self, item: int | str | slice) -> Row | tuple[Row, ...]:
-        """Return a row by its place or by the name of its method."""
+        """Return a row by position or by the name of its method."""
         if not isinstance(item, str):
             return self.rows[item]
         methods = [row.method for row in self.rows]
@@ -249,18 +248,12 @@ class Comparison(Sequence[Row]):
         return {}
 
     def summary(self) -> str:
-        """Return the comparison as text: the table, and the reasons for what was not run."""
+        """Return the comparison as text: the table, and why methods were not run."""
         return summary(self)
 
 
 def method_facts(name: str) -> dict[str, Any]:
-    """Return what a row states of a method without running it.
-
-    Returns
-    -------
-    dict
-        ``method``, ``reference``, ``cannot``, ``needs``, as of `Row`.
-    """
+    """Return ``method``, ``reference``, ``cannot`` and ``needs`` of a `Row` without a run."""
     method = METHODS.find(name)
     cannot = tuple(method.cannot)
     if not method.calibrates:
@@ -276,7 +269,7 @@ def method_facts(name: str) -> dict[str, Any]:
 def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
     """Return the figures of agreement with the fitted data and with the validation set.
 
-    Of several tests the worst figure is taken.
+    For several tests, the worst figure is taken.
     """
     fitted, held_out = [], []
     for one in result.results.values():
@@ -288,7 +281,7 @@ def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
 
 
 def _worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
-    """Return ``before`` and ``after``: each figure of the test that agrees worst."""
+    """Return ``before`` and ``after``: each figure of the test with the worst agreement."""
     out: dict[str, dict[str, float]] = {}
     for when in ("before", "after"):
         out[when] = {}
@@ -305,7 +298,7 @@ Column = tuple[str, str, "Callable[[Row], str]"]
 
 
 def _figure(figures: _Figures, row: Row, name: str) -> str:
-    """Return a figure of agreement after the fit; none of a failed one, which ends at its start."""
+    """Return a figure of agreement after the fit; "-" for a failed fit, which ends at its start."""
     value = (figures.get("after") or {}).get(name, math.nan)
     if row.status == "failed" or math.isnan(value):
         return "-"
@@ -339,14 +332,14 @@ def _fewest(row: Row) -> str:
 
 
 def reason(row: Row) -> str:
-    """Return why a method does not apply or has not arrived; empty where it has."""
+    """Return why a method does not apply or failed to converge; empty if it converged."""
     if row.status in _SETTLED:
         return ""
     return row.message
 
 
 def limits(row: Row) -> str:
-    """Return what a method cannot update and what it needs, in words."""
+    """Return as text the quantities that a method cannot update and its requirements."""
     texts = []
     if row.cannot:
         texts.append(_quantities(row.cannot))
@@ -356,7 +349,7 @@ def limits(row: Row) -> str:
 
 
 def _quantities(names: Sequence[str]) -> str:
-    """Return quantities in words, calibration factors together and kinds of damping together."""
+    """Return quantities as text; complete sets of calibration or damping get a common name."""
     given = set(names)
     others, calibration, damping = [], [], []
     for name in names:
@@ -375,7 +368,7 @@ def _quantities(names: Sequence[str]) -> str:
     return ", ".join([*others, *calibration, *damping]).replace("_", " ")
 
 
-#: Key, heading and content of every column.
+#: Key, heading and content of each column.
 COLUMNS: tuple[Column, ...] = (
     ("method", "method", lambda r: r.method),
     ("status", "status", lambda r: r.status),
@@ -393,12 +386,12 @@ COLUMNS: tuple[Column, ...] = (
     ("seconds", "seconds", lambda r: _number(r.seconds)),
     ("limits", "cannot update", limits),
 )
-#: Columns of a method that does not apply.
+#: Columns shown for a method that does not apply.
 _KNOWN_WITHOUT_RUNNING = ("method", "status", "limits")
 
 
 def columns(comparison: Comparison) -> list[Column]:
-    """Return the columns that have something to show."""
+    """Return the columns with content."""
     empty = set()
     if not any(row.held_out for row in comparison):
         empty |= {"held_db", "held_frac"}
@@ -410,7 +403,7 @@ def columns(comparison: Comparison) -> list[Column]:
 
 
 def cells(row: Row, shown: Sequence[Column]) -> list[str]:
-    """Return the cells of a row; of a method that does not apply only the facts of the method."""
+    """Return the cells of a row; for a method that does not apply only facts of the method."""
     out = []
     for key, _, content in shown:
         if row.applies or key in _KNOWN_WITHOUT_RUNNING:
@@ -421,7 +414,7 @@ def cells(row: Row, shown: Sequence[Column]) -> list[str]:
 
 
 def summary(comparison: Comparison) -> str:
-    """Return the table and, below it, notes on methods, unknowns and lines."""
+    """Return the table, followed by notes on methods, unknowns and lines."""
     shown = columns(comparison)
     n_lines = max((row.n_lines for row in comparison), default=0)
     head = f"{comparison.title or 'Comparison'}: {len(comparison.parameters)} unknowns"
@@ -461,12 +454,12 @@ def summary(comparison: Comparison) -> str:
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> str:
-    """Return rows in columns, the first `left` and the last of them aligned to the left."""
+    """Return rows as columns; the first `left` columns and the last are left-aligned."""
     return text_table(header, rows, {*range(left), len(header) - 1})
 
 
 def listing() -> str:
-    """Return a table of all methods: what they cannot update or need, and their publications."""
+    """Return a table of all methods with their limits, requirements and publications."""
     table = []
     for name in METHODS:
         row = Row(**method_facts(name), status="", message="")
