@@ -53,14 +53,7 @@ class BeforeSearch:
     ) -> BeforeSearch:
         """Compare the modes of each test with those of its model at the start of the unknowns.
 
-        Parameters
-        ----------
-        tests : sequence of Test
-            The tests.
-        unknowns : ParameterSet
-            Unknowns of the fit.
-        options : mapping of str to object
-            Options of the method; ``modes`` holds the modes of the tests.
+        `options` are those of the method; ``modes`` among them holds the modes of the tests.
         """
         given = options.get("modes")
         by_test = given if isinstance(given, Mapping) else {}
@@ -108,12 +101,8 @@ class BeforeSearch:
     def concluded(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
         """Return the entries of a result that the comparison of modes changes.
 
-        Parameters
-        ----------
-        common : mapping of str to object
-            ``status``, ``message``, ``remedy``, ``trust`` and ``findings`` of the result.
-        models : sequence of Model
-            The updated model of each test.
+        `common` holds ``status``, ``message``, ``remedy``, ``trust`` and ``findings`` of the
+        result, `models` the updated model of each test.
         """
         status, trust = common["status"], common["trust"]
         claim = _resembles(self.found)

@@ -80,20 +80,10 @@ def modal_table(
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
     """Return a result whose verdict takes account of the modes that the update made worse.
 
-    If the residual of FRFs is noise, the model reproduces them, including their resonances. A
-    contradiction by modes identified from them is then an error of the identification.
-
-    Parameters
-    ----------
-    result : UpdateResult
-        The result of one test.
-    tables : sequence of ModalTable
-        Tables of all tests that were fitted together and whose residual is not noise.
-
-    Returns
-    -------
-    UpdateResult
-        With the status ``"not-credible"`` if the modes contradict the answer.
+    The status is ``"not-credible"`` if the modes contradict the answer. `tables` are those of all
+    tests that were fitted together and whose residual is not noise. If the residual of FRFs is
+    noise, the model reproduces them, including their resonances; a contradiction by modes
+    identified from them is then an error of the identification.
     """
     if result.trust is None:
         return result
@@ -107,23 +97,9 @@ def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> Update
 def start_table(
     model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
 ) -> ModalTable:
-    """Compare the modes of the test with those of the model before any update.
+    """Compare the modes of the test, or the given ones, with those of the model before any update.
 
-    Parameters
-    ----------
-    model : Model
-        The model at the start of an update.
-    data : FRF or ModeSet
-        The measurement.
-    modes : ModeSet, optional
-        The modes of the test, if known in addition to FRFs.
-    largest : int
-        Largest number of DOFs for which the modes of a model are computed.
-
-    Returns
-    -------
-    ModalTable
-        As for `modal_table`, without an updated model.
+    For models with more than `largest` DOFs the table has only a note.
     """
     return _table(model, None, modes or data, (), largest)
 

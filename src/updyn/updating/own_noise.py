@@ -70,15 +70,7 @@ class OwnNoise:
     def tried(
         self, found: Judgement, judged: Callable[[Fit, Sequence[NoiseModel]], Judgement]
     ) -> Judgement:
-        """Return the judgement of the continued fit; `found` if that is not better.
-
-        Parameters
-        ----------
-        found : Judgement
-            Judgement of the fit so far.
-        judged : callable
-            Returns the judgement of a fit with given noise models.
-        """
+        """Return the judgement of the continued fit; `found`, of the first fit, if not better."""
         noises = self._own(found)
         if noises is None:
             return found

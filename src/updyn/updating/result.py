@@ -585,18 +585,9 @@ def _rounded(value: float, std: float) -> str:
 def interval(
     parameter: Parameter, value: float, std: float, level: float = 0.95, freedom: int | None = None
 ) -> tuple[float, float]:
-    """Return the confidence interval of an unknown.
+    """Return the confidence interval of an unknown, with the probability `level`.
 
-    Parameters
-    ----------
-    parameter : Parameter
-        The unknown.
-    value, std : float
-        Estimate and standard deviation, both finite.
-    level : float
-        Probability that the interval covers the true value.
-    freedom : int, optional
-        Degrees of freedom of Student's distribution; by default the distribution is Gaussian.
+    The distribution is Gaussian, or Student's with `freedom` degrees of freedom if given.
     """
     upper = 0.5 * (1.0 + level)
     wide = float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
@@ -658,18 +649,7 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
 
 
 def result_of_test(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
-    """Return the result of one test of an update.
-
-    Parameters
-    ----------
-    result : UpdateResult or JointResult
-        The result.
-    test : str or None
-        Name of the test; None for an update with one test.
-
-    Returns
-    -------
-    UpdateResult
+    """Return the result of one test of an update; `test` is None for an update with one test.
 
     Raises
     ------

@@ -127,15 +127,6 @@ def run(
 ) -> list[UpdateResult]:
     """Fit the unknowns to all tests and return one result for each.
 
-    Parameters
-    ----------
-    tests : sequence of Test
-        At least one.
-    parameters : ParameterSet or Selection
-        The unknowns.
-    options : RunOptions
-        Options of the run.
-
     Raises
     ------
     InputError

@@ -288,16 +288,9 @@ def identifiability(
 ) -> Identifiability:
     """Return the identifiability of the unknowns from a measurement, at their start.
 
-    Parameters
-    ----------
-    model, frf, parameters, lines, noise
-        As for `update`. If neither `noise` nor the data state the noise, 5 % of |H| and a floor of
-        0.1 % of the rms are assumed; for modes 1 % of a frequency, 10 % of a shape, 20 % of a loss
-        factor.
-
-    Returns
-    -------
-    Identifiability
+    Parameters are those of `update`. If neither `noise` nor the data state the noise, 5 % of |H|
+    and a floor of 0.1 % of the rms are assumed; for modes 1 % of a frequency, 10 % of a shape, 20 %
+    of a loss factor.
 
     Raises
     ------
@@ -314,16 +307,7 @@ def joint_identifiability(
 ) -> Identifiability:
     """Return the identifiability of the unknowns from several tests together, at their start.
 
-    Parameters
-    ----------
-    tests : sequence of Test
-        At least one; held-out data count as data here.
-    parameters : ParameterSet or Selection
-        The unknowns.
-
-    Returns
-    -------
-    Identifiability
+    Held-out data count as data here.
 
     Raises
     ------
@@ -336,22 +320,7 @@ def joint_identifiability(
 
 
 def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) -> Analysis:
-    """Return the analysis on which `joint_identifiability` is based.
-
-    Parameters
-    ----------
-    tests, parameters
-        As for `joint_identifiability`.
-
-    Returns
-    -------
-    Analysis
-
-    Raises
-    ------
-    InputError, SolverError
-        As for `joint_identifiability`.
-    """
+    """Return the analysis on which `joint_identifiability` is based; it raises the same errors."""
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, chosen.parameters)

@@ -194,16 +194,7 @@ def kept_in_file(
 ) -> Iterator[None]:
     """Store the evaluations of a session in a checkpoint; without a path, do nothing.
 
-    Parameters
-    ----------
-    session : Session
-        Session of the run.
-    path : path, optional
-        The file.
-    head : callable
-        Returns the `fingerprint` of the run.
-    resume : bool
-        Whether to continue the run of the file.
+    `head` returns the `fingerprint` of the run.
 
     Raises
     ------
@@ -228,19 +219,8 @@ def fingerprint(
 ) -> dict[str, Any]:
     """Return the identification of a run as plain data.
 
-    Parameters
-    ----------
-    problem : Problem
-        Model and unknowns.
-    data : sequence of FRF or ModeSet
-        All data of each test.
-    options : mapping
-        Other options that change the evaluations. The number of steps is not one of them: a run
-        that ended at the largest number of steps can be resumed with more.
-
-    Returns
-    -------
-    dict
+    `options` are other options that change the evaluations. The number of steps is not one of them:
+    a run that ended at the largest number of steps can be resumed with more.
     """
     model: list[object] = []
     measured: list[object] = []

@@ -124,12 +124,7 @@ class Monitor:
     def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:
         """Assign the steps made inside to a stage, and time them.
 
-        Parameters
-        ----------
-        name : str
-            Part of the method.
-        problem : Problem, optional
-            The problem fitted inside, if it is not the whole one.
+        `problem` is the problem fitted inside, if it is not the whole one.
         """
         before, start = (self._stage, self._n_lines), time.perf_counter()
         self._stage, self._n_lines = name, (problem or self.problem).n_lines

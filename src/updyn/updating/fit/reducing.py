@@ -135,18 +135,7 @@ def is_reduced(
     method: str | None = None,
     regularise: str | float | None = None,
 ) -> bool:
-    """Return whether a model is to be reduced.
-
-    Parameters
-    ----------
-    tier : str or None
-        The forced tier, if any.
-    n, n_lines : int
-        Number of degrees of freedom and of frequency lines.
-    method : str, optional
-        Method of the update.
-    regularise : str or float, optional
-        Regularisation of the update.
+    """Return whether a model with n DOFs is to be reduced.
 
     Raises
     ------
@@ -170,14 +159,8 @@ def is_reduced(
 def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:
     """Return the reduction of a part's model for its responses, references and band, not yet built.
 
-    Parameters
-    ----------
-    part : Part
-        Part with the full model.
-    accuracy : float
-        Accepted error of a receptance, relative to the largest of its line.
-    others : ndarray of int, optional
-        Further DOFs whose motion counts in the error.
+    `accuracy` is the accepted error of a receptance, relative to the largest of its line. The
+    motion of `others`, further DOFs, counts in the error too.
     """
     freq = part.frf.freq
     if others is None:
@@ -335,19 +318,8 @@ class Reducing:
     ) -> tuple[Problem, Fit]:
         """Fit from the start or, if that fails, from the end of a search around the start.
 
-        Parameters
-        ----------
-        problem : Problem
-            Problem returned by `inside`.
-        strategy, noises, monitor
-            As for `Method.fit`.
-
-        Returns
-        -------
-        problem : Problem
-            Problem with the last reduced models.
-        fit : Fit
-            The last fit.
+        Return the problem with the last reduced models, and the last fit. `problem` is that of
+        `inside`.
         """
         self._reached = self._home
         try:
@@ -815,15 +787,7 @@ def _holding(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vector,
 
 
 def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
-    """Return the record of solves by backends other than the chosen one; empty without any.
-
-    Parameters
-    ----------
-    used : mapping of str to int
-        Number of solves by backend.
-    backend : str
-        The chosen backend.
-    """
+    """Return the record of solves by backends other than the chosen one; empty without any."""
     others = [f"{name} {number}" for name, number in used.items() if name != backend]
     if not others:
         return {}

@@ -86,24 +86,10 @@ class Spectrum:
         n_values: float = 0.0,
         fixed: int = 0,
     ) -> Spectrum:
-        """Return the spectrum of a problem.
+        """Return the spectrum of a problem with A, shape (m, n), and b, shape (m,).
 
-        Parameters
-        ----------
-        A : ndarray of float, shape (m, n)
-            Matrix.
-        b : ndarray of float, shape (m,)
-            Right-hand side.
-        rest : float
-            Squared norm of a further residual that does not depend on z.
-        n_values : float
-            Number of residuals; by default m.
-        fixed : int
-            Number of further unknowns, which are not regularised.
-
-        Returns
-        -------
-        Spectrum
+        `rest` is the squared norm of a further residual that does not depend on z; `n_values` is m
+        by default.
         """
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         beta = U.T @ b
@@ -251,21 +237,12 @@ _POINTS = 41
 def check_regularise(
     regularise: str | float | None, method: str, *, reducing: bool = False
 ) -> None:
-    """Check the option `regularise`.
-
-    Parameters
-    ----------
-    regularise : str, float or None
-        As for `updyn.update`.
-    method : str
-        Name of the method.
-    reducing : bool
-        Whether the fit is made in reduced models.
+    """Check the option `regularise` of `updyn.update`.
 
     Raises
     ------
     OptionError
-        If the option is not valid, or the method cannot be regularised.
+        If the option is not valid, or the method cannot be regularised or not in reduced models.
     """
     if regularise is None:
         return
@@ -302,20 +279,7 @@ def keeps_to_directions(regularise: str | float | None) -> bool:
 
 
 def regularised(strategy: Method, method: str, regularise: str | float | None) -> Method:
-    """Return the regularised method; the method itself if `regularise` is None.
-
-    Parameters
-    ----------
-    strategy : Method
-        The method.
-    method : str
-        Its name.
-    regularise : str, float or None
-        As for `updyn.update`.
-
-    Returns
-    -------
-    Method
+    """Return the method with regularisation; unchanged if `regularise` is None.
 
     Raises
     ------

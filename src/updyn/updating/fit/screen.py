@@ -90,19 +90,7 @@ class Screen:
     def of(
         cls, problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
     ) -> Screen:
-        """Return the screen of an answer.
-
-        Parameters
-        ----------
-        problem : Problem
-            The fitted problem.
-        x : ndarray of float, shape (n,)
-            The answer.
-        noises : sequence of NoiseModel
-            Noise model of its last descent, for each part.
-        residual : Each
-            The residual whitened by this noise.
-        """
+        """Return the screen of answer x, from the noise and whitened residual of its descent."""
         if any(noise.heavy_tails for noise in noises):
             return cls((), np.inf)  # a few lines are not representative
         pieces = [
@@ -135,19 +123,11 @@ class Screen:
         """Return the points of least sum of squares over distance from the answer, best first.
 
         This is for points at which the error of the model exceeds the noise, so none can be
-        rejected by its sum of squares. More lines add little, so three quarters of the points are
-        dropped after each piece, down to `number` points. (Measured and rejected: the sum of
-        squares alone, which prefers points that the data hardly distinguish from the answer; the
-        sum of squares over the squared distance, which prefers the farthest points.)
-
-        Parameters
-        ----------
-        points : sequence of ndarray of float, shape (n,)
-            The points.
-        distances : sequence of float
-            Their distances from the answer, in standard deviations of the data.
-        number : int
-            Sufficient number of points.
+        rejected by its sum of squares. Distances are in standard deviations of the data. More lines
+        add little, so three quarters of the points are dropped after each piece, down to `number`
+        points. (Measured and rejected: the sum of squares alone, which prefers points that the data
+        hardly distinguish from the answer; the sum of squares over the squared distance, which
+        prefers the farthest points.)
         """
         tiny = np.finfo(float).tiny
         kept = [(0.0, max(far, tiny), x) for far, x in zip(distances, points, strict=True)]

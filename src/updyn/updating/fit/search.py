@@ -121,16 +121,7 @@ class Search:
     def run(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return the ends of tries that are worth a fit, in order of increasing log error.
 
-        The points are within the bounds.
-
-        Parameters
-        ----------
-        problem : Problem
-            Problem returned by `coarse`.
-        noises : sequence of NoiseModel
-            Noise model of each part.
-        monitor : Monitor
-            Records the steps.
+        `problem` is that of `coarse`. The points are within the bounds.
         """
         belief = Belief(problem, all(noise.size_known for noise in noises))
         agreed, in_vain = False, False
@@ -252,28 +243,12 @@ class Search:
                 ends.append(best)
 
     def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
-        """Return the end of a try that begins near a point, shape (n,).
+        """Return the end, shape (n,), of try `number` near x, or None if the model is singular.
 
         Minima of the misfit occur in groups: from a short distance the next one is more likely in
         reach than from a start far from all of them. Every third such try begins with one unknown
         put back to its start, in turn those far from it: the resonance of a part may have been
-        taken for that of another.
-
-        Parameters
-        ----------
-        problem : Problem
-            Problem returned by `coarse`.
-        x : ndarray of float, shape (n,)
-            The point.
-        number : int
-            Index of the try.
-        monitor : Monitor
-            Records the steps.
-
-        Returns
-        -------
-        ndarray or None
-            None if the model cannot be solved on the way.
+        taken for that of another. `problem` is that of `coarse`.
         """
         end = self._try_beside(problem, _on_few_lines(problem), x, number, monitor)
         return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
@@ -338,16 +313,7 @@ class Search:
     ) -> _Points:
         """Yield starts; with several workers, the attempts from them are evaluated ahead.
 
-        Parameters
-        ----------
-        attempt : callable
-            Makes the attempt from a start.
-        problem : Problem
-            The problem of the attempt.
-        points : iterable of ndarray of float, shape (n,)
-            The starts.
-        begun : Problem
-            The problem that the attempt evaluates first.
+        `begun` is the problem that an attempt evaluates first.
         """
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:

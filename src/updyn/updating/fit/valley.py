@@ -74,10 +74,7 @@ class Valley:
     def end(self, refitted: Callable[[_Vector, int], Answer | None]) -> Answer | None:
         """Return the far end if the data are fitted equally well all along, else None.
 
-        Parameters
-        ----------
-        refitted : callable
-            Returns the answer from a point with one unknown held; None if the fit fails.
+        `refitted` returns the answer from a point with one unknown held, or None if the fit fails.
         """
         last, slope, step, gone = self.answer, self.side * self.ridge, _STEP, 0.0
         while gone < _FAR - 1e-9 and not self._at_bound(last.x):

@@ -72,13 +72,7 @@ METHODS = _Methods(
 
 
 def methods_with(attribute: str) -> tuple[str, ...]:
-    """Return the names of the methods for which an attribute of `Method` is true.
-
-    Parameters
-    ----------
-    attribute : str
-        Name of the attribute, such as ``"can_regularise"``.
-    """
+    """Return the names of the methods for which an attribute of `Method` is true."""
     return tuple(name for name in METHODS if getattr(METHODS[name], attribute))
 
 
@@ -120,13 +114,6 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
 def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> None:
     """Check that a method supports calibration factors, if there are any.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The unknowns.
-    method : Method, or its class
-        The method.
-
     Raises
     ------
     OptionError
@@ -143,13 +130,6 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
 
 def check_modes(tests: Sequence[Test], method: Method) -> None:
     """Check that a method fits modes, if the data of a test are modes.
-
-    Parameters
-    ----------
-    tests : sequence of Test
-        The tests.
-    method : Method
-        The method.
 
     Raises
     ------

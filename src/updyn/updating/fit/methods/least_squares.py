@@ -154,15 +154,7 @@ class LeastSquares(Method):
 
     @classmethod
     def of(cls, name: str, residual: type[LineResidual]) -> type[LeastSquares]:
-        """Return the method that minimises a residual.
-
-        Parameters
-        ----------
-        name : str
-            Registered name of the residual.
-        residual : type of LineResidual
-            The residual.
-        """
+        """Return the method that minimises a residual registered under `name`."""
         stated = {
             "name": name,
             "residual": residual,
@@ -303,20 +295,7 @@ def sandwich(
     White, Econometrica 48 (1980) 817). S is computed from the noise model, not from the squares of
     the residuals, which are too few if single peaks dominate a fit (`benchmarks/sandwich.py`). If
     the weighted misfit exceeds that expected from S, S is scaled up to it, and by the correlation
-    length of the residual.
-
-    Parameters
-    ----------
-    problem : Problem
-        The fitted problem.
-    residual : LogError or Each
-        Its residual.
-    local : Local
-        The reduced problem at `x`, with its own weights.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    noises : sequence of NoiseModel
-        Noise model of each part; by default estimated from the residual.
+    length of the residual. Without `noises`, the noise is estimated from the residual.
 
     Raises
     ------

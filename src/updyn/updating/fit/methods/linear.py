@@ -191,16 +191,8 @@ class Plain:
     ) -> tuple[_Vector, Local, float] | None:
         """Return the next point, its local problem, and the share of the step taken, or None.
 
-        Parameters
-        ----------
-        problem, evaluate
-            As for `run`.
-        values, wanted : ndarray of float, shape (n,)
-            Values of the unknowns before the step, and after the full step.
-        here : Local
-            The local problem before the step.
-        number : int
-            Number of the step, for messages.
+        `values` and `wanted` are the values of the unknowns before the step and after the full
+        step, `number` is the number of the step, for messages.
         """
         share = 1.0
         for _ in range(_HALVINGS + 1):
@@ -239,17 +231,7 @@ def _checked(
 def turned_negative(
     parameters: ParameterSet, before: _Vector, after: _Vector, negative: NDArray[np.intp]
 ) -> str:
-    """Return the beginning of a sentence about factors that a step makes negative.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The unknowns.
-    before, after : ndarray of float, shape (n,)
-        Their values before and after the step.
-    negative : ndarray of int
-        Indices of these factors.
-    """
+    """Return the beginning of a sentence on the factors that a step makes negative."""
     worst = int(negative[np.argmin(after[negative] / before[negative])])
     text = f"{parameters[worst].name} would turn negative (from {before[worst]:.3g} to"
     text += f" {after[worst]:.3g})"
@@ -320,16 +302,7 @@ def local_of(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector)
 
 
 def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) -> None:
-    """Refuse unknowns that a method cannot update, and priors that it does not support.
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem of the unknowns.
-    method : Method
-        The method.
-    priors : bool
-        Whether it supports priors.
+    """Refuse unknowns that a method cannot update, and priors unless `priors` states their support.
 
     Raises
     ------

@@ -80,16 +80,7 @@ class PublishedMethod(Method):
     ) -> tuple[_Vector, str]:
         """Minimise a residual from x; return the end, shape (n,), and why the iteration ended.
 
-        Parameters
-        ----------
-        problem : Problem
-            Model, data and unknowns.
-        residual : LineResidual or EachOf
-            Minimised residual; the published iteration linearises it in the amounts (`Amounts`).
-        x : ndarray of float, shape (n,)
-            Starting point.
-        monitor : Monitor
-            Records the steps.
+        The published iteration linearises the residual in the amounts (`Amounts`).
 
         Raises
         ------

@@ -150,14 +150,7 @@ class _ReducedEquationError(EquationError):
 def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
     """Return the part on a model of the measured DOFs alone: every matrix A becomes T^T A T.
 
-    Parameters
-    ----------
-    part : Part
-        Model, data and unknowns.
-    x : ndarray of float, shape (n,)
-        Unknowns for which T is computed.
-    frequency : float
-        Frequency of T, in Hz.
+    T is computed for the unknowns x at `frequency`, in Hz.
 
     Raises
     ------
