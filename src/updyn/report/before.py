@@ -58,7 +58,8 @@ def _head(content: Content, start: Start) -> str:
     if complete:
         badge, kind = ("All unknowns can be determined", "good")
     if start.findings:
-        badge, kind = ("Look at the data first", "warn")
+        of_model = start.findings[0].concerns_model
+        badge, kind = (f"Look at the {'model' if of_model else 'data'} first", "warn")
     if start.counterparts is not None and start.counterparts.few:
         badge, kind = ("Look at the model first", "bad")
     return render_template(
@@ -70,6 +71,7 @@ def _head(content: Content, start: Start) -> str:
         parts=[
             _determined(start),
             *_alike(start),
+            *_model_errors(start),
             _sound(start, has_frfs=content.has_frfs),
         ],
         cause=start.identifiability.advice,
@@ -95,11 +97,18 @@ def _alike(start: Start) -> list[Part]:
     return [Part("Resembles", claim.holds, claim.why, claim.asked)]
 
 
+def _model_errors(start: Start) -> list[Part]:
+    """Return the likeliest error of the model as a part of the verdict."""
+    of_model = [found for found in start.findings if found.concerns_model]
+    return [Part("Model sound", False, found.statement) for found in of_model[:1]]
+
+
 def _sound(start: Start, *, has_frfs: bool) -> Part:
     if not has_frfs:
         return Part("Data sound", None, "Faults are looked for in FRFs only.")
-    if start.findings:
-        return Part("Data sound", False, start.findings[0].statement)
+    of_data = [found for found in start.findings if not found.concerns_model]
+    if of_data:
+        return Part("Data sound", False, of_data[0].statement)
     if start.counterparts is not None and start.counterparts.few:
         return Part(
             "Data sound",

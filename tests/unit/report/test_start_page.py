@@ -16,6 +16,7 @@ from report_case import realistic
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.report import Start, write_start
 from updyn.report.identifiability import combinations_map, singular_values
+from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.problem.data import Test
 from updyn.updating.update import start_analysis
 from viewer_case import block
@@ -170,3 +171,34 @@ def test_the_page_is_drawn(start, tmp_path):
     found = attributes(dump(unfolded(path), tmp_path / "profile"))
     assert "errors" not in found, found["errors"]
     assert int(found["drawn"]) > 10
+
+
+def finding(kind: str, statement: str) -> Finding:
+    return Finding(kind, ("20:Y",), 0.0, 1e9, 0.9, statement, "What to do.")
+
+
+@pytest.mark.parametrize(
+    ("found", "badge", "parts"),
+    [
+        (["sign"], "Look at the data first", {"Data sound": "no"}),
+        (
+            ["missing-mode"],
+            "Look at the model first",
+            {"Model sound": "no", "Data sound": "yes"},
+        ),
+        (
+            ["wrong-axes", "sign"],
+            "Look at the model first",
+            {"Model sound": "no", "Data sound": "no"},
+        ),
+    ],
+)
+def test_an_error_of_the_model_is_not_one_of_the_data(start, tmp_path, found, badge, parts):
+    findings = tuple(finding(kind, f"It is {kind}.") for kind in found)
+    path = write_start(replace(start, findings=findings), tmp_path / "check.html")
+    text = " ".join(Page(path.read_text(encoding="utf-8")).text)
+    assert badge in text
+    for part in ("Model sound", "Data sound"):
+        assert (f"{part} {parts[part]}" in text) if part in parts else part not in text
+    for kind in found:
+        assert f"It is {kind}." in text

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from updyn.errors import DataError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.catalogue import read_fault
+from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
 
 __all__ = ["Finding"]
 
@@ -19,6 +19,8 @@ _LOCAL = ("mains", "missing-mode")
 #: Kinds that make an answer implausible even with few channels, because a fit takes their values
 #: for responses.
 _SPOILING = ("dead-channel",)
+#: Kinds that are errors of the model, besides those whose fit alters it (`Fault.is_of_model`).
+_OF_MODEL = ("missing-mode", "model-unit", "no-support", "support")
 #: Logarithm of the calibration factor up to which an answer may be used with care.
 _MILD = 0.3
 
@@ -95,6 +97,11 @@ class Finding:
         if self.explains < _MOST_OF_IT or self.kind in _LOCAL:
             return False
         return self.kind != "calibration" or abs(self.value) > _MILD
+
+    @property
+    def concerns_model(self) -> bool:
+        """Whether the model has the fault, and not the data."""
+        return self.kind in _OF_MODEL or CAUSES.find(self.kind).is_of_model
 
     @property
     def overruling(self) -> bool:
