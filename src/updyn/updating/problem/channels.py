@@ -164,15 +164,7 @@ class Gains:
 
     @classmethod
     def find(cls, parameters: ParameterSet, frf: FRF) -> Gains | None:
-        """Return the calibration factors of some data; None if no unknown is one.
-
-        Parameters
-        ----------
-        parameters : ParameterSet
-            All unknowns.
-        frf : FRF
-            The data. Factors of sensors that are not in the data have no effect.
-        """
+        """Return the calibration factors of some data; None if no unknown is one."""
         if not any(p.is_channel for p in parameters):
             return None
         tables = []
@@ -187,27 +179,13 @@ class Gains:
         return cls(*tables)
 
     def factors(self, logs: _Vector) -> _Vector:
-        """Return the factor of each channel, shape (n_i, n_j).
-
-        Parameters
-        ----------
-        logs : ndarray of float, shape (n,)
-            Logarithms of the calibration factors; entries of other unknowns are ignored.
-        """
+        """Return the factor of each channel, (n_i, n_j), for logarithms `logs`, shape (n,)."""
         return np.asarray(np.exp((logs @ self.rows)[:, None] + logs @ self.columns))
 
     def apply(self, logs: _Vector, H: _Complex, dH: _Complex | None) -> None:
-        """Multiply the model and its derivatives by the factors, in place.
+        """Multiply H (n_f, n_i, n_j) and dH (n, n_f, n_i, n_j) by the factors, in place.
 
-        Parameters
-        ----------
-        logs : ndarray of float, shape (n,)
-            As for `factors`.
-        H : ndarray of complex, shape (n_f, n_i, n_j)
-            FRF of the model.
-        dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
-            Derivatives by the optimiser's coordinates; those by the logarithms of the factors are
-            set here.
+        The rows of dH for the logarithms of the factors are set here.
         """
         factors = self.factors(logs)
         H *= factors
@@ -219,22 +197,7 @@ class Gains:
 
 
 def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> None:
-    """Check that the sensor of a calibration factor is in one of the tests.
-
-    Parameters
-    ----------
-    label, quantity : str
-        Label of the sensor and quantity of the drive.
-    data : iterable of FRF
-        The tests.
-    name : str
-        Name of the unknown, for messages.
-
-    Raises
-    ------
-    ParameterError
-        If the sensor is in no test.
-    """
+    """Raise if the sensor `label` of a calibration factor is in none of the tests."""
     kind = CHANNELS[quantity]
     there: list[str] = []
     for frf in data:

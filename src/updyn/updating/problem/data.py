@@ -86,14 +86,7 @@ class Test:
 
 
 def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
-    """Check that tests and unknowns fit together.
-
-    Raises
-    ------
-    InputError
-        If one is of another type, an unknown acts on no quantity of any model, a sensor is not a
-        DOF of its model, or all FRFs of a test are zero.
-    """
+    """Raise if tests and unknowns do not fit together; warn of unknowns without effect."""
     for test in tests:
         _check_type(test.model, Model)
         _check_type(test.data, FRF, ModeSet)
@@ -122,20 +115,7 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
 
 
 def check_measured(frf: FRF, name: str = "") -> None:
-    """Check that the data are not all zero.
-
-    Parameters
-    ----------
-    frf : FRF
-        The data to be fitted.
-    name : str
-        Name of the test, for the message.
-
-    Raises
-    ------
-    DataError
-        If all values are zero.
-    """
+    """Raise if all values to be fitted are zero."""
     if not frf.values.any():
         raise DataError(f"{_of_test(name)}all values to be fitted are zero: nothing was measured")
 
@@ -256,22 +236,7 @@ class Split:
 
 
 def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] | None) -> Split:
-    """Split data into fitted data and validation data.
-
-    Parameters
-    ----------
-    frf : FRF
-        All data.
-    validation : iterable of str or Dof, or (float, float), optional
-        Validation responses, or a band in Hz.
-
-    Raises
-    ------
-    DataError
-        If `validation` is neither a band nor responses, or no data remain to fit.
-    DofError
-        If a response is not in the data.
-    """
+    """Split data into fitted data and validation data (responses, or a band in Hz)."""
     given = held_out(validation)
     if not given:
         return Split(frf, frf)
@@ -303,13 +268,7 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
 
 
 def held_out(validation: object) -> list[Any]:
-    """Return the validation labels, or the two limits of the band, as a list.
-
-    Raises
-    ------
-    DataError
-        If `validation` is not iterable, or is a single text, whose characters would be labels.
-    """
+    """Return the validation labels, or the two limits of the band, as a list."""
     if validation is None:
         return []
     if isinstance(validation, str) or not isinstance(validation, Iterable):
@@ -343,20 +302,7 @@ class ModalSplit:
 def split_modes(
     modes: ModeSet, validation: Iterable[str | Dof] | tuple[float, float] | None
 ) -> ModalSplit:
-    """Split modes into fitted modes and those of a validation band.
-
-    Parameters
-    ----------
-    modes : ModeSet
-        All modes.
-    validation : (float, float), optional
-        The band in Hz.
-
-    Raises
-    ------
-    DataError
-        If `validation` is not a band, or no mode lies inside or outside it.
-    """
+    """Split modes into fitted modes and those of a validation band in Hz."""
     given = held_out(validation)
     if not given:
         return ModalSplit(modes, modes)

@@ -96,23 +96,12 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
 
 
 def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
-    """Select lines one by one by the largest increase of det of the Fisher information.
+    """Return positions of `count` lines selected by the determinant of the Fisher information.
 
-    The information is taken at the start of the unknowns, for relative noise with a floor of 1 % of
-    the rms of all data of the same unit, as is typical of sensors. Loss factors are taken as at
-    least 0.02, so that a peak at a wrong frequency still selects lines on its flanks.
-
-    Parameters
-    ----------
-    part : Part
-        Built on all lines.
-    count : int
-        Number of lines.
-
-    Returns
-    -------
-    ndarray of int, shape (count,)
-        Positions, ascending.
+    Lines are selected one by one by the largest increase, at the start of the unknowns, for
+    relative noise with a floor of 1 % of the rms of all data of the same unit, as is typical of
+    sensors. Loss factors are taken as at least 0.02, so that a peak at a wrong frequency still
+    selects lines on its flanks.
 
     Notes
     -----
@@ -127,24 +116,11 @@ def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
 
 
 def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> NDArray[np.intp]:
-    """Select lines one by one by the largest decrease of the variance of some unknowns.
+    """Return positions of `count` lines selected by the variance of the unknowns `wanted`.
 
-    The criterion is the mean over these unknowns of their variance relative to that with all lines;
-    for one unknown it is c-optimality. The information is that of `d_optimal`.
-
-    Parameters
-    ----------
-    part : Part
-        Built on all lines.
-    count : int
-        Number of lines.
-    wanted : sequence of int, optional
-        Positions of the unknowns in the criterion; by default all. The others are fitted, too.
-
-    Returns
-    -------
-    ndarray of int, shape (count,)
-        Positions, ascending.
+    Lines are selected one by one by the largest decrease of the mean over these unknowns (by
+    default all) of their variance relative to that with all lines; for one unknown it is
+    c-optimality. The information is that of `d_optimal`, and all unknowns are fitted.
 
     Notes
     -----
@@ -160,22 +136,7 @@ def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> ND
 
 
 def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> list[int]:
-    """Return the positions of the unknowns that match globs.
-
-    Parameters
-    ----------
-    what : str
-        Source of the globs, for messages.
-    patterns : sequence of str
-        The globs.
-    known : sequence of str
-        Names of all unknowns.
-
-    Raises
-    ------
-    OptionError
-        If a glob matches no unknown; the message names the nearest.
-    """
+    """Return the positions of the unknowns that match globs; raise if a glob matches none."""
     at: set[int] = set()
     for pattern in patterns:
         fits = [i for i, name in enumerate(known) if fnmatch.fnmatchcase(name, pattern)]
@@ -241,13 +202,7 @@ Lines = str | ArrayLike | None
 
 
 def on_lines(part: Part, lines: Lines) -> Part:
-    """Return the part restricted to selected lines.
-
-    Raises
-    ------
-    InputError
-        If the selection is not understood, or a line is not in the data.
-    """
+    """Return the part restricted to selected lines."""
     at = choose_lines(lines, part)
     if len(at) == len(part.frf.freq):
         return part

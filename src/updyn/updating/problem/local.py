@@ -56,13 +56,7 @@ _TOGETHER = 8
 def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
     """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem.
 
-    Parameters
-    ----------
-    blocks : iterable of ndarray of float
-        Weighted Jacobian with the residual as last column, or a triangle with the same normal
-        matrix.
-    n : int
-        Number of unknowns.
+    A block may be a triangle with the same normal matrix.
     """
     waiting: list[_Matrix] = [np.zeros((0, n + 1))]
     for block in blocks:
@@ -90,14 +84,9 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 @alone
 def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
-    """Return R of the QR factors of a usually tall block, shape (min(m, n + 1), n + 1).
+    """Return R of the QR factors of [columns^T last], shape (min(m, n + 1), n + 1).
 
-    Parameters
-    ----------
-    columns : ndarray of float, shape (n, m)
-        The first n columns, one after the other in memory.
-    last : ndarray of float, shape (m,)
-        The last column.
+    `columns` has the shape (n, m); the matrix is usually tall.
     """
     if len(last) > _TALL * (len(columns) + 1) and len(columns):
         found = _preconditioned(columns, last)

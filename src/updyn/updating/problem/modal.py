@@ -92,15 +92,7 @@ class Target:
 
     @classmethod
     def of(cls, system: AffineSystem, modes: ModeSet) -> Target:
-        """Return measured modes at the DOFs of a compiled model.
-
-        Raises
-        ------
-        DofError
-            If a DOF of the modes is not in the model.
-        DataError
-            If a measured mode has the frequency 0.
-        """
+        """Return measured modes at the DOFs of a compiled model."""
         match = system.dofs.match(modes.dofs, "DOF of the modes")
         if (modes.frequency == 0).any():
             raise DataError(
@@ -239,13 +231,6 @@ class Pairs:
         model contains all of their shapes (MAC of at least `like`); else one by one. If shapes
         cannot be distinguished, the pairs minimise the sum of squares of these logarithms, which
         keeps the order of the frequencies.
-
-        Raises
-        ------
-        SolverError
-            If the modes cannot be computed.
-        DataError
-            If the model has fewer modes than were measured.
         """
         highest = _BEYOND * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
         modes = RealModes.lowest(system, state, len(target.value), highest)
@@ -274,18 +259,9 @@ class Pairs:
         target: Target,
         clusters: Sequence[NDArray[np.intp]],
     ) -> Pairs:
-        """Return the best pairs, with some measured modes compared by their spans.
+        """Return the best pairs, with the measured modes of `clusters` compared by their spans.
 
-        Parameters
-        ----------
-        modes : RealModes
-            Modes of the model.
-        move : ndarray of bool, shape (n,)
-            Modes that move at the sensors.
-        target : Target
-            The measured modes.
-        clusters : sequence of ndarray of int
-            Measured modes that are compared by their spans.
+        `move`, shape (n,), states which modes of the model move at the sensors.
         """
         # The MAC of a mode that does not move at the sensors is rounding error. With a single
         # sensor all MACs are 1.
@@ -368,15 +344,7 @@ class ModalPart:
         session: Session | None = None,
         name: str = "",
     ) -> ModalPart:
-        """Return the part for a model, measured modes and unknowns.
-
-        Raises
-        ------
-        DofError
-            If a DOF of the modes is not in the model.
-        DataError
-            If a measured mode has the frequency 0.
-        """
+        """Return the part for a model, measured modes and unknowns."""
         system = AffineSystem.compile(model)
         target = Target.of(system, informative(modes, noise))
         middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(target.frequency))))
@@ -429,37 +397,12 @@ class ModalPart:
         return self.session.recall(self.key(kind, x), compute)
 
     def pairs(self, x: _Real) -> Pairs:
-        """Return the pairs of modes at x.
-
-        Raises
-        ------
-        SolverError
-            If the modes of the model cannot be computed.
-        DataError
-            If the model has fewer modes than were measured.
-        """
+        """Return the pairs of modes at x."""
         about = self.system, self.state(x), self.unknowns, self.values(x)
         return Pairs.at(*about, self.target, self.like)
 
     def rows(self, x: _Real, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
-        """Return the residuals at x and their derivatives.
-
-        Parameters
-        ----------
-        x : ndarray of float, shape (n,)
-            Point in the space of the unknowns.
-        shapes : bool
-            Whether shapes are compared.
-        derivatives : bool
-            Whether derivatives are needed, which take long; if not, they may be zero.
-
-        Raises
-        ------
-        SolverError
-            If the modes of the model, or their derivatives, cannot be computed.
-        DataError
-            If the model has fewer modes than were measured.
-        """
+        """Return the residuals at x and their derivatives, which may be zero if not needed."""
 
         def compute(*, derivatives: bool = True) -> Record:
             found = self._rows(x, shapes=shapes, derivatives=derivatives)
@@ -625,15 +568,7 @@ class _Residual:
 
 
 def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True) -> None:
-    """Check that at least one measured mode resembles a mode of the model.
-
-    Raises
-    ------
-    DataError
-        If there is no such mode; the message names the most similar.
-    SolverError
-        If modes of a model cannot be computed.
-    """
+    """Raise DataError if no measured mode resembles a mode of its model at x."""
     rows = [part.rows(x, shapes=shapes) for part in parts]
     if any(len(one.lost(part.like)) < len(one.mac) for part, one in zip(parts, rows, strict=True)):
         return
@@ -704,14 +639,8 @@ class _Loss:
     def moved(self, value: _Real, along: _Real, slope: _Real) -> _Real:
         """Return the derivatives of the loss factor by x, shape (n,).
 
-        Parameters
-        ----------
-        value : ndarray of float, shape (n,)
-            Derivatives of omega^2 by x.
-        along : ndarray of float, shape (n,)
-            force^T (d phi / dx).
-        slope : ndarray of float, shape (n,)
-            d values / d x.
+        Arguments are the derivatives by x of omega^2, force^T phi and the values, all of shape
+        (n,).
         """
         energy = self.own * slope + 2.0 * along + self.steeper * value
         return np.asarray((energy - self.factor * value) / self.value)
@@ -744,13 +673,7 @@ class ModalError:
         return part.rows(x, shapes=self.shapes)
 
     def solved(self, part: ModalPart, x: _Real) -> Local:
-        """Return the reduced least-squares problem at x.
-
-        Raises
-        ------
-        SolverError
-            If the modes of the model, or their derivatives, cannot be computed.
-        """
+        """Return the reduced least-squares problem at x."""
         rows = self.rows(part, x)
         weight = 1.0 / self.noise.std(rows)
         block = np.hstack([rows.J, rows.r[:, None]]) * weight[:, None]
@@ -767,13 +690,7 @@ class ModalError:
         return float(np.sum((rows.r / self.noise.std(rows)) ** 2)), number
 
     def unlikelihood(self, part: ModalPart, x: _Real) -> float:
-        """Return the negative log-likelihood at x, up to a constant.
-
-        Raises
-        ------
-        SolverError
-            If the modes of the model, or their derivatives, cannot be computed.
-        """
+        """Return the negative log-likelihood at x, up to a constant."""
         rows = part.rows(x, shapes=self.shapes, derivatives=False)
         std = self.noise.std(rows)
         used = np.isfinite(std)

@@ -46,16 +46,10 @@ class Projection:
 
     @classmethod
     def of(cls, measured: _Real, seen: _Real, moved: _Real) -> Projection:
-        """Return the projection of a measured shape.
+        """Return the projection of a measured shape of unit length, shape (k,).
 
-        Parameters
-        ----------
-        measured : ndarray of float, shape (k,)
-            The measured shape, of unit length.
-        seen : ndarray of float, shape (k, s)
-            Shapes of the model that span, at the sensors.
-        moved : ndarray of float, shape (s, k, n)
-            Derivatives of `seen` by x.
+        `seen`, shape (k, s), are shapes of the model that span, at the sensors; `moved`, shape (s,
+        k, n), are their derivatives by x.
 
         Notes
         -----

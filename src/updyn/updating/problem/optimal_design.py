@@ -34,17 +34,7 @@ class DesignScore(ABC):
 
     @abstractmethod
     def score(self, information: _Real) -> _Real:
-        """Return the score of each design.
-
-        Parameters
-        ----------
-        information : ndarray of float, shape (..., n, n)
-            Fisher information of each design, including the initial information.
-
-        Returns
-        -------
-        ndarray of float, shape (...)
-        """
+        """Return the score of each design from its total information, shape (..., n, n)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,15 +77,7 @@ class AOptimal(DesignScore):
 
     @classmethod
     def of(cls, information: _Real, wanted: Sequence[int]) -> AOptimal:
-        """Return the score relative to the variances of a design, such as that of all items.
-
-        Parameters
-        ----------
-        information : ndarray of float, shape (n, n)
-            Information of that design.
-        wanted : sequence of int
-            The unknowns that count.
-        """
+        """Return the score relative to the variances with `information`, such as of all items."""
         at = list(wanted)
         return cls(at, _variances(information, at))
 
@@ -114,19 +96,9 @@ def _variances(information: _Real, wanted: list[int]) -> _Real:
 
 
 def scaled(information: _Real) -> tuple[_Real, _Real]:
-    """Return items scaled by the information of all of them, and the scale.
+    """Return items, shape (n_items, n, n), scaled by their sum, and the scale, shape (n,).
 
-    Parameters
-    ----------
-    information : ndarray of float, shape (n_items, n, n)
-        Information of each item.
-
-    Returns
-    -------
-    information : ndarray of float, shape (n_items, n, n)
-        Scaled items; the diagonal of their sum is 1.
-    scale : ndarray of float, shape (n,)
-        Divisor of rows and columns.
+    The diagonal of the sum of the scaled items is 1; rows and columns are divided by the scale.
     """
     scale = np.sqrt(np.maximum(np.einsum("fpp->p", information), np.finfo(float).tiny))
     return information / scale[:, None] / scale, scale
@@ -142,23 +114,8 @@ def greedy(
 ) -> tuple[list[int], _Real]:
     """Select items one by one, each with the largest increase of the score.
 
-    Parameters
-    ----------
-    information : ndarray of float, shape (n_items, ..., n, n)
-        Scaled information of each item.
-    total : ndarray of float, shape (..., n, n)
-        Information before the selection.
-    count : int
-        Number of items to select.
-    criterion : DesignScore
-        The score.
-
-    Returns
-    -------
-    chosen : list of int
-        Items in the order of selection.
-    total : ndarray of float, shape (..., n, n)
-        Information with these items.
+    Returns the selected items in order, and the information `total`, shape (..., n, n), with these
+    added. `information` has the shape (n_items, ..., n, n) and is scaled.
     """
     chosen: list[int] = []
     left = np.ones(len(information), dtype=np.bool_)
@@ -177,21 +134,8 @@ def exchanged(
 ) -> list[int]:
     """Exchange selected items for others, the best pair first, while the score increases.
 
-    Parameters
-    ----------
-    information : ndarray of float, shape (n_items, ..., n, n)
-        Scaled information of each item.
-    total : ndarray of float, shape (..., n, n)
-        Information of the selected items and of all before.
-    chosen : sequence of int
-        The selected items.
-    criterion : DesignScore
-        The score.
-
-    Returns
-    -------
-    list of int
-        The same number of items; a new item has the position of the one that it replaces.
+    `total` is the information including the selected items. A new item has the position of the one
+    that it replaces.
     """
     chosen = list(chosen)
     for _ in range(_EXCHANGES):

@@ -132,15 +132,7 @@ class Part:
         session: Session | None = None,
         name: str = "",
     ) -> Part:
-        """Return the part for a model, data and unknowns.
-
-        Raises
-        ------
-        DofError
-            If a response or a reference is not in the model.
-        OptionError
-            If the tier or the backend is not known.
-        """
+        """Return the part for a model, data and unknowns."""
         system = AffineSystem.compile(model)
         rows = model.dofs.match(frf.responses, "response")
         columns = model.dofs.match(frf.references, "reference")
@@ -174,20 +166,9 @@ class Part:
     def without_rounding(self, x: _Vector, share: float) -> Part:
         """Return the part with exact zeros in channels that are rounding error, in model and data.
 
-        Symmetry forbids these responses. The model's values there are numerical error, whose
-        derivatives would count as information on the unknowns.
-
-        Parameters
-        ----------
-        x : ndarray of float, shape (n,)
-            Point at which the model is evaluated.
-        share : float
-            Channels below this share of the loudest one are rounding error (`shares_of`).
-
-        Raises
-        ------
-        SolverError
-            If the model is singular at a line.
+        These are channels below `share` (`shares_of`), in the data and in the model at x. Symmetry
+        forbids these responses. The model's values there are numerical error, whose derivatives
+        would count as information on the unknowns.
         """
         faint = shares_of(self.frf.values, self.frf) <= share
         if faint.any():
@@ -258,13 +239,7 @@ class Part:
         return self.work > _LONG
 
     def partition(self, n_columns: int | None = None) -> list[slice]:
-        """Return the blocks of lines of an evaluation, which depend on the part alone.
-
-        Parameters
-        ----------
-        n_columns : int, optional
-            Columns of the fields; by default one for each response and reference.
-        """
+        """Return the blocks of lines for fields of `n_columns`, by default all channels."""
         n, n_values = self.solver.system.n, self.sign.size
         if n_columns is None:
             n_columns = len(self.rows) + len(self.columns)
@@ -279,19 +254,9 @@ class Part:
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
 
     def each(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
-        """Yield ``function(part, item)`` in order.
+        """Yield ``function(part, item)`` in order; each item ends with its slice of lines.
 
-        Parameters
-        ----------
-        function : callable
-            Function of a module, because it may run in another process.
-        items : sequence of tuple
-            Small; the last entry of each is its slice of lines.
-
-        Raises
-        ------
-        Stopped
-            If the user wants to stop.
+        The function must be importable from a module, because it may run in another process.
         """
         results = self.session.map(function, self, items, spread=self.spreads, long=self.is_long)
         for item, result in zip(items, results, strict=True):
@@ -310,31 +275,13 @@ class Part:
     def recall(
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
     ) -> Record:
-        """Return the cached result of an evaluation at x, or compute it.
-
-        Parameters
-        ----------
-        kind : str
-            Kind of evaluation.
-        x : ndarray of float, shape (n,)
-            Point in the space of the unknowns.
-        compute : callable
-            The evaluation.
-        *about : bytes, str or ndarray
-            Further inputs of the evaluation.
-        """
+        """Return the cached result of an evaluation at x with further inputs, or compute it."""
         if self.session.memory is None:
             return compute()
         return self.session.recall(self.key(kind, x, *about), compute)
 
     def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
-        """Return the model, times the calibration factors, and the measurement at a block of lines.
-
-        Raises
-        ------
-        SolverError
-            If the model is singular at a line.
-        """
+        """Return the model, times the calibration factors, and the data at a block of lines."""
         freq, rate = self.frf.freq[lines], self.frf.s[lines] ** QUANTITIES[self.frf.quantity]
         H, dH = sensitivity.receptance(
             self.solver,
@@ -355,24 +302,12 @@ class Part:
         return Block(lines, H, dH, self.frf.values[lines])
 
     def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[Block]:
-        """Yield model and measurement by block of lines, in order and in this process.
-
-        Raises
-        ------
-        SolverError
-            If the model is singular at a line.
-        """
+        """Yield model and data by block of lines, in order and in this process."""
         for lines in self.partition():
             yield self.block(x, lines, derivatives=derivatives)
 
     def responses(self, x: _Vector) -> _Complex:
-        """Return the model's FRF in the measured quantity, with calibration, shape (n_f, n_i, n_j).
-
-        Raises
-        ------
-        SolverError
-            If the model is singular at a line.
-        """
+        """Return the model's FRF in the measured quantity, with calibration, (n_f, n_i, n_j)."""
 
         def compute() -> Record:
             items = [(x, lines) for lines in self.partition()]
@@ -382,17 +317,10 @@ class Part:
 
 
 def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
-    """Return the rms of each channel relative to the loudest one, shape (n_i, n_j).
+    """Return the rms of each channel of H relative to the loudest one, shape (n_i, n_j).
 
-    The loudest channel is taken over the data and `H`, because numerical errors of a model are a
-    share of its own level.
-
-    Parameters
-    ----------
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        Values of the model or the data; each is relative to the rms of its unit.
-    frf : FRF
-        The data.
+    Each channel is relative to the rms of its unit. The loudest channel is taken over the data and
+    `H`, because numerical errors of a model are a share of its level.
     """
     level, measured = (
         np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) / level_by_unit(frf)[0]

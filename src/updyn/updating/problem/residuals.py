@@ -197,20 +197,12 @@ class LineResidual(ABC):
 def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
 
-    The weight is sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2. A value below the noise
-    has no phase, and the logarithm of its level is that of the noise. Noise alone exceeds three of
-    its standard deviations once in 8,000 values; if the model has a small response there, these
-    values would have the largest logarithms of all. Far from the solution, noise below a tenth of
-    the level makes little difference. Values that are rounding error have the weight 0.
-
-    Parameters
-    ----------
-    values : ndarray of complex, shape (n_f, n_i, n_j)
-        The measured values.
-    variance : ndarray of float, shape (n_f, n_i, n_j)
-        E|dH|^2, in squared units of the data.
-    frf : FRF
-        The data, for their units.
+    With the variance E|dH|^2 in squared units of the data, the weight is sqrt(S / (S + 100
+    E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2. A value below the noise has no phase, and the logarithm
+    of its level is that of the noise. Noise alone exceeds three of its standard deviations once in
+    8,000 values; if the model has a small response there, these values would have the largest
+    logarithms of all. Far from the solution, noise below a tenth of the level makes little
+    difference. Values that are rounding error have the weight 0.
     """
     size = np.abs(values)
     own = np.maximum(size**2 - _BIAS * variance, 0.0)
@@ -368,13 +360,7 @@ class EquationError(LineResidual):
 
     @staticmethod
     def check(part: Part) -> None:
-        """Check that the data are suitable for the equation error.
-
-        Raises
-        ------
-        DataError
-            If they lack the drive point of a reference, or hold no receptance at 0 Hz.
-        """
+        """Raise if the data lack a drive point, or hold no receptance at 0 Hz."""
         driven = _drive_points(part).any(axis=0)
         if not driven.all():
             missing = part.frf.references[int(np.flatnonzero(~driven)[0])]
@@ -389,15 +375,7 @@ class EquationError(LineResidual):
             )
 
     def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
-        """Yield Z_red h_X - e_j, shape (n_f, n, m), and its derivatives by x, by block of lines.
-
-        Raises
-        ------
-        DataError
-            If the data are not suitable.
-        SolverError
-            If the model cannot be condensed at a line.
-        """
+        """Yield Z_red h_X - e_j, (n_f, n, m), and its derivatives by x, by block of lines."""
         self.check(part)
         return part.each(_block, [(self, x, lines) for lines in self.partition(part)])
 
@@ -460,13 +438,7 @@ def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
 
 
 def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
-    """Return the reduced problem at x, from the cache if possible.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved, or its answer is not finite.
-    """
+    """Return the reduced problem at x, from the cache if possible."""
 
     def compute() -> Record:
         local = reduced(residual, part, x, part.n)
@@ -477,13 +449,7 @@ def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
 
 
 def reduced(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
-    """Return the reduced problem at x for a residual with n derivatives.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved, or its answer is not finite.
-    """
+    """Return the reduced problem at x for a residual with n derivatives."""
     items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
     local = reduce(part.each(_block_triangle, items), n)
     if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):

@@ -116,15 +116,7 @@ class Session:
         return Session, ()
 
     def recall(self, key: Iterable[object], compute: Callable[[], Record]) -> Record:
-        """Return a cached result, or compute and store it.
-
-        Parameters
-        ----------
-        key : iterable of bytes, str or ndarray
-            All inputs of the result, except those that are constant during a run.
-        compute : callable
-            Returns the result; an exception is not cached.
-        """
+        """Return the cached result for a key (all its inputs), or compute and store it."""
         if self.memory is None:
             return compute()
         at = digest(key)
@@ -157,21 +149,8 @@ class Session:
     ) -> Generator[R, None, None]:
         """Yield ``function(shared, item)`` in order, with a check for a stop request after each.
 
-        Parameters
-        ----------
-        function : callable
-            Function of a module.
-        shared, items
-            As for `Engine.map`.
-        spread : bool
-            Whether to use the engine; if not, this process computes the same results.
-        long : bool
-            Whether this takes so long that it must not start after a stop request.
-
-        Raises
-        ------
-        Stopped
-            If the user wants to stop.
+        The engine is used if `spread`, with the same results; the function must be importable from
+        a module. With `long`, the evaluation does not start after a stop request.
         """
         if self.stopped and (long or self._is_late):
             raise Stopped
@@ -191,18 +170,7 @@ class Session:
                 close()
 
     def check(self, *, often: bool = False) -> None:
-        """Check for a stop request outside `map`.
-
-        Parameters
-        ----------
-        often : bool
-            Whether to check at most once a second, for frequent calls.
-
-        Raises
-        ------
-        Stopped
-            If the user wants to stop.
-        """
+        """Raise if the user wants to stop; with `often`, check at most once a second."""
         if often and not self._is_time_to_ask:
             return
         if self._asked():
@@ -231,13 +199,7 @@ class Session:
 
 
 def digest(parts: Iterable[object]) -> bytes:
-    """Return a hash of 16 bytes of bytes, texts and arrays, in their order.
-
-    Parameters
-    ----------
-    parts : iterable of bytes, str or ndarray
-        Arrays are hashed with their type and shape.
-    """
+    """Return a hash of 16 bytes of bytes, texts and arrays (with type and shape), in order."""
     hashed = blake2b(digest_size=16)
     for part in parts:
         if isinstance(part, np.ndarray):

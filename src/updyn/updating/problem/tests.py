@@ -17,20 +17,7 @@ __all__ = ["problem_of"]
 
 
 def problem_of(tests: Sequence[Test], parameters: ParameterSet) -> tuple[Problem, list[NoiseModel]]:
-    """Return the problem of tests, and the noise models of those with FRFs.
-
-    Parameters
-    ----------
-    tests : sequence of Test
-        Checked tests; validation data are included.
-    parameters : ParameterSet
-        The unknowns.
-
-    Raises
-    ------
-    InputError
-        If lines or noise do not fit the data.
-    """
+    """Return the problem of tests, and the noise models of those with FRFs."""
     parts, modal, noises = [], [], []
     for test in tests:
         if isinstance(test.data, ModeSet):

@@ -152,20 +152,7 @@ def _stated(noise: Mapping[str, Any]) -> Stated:
 
 
 def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
-    """Return the noise model of a result's record with fixed numbers.
-
-    Parameters
-    ----------
-    record : mapping
-        ``noise`` of a result.
-    frf : FRF
-        The data, including the lines that the fit left out.
-
-    Raises
-    ------
-    OptionError
-        If a response of the data is not in the record.
-    """
+    """Return the noise model of a result's record with fixed numbers."""
     base: NoiseModel
     if "relative_by_channel" in record:
         base = _by_channel_of(record, frf)

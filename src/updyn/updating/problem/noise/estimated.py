@@ -175,19 +175,9 @@ def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
 def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
     """Return the relative noise and floor of maximum likelihood; relative noise is at most 1.
 
-    Parameters
-    ----------
-    size : ndarray of float
-        |H| of the model.
-    level : ndarray of float, shape of `size`
-        Level to which the floor is relative.
-    squared : ndarray of float, shape of `size`
-        Squared magnitude of the residual.
-    tails : float
-        As for `Estimated`.
+    `size` is |H| of the model, `level` that to which the floor is relative, and `squared` the
+    squared magnitude of the residual, all of one shape; `tails` is that of `Estimated`.
 
-    Notes
-    -----
     At a given ratio of the two numbers, the Gaussian likelihood is largest if the reduced
     chi-square is 1. So the search is over the ratio alone, from floor only to relative noise only,
     and cannot end in a local minimum of two variables.

@@ -274,13 +274,7 @@ class Variance(NoiseModel):
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Variance:
-        """Return the noise model for the data of a fit.
-
-        Raises
-        ------
-        OptionError
-            If the variance is zero everywhere.
-        """
+        """Return the noise model for the data of a fit; raise if the variance is zero."""
         if not cls.tells(frf):
             raise OptionError(
                 "noise 'variance': that of the data is zero everywhere; it says nothing",
@@ -339,13 +333,7 @@ class Coherence(NoiseModel):
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Coherence:
-        """Return the model with the variance of all lines of `frf`, for these lines or a subset.
-
-        Raises
-        ------
-        OptionError
-            If the data are of a single average, or their coherence is 1 everywhere.
-        """
+        """Return the model with the variance of all lines of `frf`, for these or some of them."""
         if not cls.tells(frf):
             single = "of a single average" if frf.averages == 1 else "of the data"
             raise OptionError(
@@ -411,6 +399,9 @@ class Steady:
 def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
     """Smooth variance estimates with a chi-square distribution along the lines.
 
+    `variance` and `size` = |H_X| have the shape (n_f, ...). The estimates are above 0, independent
+    from line to line and distributed as Gamma(freedom) / freedom.
+
     Two parts, a floor and one proportional to |H|^2, both piecewise linear along the lines, are
     fitted to each channel by maximum likelihood (the Itakura-Saito divergence, by the
     multiplicative updates of Fevotte, Bertin & Durrieu, Neural Computation 21 (2009) 793, with the
@@ -418,19 +409,9 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
     neighbouring lines. A line more than ten times above the median of its neighbours keeps its own
     variance: it is a hum or a glitch, not scatter.
 
-    The result is scaled so that the mean of its inverse is the inverse of the variance, which makes
-    weights unbiased: the mean inverse of a mean of d variables with the distribution Gamma(1) is d
-    / (d - 1) too large.
-
-    Parameters
-    ----------
-    variance : ndarray of float, shape (n_f, ...)
-        Estimates above 0, independent from line to line, in squared units of the data.
-    size : ndarray of float, shape (n_f, ...)
-        Magnitude |H_X| of the data.
-    freedom : int
-        Complex degrees of freedom of each estimate, which is distributed as Gamma(freedom) /
-        freedom.
+    The mean of the inverse of the result is the inverse of the variance, which makes weights
+    unbiased: the mean inverse of a mean of d variables with the distribution Gamma(1) is d / (d -
+    1) too large.
     """
     from scipy.ndimage import uniform_filter1d
 

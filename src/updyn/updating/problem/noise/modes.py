@@ -119,19 +119,9 @@ class ModalNoise:
         return found
 
     def refit(self, rows: ModalRows, rest: _Real) -> ModalNoise:
-        """Return the noise estimated from residuals, for standard deviations.
+        """Return the noise estimated from the residuals of a fit; itself if all numbers are stated.
 
-        Parameters
-        ----------
-        rows : ModalRows
-            The residuals at the end of a fit.
-        rest : ndarray of float, shape (k, n)
-            Reduced, whitened Jacobian of all other data and priors.
-
-        Returns
-        -------
-        ModalNoise
-            Itself if all numbers are stated.
+        `rest`, shape (k, n), is the reduced, whitened Jacobian of all other data and priors.
         """
         sought = self._sought(rows)
         if not sought:
@@ -216,20 +206,12 @@ def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
 
 
 def choose_modal_noise(noise: Any) -> ModalNoise:
-    """Choose the noise model of modes.
+    """Return the noise model of modes.
 
-    Parameters
-    ----------
-    noise : None or mapping
-        None: the standard deviations of the modes, plus an estimated number for each kind of
-        residual. A mapping with ``frequency``, ``shape``, ``loss_factor`` and ``scale`` states
-        these numbers as shares: 0.001 for a frequency known to 0.1 %. The scale of shapes of unit
-        modal mass is used only if it is stated.
-
-    Raises
-    ------
-    OptionError
-        If `noise` is of another type, a key is not known, or a number is not above 0.
+    With None, it has the standard deviations of the modes, plus an estimated number for each kind
+    of residual. A mapping with ``frequency``, ``shape``, ``loss_factor`` and ``scale`` states these
+    numbers as shares: 0.001 for a frequency known to 0.1 %. The scale of shapes of unit modal mass
+    is used only if it is stated.
     """
     if noise is None:
         return ModalNoise()

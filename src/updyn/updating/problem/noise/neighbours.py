@@ -18,14 +18,10 @@ _DEGREE = 2
 def scatter(frf: FRF) -> NDArray[np.float64]:
     """Return the scatter of data about a parabola through five neighbouring lines.
 
-    No model is needed (a local polynomial without the transient; Pintelon & Schoukens, System
-    Identification, 2nd ed. 2012, chapter 7).
-
-    Returns
-    -------
-    ndarray of float, shape (n_f, n_i, n_j)
-        Estimate of E|dH|^2 with 2 complex degrees of freedom, in squared units of the data; 0 for
-        fewer than five lines. It includes the curvature of the FRF between the lines.
+    It is an estimate of E|dH|^2 with 2 complex degrees of freedom, shape (n_f, n_i, n_j), in
+    squared units of the data, and 0 for fewer than five lines. It includes the curvature of the FRF
+    between the lines. No model is needed (a local polynomial without the transient; Pintelon &
+    Schoukens, System Identification, 2nd ed. 2012, chapter 7).
     """
     values = frf.values.reshape(len(frf.freq), -1)
     if len(values) < WINDOW:

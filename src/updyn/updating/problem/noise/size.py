@@ -17,27 +17,15 @@ def size_p(
 ) -> NDArray[np.float64]:
     """Return the probability that noise causes sums of squares at least as large.
 
-    All arrays have the same shape.
+    `square` are sums of squares of the real and imaginary parts of residuals, each divided by its
+    standard deviation; `count` is the number of real values in each, and `freedom` this number less
+    that of the unknowns fitted to them, at least 1. All have one shape.
 
-    Parameters
-    ----------
-    square : ndarray of float, any shape
-        Sums of squares of real and imaginary parts of residuals, each divided by its standard
-        deviation.
-    count : ndarray of float, same shape
-        Number of real values in each sum.
-    freedom : ndarray of float, same shape
-        `count` less the number of unknowns fitted to these values, at least 1.
-    averages : int or None
-        Number of averages from which the noise level of each line was estimated; None: it is known
-        exactly.
-
-    Notes
-    -----
-    If the noise is known exactly, the sum has the chi-square distribution with `freedom` degrees of
-    freedom. If it is estimated from n averages, the mean has the F distribution with n - 1 times
-    `count` as second degrees of freedom, but with `count` at most that of sixteen lines: smoothing
-    correlates the errors of the noise level over more lines.
+    If the noise is known exactly (`averages` None), the sum has the chi-square distribution with
+    `freedom` degrees of freedom. If its level at each line is estimated from n averages, the mean
+    has the F distribution with n - 1 times `count` as second degrees of freedom, but with `count`
+    at most that of sixteen lines: smoothing correlates the errors of the noise level over more
+    lines.
     """
     from scipy.special import chdtrc, fdtrc  # slow to import and rarely needed
 
