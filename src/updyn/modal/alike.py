@@ -40,10 +40,7 @@ class AlikePair:
 def alike_pairs(modes: ModeSet) -> list[AlikePair]:
     """Return the pairs of modes with a MAC of 0.9 or more, overlapping ones first, then by MAC.
 
-    Parameters
-    ----------
-    modes : ModeSet
-        Modes of one test. A pair with an unknown loss factor does not count as overlapping.
+    A pair with an unknown loss factor does not count as overlapping.
     """
     mac, frequency = auto_mac(modes.shapes), modes.frequency
     width = frequency * modes.loss_factor

@@ -32,19 +32,10 @@ _TINY = 1e-300
 def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
     """Return the square of the motion of a mode relative to that of the linear peak, shape (n,).
 
-    Parameters
-    ----------
-    x : ndarray of complex, shape (n,)
-        The variable.
-    pole, shift : complex
-        The pole at small motion, and its shift at unit motion.
-    width : float
-        Distance of the half-power points from the pole.
-
-    Notes
-    -----
-    With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. For a shift above 1.54
-    widths there may be three solutions; the smallest is returned.
+    The mode has `pole` at small motion, shifted by `shift` at unit motion; `width` is the distance
+    of the half-power points from the pole. With X = (x - pole) / width and C = shift / width, a |X
+    - C a|^2 = 1. For a shift above 1.54 widths there may be three solutions; the smallest is
+    returned.
     """
     X, C = (x - pole) / width, shift / width
     square, crossed = np.abs(X) ** 2, 2.0 * (X.conj() * C).real
@@ -89,10 +80,7 @@ class _Leaning(Window):
     def slopes(self, pole: complex) -> NDArray[Any]:
         """Return the derivatives of the functions by real and imaginary parts of pole and shift.
 
-        Returns
-        -------
-        ndarray, shape (rows, m, 4)
-            Derivatives by parameters in units of the width.
+        The result has the shape (rows, m, 4), by parameters in units of the width.
         """
         width, mirrored = float(self.width(np.array([pole]))[0]), self.basis.mirrored
         a = motion(self.x, pole, self.shift, width)[:, None]
@@ -202,15 +190,7 @@ class Backbone:
         return motion(window.x, self.pole, self.shift, width)
 
     def spread(self, window: Window, weights: Weights) -> tuple[_Real, Errors]:
-        """Return the standard deviations of the pole's parts, and the errors of the residues.
-
-        Parameters
-        ----------
-        window : Window
-            Window of the fit.
-        weights : Weights
-            Weights of the fit: standard deviations of the noise.
-        """
+        """Return the standard deviations of the pole's parts, and errors of the residues."""
         pole = np.array([self.pole])
         values, vectors = np.linalg.eigh(self.normal)
         kept = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
@@ -241,25 +221,7 @@ class Backbone:
 def fit_backbone(
     window: Window, pole: complex, weights: Weights, level: Level, shift: complex = 0.0
 ) -> Backbone:
-    """Fit a window by one mode with an amplitude-dependent pole.
-
-    Parameters
-    ----------
-    window : Window
-        Lines and all other modes.
-    pole : complex
-        Initial pole.
-    weights : Weights
-        Weights of the values.
-    level : Level
-        Squared motion of the runs.
-    shift : complex
-        Initial shift.
-
-    Returns
-    -------
-    Backbone
-    """
+    """Fit a window by one mode with an amplitude-dependent pole, from initial pole and shift."""
     here, damping = _at(window, pole, shift, weights, level), 0.0
     for _ in range(_STEPS):
         step, promised = _step(here, damping)
@@ -278,20 +240,7 @@ def fit_backbone(
 def promised_gain(window: Window, linear: Solved, at: int, level: Level) -> float:
     """Return the expected decrease of the cost by a first step from a linear fit.
 
-    Parameters
-    ----------
-    window : Window
-        Window of the fit.
-    linear : Solved
-        The linear fit.
-    at : int
-        Number of the pole that may depend on the motion.
-    level : Level
-        Squared motion of the runs.
-
-    Returns
-    -------
-    float
+    `at` is the number of the pole that may depend on the motion.
     """
     every = np.ones(len(level.runs), dtype=np.bool_)
     equations = _Equations.of(_leaning(window, every, 0.0), linear, at, level.of_runs[level.runs])
@@ -351,18 +300,10 @@ class _Equations:
 
     @classmethod
     def of(cls, window: _Leaning, found: Solved, at: int, share: _Real) -> _Equations:
-        """Return the equations at a fit, in the approximation of Kaufman (`refine`).
+        """Return the equations at the fit of a run, in the approximation of Kaufman (`refine`).
 
-        Parameters
-        ----------
-        window : _Leaning
-            Window of the run.
-        found : Solved
-            Its fit.
-        at : int
-            Number of the pole that depends on the motion.
-        share : ndarray of float, shape (p,)
-            Share of the shift in each channel.
+        `at` is the number of the pole that depends on the motion, `share`, shape (p,), the share of
+        the shift in each channel.
         """
         slopes = window.slopes(complex(found.poles[at]))
         m, flat = slopes.shape[1], slopes.reshape(len(slopes), -1)

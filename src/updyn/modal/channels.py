@@ -51,14 +51,10 @@ class Columns:
 
     @classmethod
     def of(cls, A: NDArray[Any], deviation: _Real) -> Columns:
-        """Return the decomposition of columns.
+        """Return the decomposition of columns A, shape (n, k).
 
-        Parameters
-        ----------
-        A : ndarray, shape (n, k)
-            The columns, real or complex.
-        deviation : ndarray of float, shape (p, n) or (1, n)
-            Standard deviations of the values, for each channel or common.
+        `deviation` are the standard deviations of the values, shape (p, n) or, common to all
+        channels, (1, n).
         """
         size = np.linalg.norm(A, axis=0) + _TINY
         logs = np.log(deviation)
@@ -77,13 +73,7 @@ class Columns:
         return cls(Q, back, common, own, _products(own, Q, Q))
 
     def fitted(self, Y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return coefficients of the columns, shape (p, k), and errors, shape (p, n).
-
-        Parameters
-        ----------
-        Y : ndarray, shape (p, n)
-            The channels.
-        """
+        """Return coefficients (p, k) of the columns and errors (p, n) for channels Y (p, n)."""
         y = Y * self.common
         found = y @ self.Q.conj()
         error = y - found @ self.Q.T
@@ -106,14 +96,10 @@ class Columns:
         return np.asarray(error * self.common**2 * (1.0 if self.own is None else self.own))
 
     def beyond(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the products of residuals of further columns, shape (n, j), and their fit.
+        """Return the residual products and fit coefficients of further columns T, shape (n, j).
 
-        Returns
-        -------
-        left : ndarray, shape (p, j, j) or (1, j, j)
-            Weighted products of the residuals.
-        follow : ndarray, shape (p, k, j) or (1, k, j)
-            Coefficients of the fit by the columns.
+        The weighted products of residuals have the shape (p, j, j) or (1, j, j), the coefficients
+        (p, k, j) or (1, k, j).
         """
         T = T * self.common[:, None]
         along = self.Q.conj().T @ T

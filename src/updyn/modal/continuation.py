@@ -24,25 +24,11 @@ _FAINT = 0.1
 def continued(frf: FRF) -> FRF:
     """Return FRFs on the axis of real frequency; data without a decay unchanged.
 
-    Accelerances are fitted by a rational function of -s^2 with common poles (vector fitting), the
-    exact form for a structure with structural damping. The change of the fit from i omega + decay
-    to i omega is added to the data, so their deviations from the fit are kept. A line at 0 Hz is
-    unchanged: the window affects it only to second order.
-
-    Parameters
-    ----------
-    frf : FRF
-        H(i omega + decay), from records with an exponential window, with at least eight lines.
-
-    Returns
-    -------
-    FRF
-        H(i omega) with a `decay` of 0.
-
-    Raises
-    ------
-    DataError
-        If there are fewer lines above 0 Hz.
+    Data of records with an exponential window are H(i omega + decay). Accelerances are fitted by a
+    rational function of -s^2 with common poles (vector fitting), the exact form for a structure
+    with structural damping. The change of the fit from i omega + decay to i omega is added to the
+    data, so their deviations from the fit are kept. A line at 0 Hz is unchanged: the window affects
+    it only to second order.
     """
     if not frf.decay:
         return frf

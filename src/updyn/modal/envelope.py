@@ -72,19 +72,9 @@ class Envelope:
 
     @classmethod
     def of(cls, freq: _Real, values: _Complex) -> Envelope:
-        """Estimate the envelope from measured functions before any mode is known.
+        """Estimate the envelope from measured functions, (n_f, ...), before any mode is known.
 
-        Parameters
-        ----------
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz, ascending.
-        values : ndarray of complex, shape (n_f, ...)
-            The functions.
-
-        Returns
-        -------
-        Envelope
-            White if lines are uneven or too few.
+        It is white if lines are uneven or too few.
         """
         steps = np.diff(freq)
         if len(freq) < _LINES * _PARTS // 2 or np.ptp(steps) > _EVEN * np.mean(steps):
@@ -109,18 +99,11 @@ class Envelope:
 
     @classmethod
     def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
-        """Estimate the envelope from the residuals of fits.
+        """Estimate the envelope from the residuals of fits; white if values are too few.
 
-        Parameters
-        ----------
-        residuals : sequence of (ndarray of complex, shape (n, m); ndarray of complex, shape (p, n))
-            For each window of n neighbouring lines, columns Q with Q Q^H the projection on the fit,
-            and its residuals in units of their standard deviations.
-
-        Returns
-        -------
-        Envelope
-            White if there are too few channels and lines.
+        For each window of n neighbouring lines, `residuals` has columns Q, shape (n, m), with Q Q^H
+        the projection on the fit, and residuals in units of their standard deviations, shape (p,
+        n).
         """
         powers, responses = [], []
         for Q, residual in residuals:
@@ -139,17 +122,10 @@ class Envelope:
         return cls(_likeliest(powers, responses))
 
     def inflation(self, columns: NDArray[Any]) -> _Real:
-        """Return the variance of projections of the noise relative to that of white noise.
+        """Return the variance of noise projections relative to that of white noise, shape (k,).
 
-        Parameters
-        ----------
-        columns : ndarray of complex, shape (n, k)
-            Functions of n neighbouring lines on which noise of unit variance is projected.
-
-        Returns
-        -------
-        ndarray of float, shape (k,)
-            At least 1: smaller estimates are not used.
+        Noise of unit variance is projected on `columns`, functions of n neighbouring lines, shape
+        (n, k). The result is at least 1: smaller estimates are not used.
         """
         if self.is_white:
             return np.ones(columns.shape[1])
@@ -179,10 +155,7 @@ def _parts(n: int) -> Iterator[slice]:
 def _response(left: NDArray[np.complex128] | _Real) -> _Real:
     """Return the mean power of functions at each time by the power of the noise at each time.
 
-    Parameters
-    ----------
-    left : ndarray, shape (n, m)
-        Linear map from m lines of noise to n lines of the functions.
+    `left`, shape (n, m), is the linear map from m lines of noise to n lines of the functions.
     """
     turns = np.exp(2j * np.pi * np.outer(np.arange(left.shape[1]), np.arange(_LINES)) / -_LINES)
     return np.asarray(_power(left @ turns, _LINES) / left.shape[1])
@@ -191,18 +164,10 @@ def _response(left: NDArray[np.complex128] | _Real) -> _Real:
 def _likeliest(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
     """Return the estimated power over time, with mean 1.
 
-    Parameters
-    ----------
-    powers : sequence of ndarray of float, shapes (m, p)
-        Power of each part, at each time and in each channel.
-    responses : sequence of ndarray of float, shape (m, m)
-        `_response` of each part.
-
-    Notes
-    -----
-    In a fixed-point iteration the power at each time is multiplied by the median of measured over
-    expected powers. For exponentially distributed powers the median is log 2 times the mean; the
-    mean itself would be raised by a mode in one part.
+    `powers`, shape (m, p), are those of each part at each time and in each channel; `responses`,
+    shape (m, m), are from `_response`. In a fixed-point iteration the power at each time is
+    multiplied by the median of measured over expected powers. For exponentially distributed powers
+    the median is log 2 times the mean; the mean itself would be raised by a mode in one part.
     """
     whole = np.ones(_LINES)
     seen = np.mean([np.sum(r, axis=1) for r in responses], axis=0)

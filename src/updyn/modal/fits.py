@@ -187,20 +187,8 @@ def make_mode(
 ) -> Mode:
     """Return a mode of a window.
 
-    Parameters
-    ----------
-    fit : Weighted
-        The window and the weights of its values.
-    pole : complex
-        Pole of the mode.
-    std : ndarray of float, shape (2,)
-        Standard deviations of its real and imaginary part.
-    residues : ndarray of complex, shape (p,)
-        Residue of each channel.
-    errors : Errors
-        Errors of the residues.
-    left, without : ndarray of float, shape (p, n_f)
-        Squared residuals with and without the mode.
+    `std`, shape (2,), are standard deviations of the parts of the pole; `left` and `without`, shape
+    (p, n_f), are squared residuals with and without the mode.
     """
     window = fit.window
     at = window.near(pole)

@@ -137,13 +137,7 @@ def identified(
     damping: str,
     poles: Sequence[float],
 ) -> tuple[ModeSet, list[int]]:
-    """Return the modes, as `identify_modes`, and for each its position in `poles`, else -1.
-
-    Parameters
-    ----------
-    frf, band, damping, poles
-        As for `identify_modes`.
-    """
+    """Return the modes, as `identify_modes`, and for each its position in `poles`, else -1."""
     picked = check_picks(poles)
     frf = continued(frf.select(band=band))
     measured = Measured.of(frf, mirrored=damping == "viscous")

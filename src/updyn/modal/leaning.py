@@ -130,14 +130,7 @@ def find_leaning(
 ) -> list[Leaning]:
     """Return the leaning peaks among the poles of all fits.
 
-    Parameters
-    ----------
-    measured : Measured
-        The data; forces at all references are assumed to have the same amplitude.
-    fits : sequence of Weighted
-        Fits with linear modes.
-    bundles : sequence of Bundle
-        Their poles.
+    Forces at all references are assumed to have the same amplitude.
     """
     found: list[Leaning] = []
     for _ in range(_ROUNDS):
@@ -234,20 +227,8 @@ def _compare(
 ) -> tuple[Weighted, Backbone, float] | None:
     """Return poles of a fit as one leaning peak, with its gain; None if it is no better.
 
-    It must be better than these poles, than one linear pole, and than poles for each run.
-
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    fit : Weighted
-        Fit with linear modes.
-    part : list of int
-        Poles of the fit.
-    claim : PolesByRun, optional
-        Poles for each run in their place.
-    count : int
-        Number of peaks in the band.
+    It must be better than the poles `part` of the fit, than one linear pole, and than poles for
+    each run (`claim`). `count` is the number of peaks in the band.
     """
     window, weights, common = fit.window, fit.weights, fit.solved
     p, n_f = window.Y.shape

@@ -25,25 +25,12 @@ _UNSTABLE = 1e-4
 
 
 def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
-    """Yield the stable poles within the band for fits of increasing order.
+    """Yield the stable poles s in rad/s within the band for fits of increasing order.
 
-    Parameters
-    ----------
-    omega : ndarray of float, shape (n_f,)
-        Circular frequencies, ascending.
-    Y : ndarray of complex, shape (n_f, n_o, n_r)
-        The functions, with lines scaled by their weights; poles are common to the columns.
-    orders : iterable of int
-        Orders of the matrix polynomial, ascending; each has n_r poles per order, counting both of a
-        conjugate pair.
+    Poles of the functions Y, shape (n_f, n_o, n_r), are common to the columns. Each matrix
+    polynomial has n_r poles per order, counting both of a conjugate pair. Poles that are unstable
+    by rounding are reflected.
 
-    Yields
-    ------
-    ndarray of complex, shape (k,)
-        Poles s in rad/s; those that are unstable by rounding are reflected.
-
-    Notes
-    -----
     Right matrix fraction Y(omega) = B(omega) A(omega)^-1 in powers of z = exp(-i (omega - omega_1)
     T), with the band on half of the circle. The numerators are eliminated from the normal
     equations, whose blocks are of Toeplitz form (Peeters et al. 2004, equations 10-17).

@@ -44,20 +44,7 @@ class Measured:
 
     @classmethod
     def of(cls, frf: FRF, *, mirrored: bool) -> Measured:
-        """Return the functions of an FRF.
-
-        Parameters
-        ----------
-        frf : FRF
-            The measurement.
-        mirrored : bool
-            Whether damping is viscous (`Axis`).
-
-        Raises
-        ------
-        DataError
-            If there are too few lines, or all values are zero.
-        """
+        """Return the functions of an FRF; `mirrored` states viscous damping (`Axis`)."""
         moving = frf.freq > 0.0
         freq = frf.freq[moving]
         if len(freq) < _FEWEST:

@@ -34,18 +34,7 @@ _FEWEST, _CHANNELS = 8, 4
 
 
 def resonance_peaks(frf: FRF) -> ModeSet | None:
-    """Return the peaks of a measurement as modes of arbitrary scale; None without peaks.
-
-    Parameters
-    ----------
-    frf : FRF
-        The measurement.
-
-    Returns
-    -------
-    ModeSet or None
-        At the DOFs of `updyn.identify_modes`, without damping.
-    """
+    """Return the peaks of a measurement as undamped modes of any scale; None without peaks."""
     moving = np.flatnonzero(np.abs(frf.s) > 0.0)
     if len(moving) < _FEWEST or frf.values[0].size < _CHANNELS:
         return None
@@ -67,22 +56,10 @@ def resonance_peaks(frf: FRF) -> ModeSet | None:
 
 
 def prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
-    """Return the inner local maxima of a curve, and their heights over the adjacent valleys.
+    """Return positions of the inner local maxima of a curve, and heights over adjacent valleys.
 
     The height is that over the higher of the two lowest values between the maximum and the next
     higher value, or the end of the curve, on either side (topographic prominence).
-
-    Parameters
-    ----------
-    level : ndarray of float, shape (n,)
-        The curve.
-
-    Returns
-    -------
-    peaks : ndarray of int, shape (k,)
-        Positions, ascending.
-    height : ndarray of float, shape (k,)
-        Heights in the unit of the curve.
     """
     inner = level[1:-1]
     peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))

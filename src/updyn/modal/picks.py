@@ -34,24 +34,11 @@ def check_picks(poles: Sequence[float]) -> list[float]:
 
 
 def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: float) -> complex:
-    """Return the initial pole of a pick.
+    """Return the initial pole of a pick at a frequency in Hz.
 
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    diagram : Diagram
-        Source of the stable pole at the frequency; if there are several, that of the largest order.
-    others : ndarray of complex
-        Poles of the fits. Without a stable pole, the pick has their median loss factor, but at
-        least a width of one line.
-    frequency : float
-        Frequency of the pick in Hz.
-
-    Raises
-    ------
-    DataError
-        If the frequency is not within the band.
+    It is the stable pole of the diagram at this frequency; if there are several, that of the
+    largest order. Without a stable pole, it has the median loss factor of `others`, the poles of
+    the fits, but at least a width of one line.
     """
     low, high = float(measured.freq[0]), float(measured.freq[-1])
     if not low <= frequency <= high:
@@ -74,18 +61,9 @@ def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: f
 def add_picks(
     measured: Measured, fits: list[Weighted], begin: _Complex, shown: _Complex
 ) -> list[Weighted]:
-    """Return the fits including the picks, which are modes without a test.
+    """Return the fits including the picks `begin`, which are modes without a test.
 
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    fits : list of Weighted
-        Fits without the picks.
-    begin : ndarray of complex, shape (m,)
-        The picks.
-    shown : ndarray of complex
-        The poles of the fits that are modes.
+    `shown` are the poles of the fits that are modes.
     """
     axis, poles = measured.axis, poles_of(fits)
     added = np.full(len(poles), -1)
@@ -129,16 +107,8 @@ def _check_added(
 ) -> None:
     """Raise if the fit has moved an added pole to a mode, or away.
 
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    first, last : complex
-        The pole before and after the fit.
-    modes : ndarray of complex
-        The modes without the pole.
-    others : ndarray of complex
-        The other poles of the fit.
+    `first` and `last` are the pole before and after the fit, `modes` the modes without it, and
+    `others` the other poles of the fit.
     """
     begin, end = (float(measured.axis.frequency(np.array([p]))[0]) for p in (first, last))
     width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))

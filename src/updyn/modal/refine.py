@@ -132,14 +132,7 @@ class Window:
     def inflation(self, poles: _Complex, weights: Weights, *, moving: bool = False) -> _Real:
         """Return the variance of residues relative to that in white noise, shape (k,).
 
-        Parameters
-        ----------
-        poles : ndarray of complex, shape (k,)
-            The poles.
-        weights : Weights
-            Weights of the values.
-        moving : bool
-            Return the ratio for the poles instead of their residues.
+        With `moving`, return the ratio for the poles instead of their residues.
         """
         if self.envelope.is_white:
             return np.ones(len(poles))
@@ -202,15 +195,7 @@ class Noise:
     def of(cls, squares: _Real, size: _Real) -> Noise:
         """Return the noise of maximum likelihood for exponentially distributed squares.
 
-        Parameters
-        ----------
-        squares : ndarray of float, shape (p, n_f)
-            Squared errors.
-        size : ndarray of float, shape (p, n_f)
-            Squared values without noise.
-
-        Notes
-        -----
+        `squares` are squared errors, `size` squared values without noise, both of shape (p, n_f).
         The multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu,
         Neural Comput. 21 (2009) 793-830, equation 4.2).
         """
@@ -451,16 +436,7 @@ def reweighted(
 ) -> tuple[Solved, Weights]:
     """Return the fit of maximum likelihood for unknown noise, and its weights.
 
-    Parameters
-    ----------
-    window : Window
-        Lines and other modes.
-    poles : ndarray of complex, shape (k,)
-        Initial poles.
-    weights : Weights
-        Initial weights.
-    gain : float
-        Steps with a smaller expected decrease of the cost are omitted.
+    Steps with an expected decrease of the cost below `gain` are omitted.
     """
     fitted = moved(window, poles, weights, gain)
     for _ in range(_ALIKE):
@@ -487,17 +463,7 @@ def moved(window: Window, poles: _Complex, weights: Weights, gain: float = GAIN)
 
 
 def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
-    """Return the fit with given poles by linear least squares.
-
-    Parameters
-    ----------
-    window : Window
-        Lines and other modes.
-    poles : ndarray of complex, shape (k,)
-        The poles.
-    weights : Weights
-        Weights of the values.
-    """
+    """Return the fit with given poles by linear least squares."""
     basis, n_f = window.basis, len(window.x)
     # The noise of channels without signal is nearly zero: divide by the mean weight of each
     # channel.

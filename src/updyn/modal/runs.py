@@ -63,15 +63,7 @@ _RUNS = 1.2
 
 
 def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
-    """Return the modes of all fits.
-
-    Parameters
-    ----------
-    measured : Measured
-        The data; its responses or its references may be runs.
-    fits : sequence of Weighted
-        Fits with common poles of all runs.
-    """
+    """Return the modes of fits with common poles of all runs (responses or references)."""
     errors = [errors_of(fit.window, fit.solved, fit.weights) for fit in fits]
     bundles, by_run = [], {}
     for members in bundle_poles(measured, fits):
@@ -120,18 +112,7 @@ def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored
 
     A mode whose frequency varies from run to run may be identified as two. One of them then
     explains less than half of the residual without it, and has the shape of the other on the fixed
-    side.
-
-    Parameters
-    ----------
-    mode : Mode
-        The mode.
-    modes : list of Mode
-        All modes.
-    shape : (int, int)
-        Numbers of responses and references.
-    mirrored : bool
-        Whether poles have mirror images.
+    side. `shape` are the numbers of responses and references.
     """
     if mode.quality >= _SURE:
         return False
@@ -249,15 +230,7 @@ class _Criterion:
         return cls(fit, bundle, _shapes(fit, bundle, runs))
 
     def gain(self, cost: float, poles: int, modes: int) -> float:
-        """Return the gain of a fit over that with common poles.
-
-        Parameters
-        ----------
-        cost : float
-            Cost of the fit.
-        poles, modes : int
-            Numbers of poles, and of modes with a residue in each channel.
-        """
+        """Return the gain of a fit with numbers of poles and modes over that with common poles."""
         common = self.fit.solved.cost
         misfit = max(1.0, common / self.fit.window.Y.size)  # errors common to both fits
         return 2.0 * (common - cost) / misfit - self.least(poles, modes)

@@ -61,22 +61,12 @@ def chance(window: Window) -> float:
 
 
 def search_window(window: Window, stable: _Complex, trials: _Complex, most: int) -> Solved:
-    """Return the fit of a window with all modes that are found.
+    """Return the fit of a window with at most `most` modes.
 
-    Parameters
-    ----------
-    window : Window
-        Lines and other modes.
-    stable, trials : ndarray of complex
-        Stable poles of the diagram, and other trial poles.
-    most : int
-        Largest number of modes.
-
-    Notes
-    -----
-    Before any mode is known, a window full of modes looks like correlated noise. Stable poles of
-    the diagram, and poles within their widths, are tested as in white noise; ripples among them are
-    removed when all neighbours are fitted (`settle`).
+    `stable` are stable poles of the diagram, `trials` other trial poles. Before any mode is known,
+    a window full of modes looks like correlated noise. Stable poles of the diagram, and poles
+    within their widths, are tested as in white noise; ripples among them are removed when all
+    neighbours are fitted (`settle`).
     """
     none = np.zeros(0, dtype=np.complex128)
     fitted, weights = reweighted(window, none, Weights.of(np.abs(window.Y) ** 2))
@@ -104,18 +94,9 @@ def search_window(window: Window, stable: _Complex, trials: _Complex, most: int)
 
 
 def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, white: bool) -> bool:
-    """Return whether the last pole of a fit may be a mode.
+    """Return whether the last pole of the fit `more`, which `fitted` lacks, may be a mode.
 
-    Parameters
-    ----------
-    window : Window
-        Lines and other modes.
-    fitted, more : Solved
-        The fits without and with the pole.
-    weights : Weights
-        Weights of both.
-    white : bool
-        Whether to treat all lines as independent.
+    With `white`, all lines are treated as independent.
     """
     pole = complex(more.poles[-1])
     if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
@@ -135,18 +116,9 @@ def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, w
 def shows_on_lines(
     window: Window, fitted: Solved, more: Solved, weights: Weights, inflation: float
 ) -> bool:
-    """Return whether a pole explains more than one line, unlike a disturbance.
+    """Return whether the last pole of the fit `more` explains more than one line.
 
-    Parameters
-    ----------
-    window : Window
-        Lines and other modes.
-    fitted, more : Solved
-        The fits without and with the pole.
-    weights : Weights
-        Weights of the values.
-    inflation : float
-        Inflation of the pole's variance (`Window.inflation`).
+    A disturbance affects a single line. `inflation` is that of the pole (`Window.inflation`).
     """
     deviation = weights.channel * weights.line
     strongest = int(np.argmax(np.sum((fitted.left - more.left) / deviation**2, axis=0)))
@@ -193,21 +165,10 @@ class Seen:
         at: NDArray[np.bool_],
         worths: _Real,
     ) -> Seen:
-        """Return the visibility of a pole.
+        """Return the visibility of a pole at its lines `at`.
 
-        Parameters
-        ----------
-        window : Window
-            Lines and other modes.
-        pole : complex
-            The pole.
-        residues : ndarray of complex, shape (p,)
-            Residues of each channel.
-        at : ndarray of bool, shape (n_f,)
-            Lines at its own frequency.
-        worths : ndarray of float, shape (p,)
-            Increase of the cost of each channel without the pole. A channel contains the pole if
-            this is more than chance.
+        `worths`, shape (p,), is the increase of the cost of each channel without the pole. A
+        channel contains the pole if this is more than chance.
         """
         own = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
         measured = np.abs(window.measured) ** 2

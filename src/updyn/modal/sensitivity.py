@@ -81,27 +81,9 @@ class RealModes:
 
     @classmethod
     def lowest(cls, system: AffineSystem, state: State, n: int, highest: float) -> RealModes:
-        """Compute the lowest modes.
+        """Compute the lowest `n` modes, without rigid-body modes, and more up to `highest` in Hz.
 
-        Parameters
-        ----------
-        system : AffineSystem
-            The compiled model.
-        state : State
-            State of the model.
-        n : int
-            Smallest number of modes, without rigid-body modes, if the model has as many.
-        highest : float
-            Frequency in Hz that the highest mode exceeds, if the model has such a mode.
-
-        Returns
-        -------
-        RealModes
-
-        Raises
-        ------
-        SolverError
-            If the eigenvalue solver fails.
+        The highest mode exceeds this frequency; there are fewer if the model has no more.
         """
         K = _matrix(system, state, "stiffness")
         M = _matrix(system, state, "mass")
@@ -203,23 +185,10 @@ def slopes(
 
 
 def _check_uncoupled(by_value: _Real, me: int, values: _Real, value: float) -> None:
-    """Check that no unknown couples a mode with another of its eigenvalue.
+    """Raise SolverError if an unknown couples a mode with another of its eigenvalue.
 
-    Parameters
-    ----------
-    by_value : ndarray of float, shape (n, m)
-        phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue.
-    me : int
-        Position of the mode itself among these.
-    values : ndarray of float, shape (n,)
-        The unknowns.
-    value : float
-        The eigenvalue.
-
-    Raises
-    ------
-    SolverError
-        If an unknown couples them.
+    `by_value`, shape (n, m), is phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue, and
+    `me` the position of the mode itself.
     """
     others = np.delete(by_value, me, axis=1)
     if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
@@ -240,31 +209,10 @@ def slopes_of_all(
     rows: NDArray[np.intp] | None = None,
     along: _Real | None = None,
 ) -> tuple[_Real, _Real]:
-    """Return the derivatives of several modes by the unknowns.
+    """Return the derivatives of several modes by the unknowns, as `slopes`.
 
-    Parameters
-    ----------
-    modes
-        As for `slopes`.
-    which : ndarray of int, shape (m,)
-        Numbers of the modes.
-    system, unknowns, values, rows
-        As for `slopes`.
-    along : ndarray of float, shape (N, m), optional
-        For each mode a constant vector v for the derivative of v^T phi.
-
-    Returns
-    -------
-    value : ndarray of float, shape (m, n)
-        Derivatives of the eigenvalues, in 1/s2.
-    shape : ndarray of float, shape (m, n, k + 1)
-        Derivatives of the shapes of unit modal mass at the DOFs, then that along the vector if
-        given.
-
-    Raises
-    ------
-    SolverError
-        As `slopes`.
+    `along`, shape (N, m), has a vector for each mode. The derivatives of the eigenvalues in 1/s2
+    have the shape (m, n), those of the shapes and along the vectors (m, n, k + 1).
     """
     if modes.whole is None:
         own = [
@@ -349,27 +297,8 @@ def separated(
 ) -> RealModes:
     """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
-    If the unknowns do not determine the basis, it follows the measured shapes.
-
-    Parameters
-    ----------
-    modes : RealModes
-        Modes at `values`.
-    system : AffineSystem
-        The compiled model.
-    unknowns : Unknowns
-        The terms of the model that the unknowns scale.
-    values : ndarray of float, shape (n,)
-        The unknowns.
-    seen : callable
-        Returns shapes, shape (N, m), at the sensors, shape (k, m).
-    measured : ndarray of float, shape (k, n_m)
-        Measured shapes of unit length.
-
-    Returns
-    -------
-    RealModes
-        `modes` itself if all eigenvalues are distinct.
+    If the unknowns do not determine the basis, it follows the measured shapes of unit length, (k,
+    n_m). `seen` returns shapes, (N, m), at the sensors, (k, m).
     """
     first, shapes = 0, modes.shapes
     while first < len(modes.value):

@@ -50,14 +50,8 @@ def poles_of(fits: Sequence[Weighted]) -> _Complex:
 def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list[Weighted]:
     """Return the fits of all windows, each with the noise of nearby residuals.
 
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    poles : ndarray of complex, shape (k,)
-        Initial poles, by ascending frequency.
-    added : ndarray of int, shape (k,)
-        Number of the user's pick for poles that are kept without a test; -1 for all others.
+    The initial poles are sorted by frequency. `added`, shape (k,), is the number of the user's pick
+    for poles that are kept without a test, and -1 for all others.
     """
     residuals: _Residuals | None = None
     residues: _Complex | None = None
@@ -86,14 +80,9 @@ def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list
 
 
 def estimate_envelope(measured: Measured, fits: Sequence[tuple[Solved, _Real]]) -> Envelope:
-    """Return the envelope of the residuals of fits, which contain no modes.
+    """Return the envelope of the residuals of fits, which contain no modes; white stays white.
 
-    Parameters
-    ----------
-    measured : Measured
-        The data; a white envelope stays white.
-    fits : sequence of (Solved, ndarray of float)
-        Fits with the standard deviations of their values, shapes (p, n) or (1, n).
+    `fits` include the standard deviations of their values, shape (p, n) or (1, n).
     """
     if measured.envelope.is_white:
         return measured.envelope

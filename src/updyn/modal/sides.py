@@ -59,13 +59,7 @@ class Sides:
 
     @classmethod
     def of(cls, frf: FRF) -> Sides:
-        """Return the sides of a measurement.
-
-        Parameters
-        ----------
-        frf : FRF
-            The measurement.
-        """
+        """Return the sides of a measurement."""
         driven = np.array([d in frf.responses for d in frf.references])
         columns, more = np.flatnonzero(driven), np.flatnonzero(~driven)
         match = frf.responses.match(frf.references[columns], "reference")
@@ -89,17 +83,12 @@ class Sides:
     def shapes(self, product: _Complex) -> list[_Complex]:
         """Return one or several shapes of one frequency at `dofs`.
 
-        Parameters
-        ----------
-        product : ndarray of complex, shape (n_i, n_j)
-            Sum over these modes of the shape at the responses times the shape at the references.
-
-        Notes
-        -----
-        With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points
-        they are equal, so U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5, for
-        one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of one
-        channel may exceed a mode in another, and appear as a second mode.
+        `product`, shape (n_i, n_j), is the sum over these modes of the shape at the responses times
+        the shape at the references. With the singular vectors, product = U W^T, the shapes are U G
+        and W G^-T. At drive points they are equal, so U S = W there with the symmetric S = G G^T
+        (Ewins 2000, section 4.5, for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in
+        rad and N m the noise of one channel may exceed a mode in another, and appear as a second
+        mode.
         """
         U, W = self._factors(product)
         if not self.scaled:
@@ -121,25 +110,13 @@ class Sides:
         return U / self.row_scale[:, None], W / self.column_scale[:, None]
 
     def deviations(self, product: _Complex, noise: _Real, common: _Complex) -> _Real:
-        """Return standard deviations of the real shape at `dofs`, for fixed length.
+        """Return standard deviations of the real shape at `dofs`, for fixed length, shape (N,).
 
-        Parameters
-        ----------
-        product : ndarray of complex, shape (n_i, n_j)
-            As for `shapes`.
-        noise : ndarray of float, shape (n_i, n_j)
-            Variances of the independent errors of the product.
-        common : ndarray of complex, shape (q, n_i, n_j)
-            Common errors: these rows times independent random numbers of unit variance.
+        They have the unit of the shape, and are nan if the product contains two modes, because
+        their shapes are arbitrary within their plane. `noise`, shape (n_i, n_j), are variances of
+        the independent errors of the product; `common`, shape (q, n_i, n_j), times independent
+        random numbers of unit variance, are its common errors.
 
-        Returns
-        -------
-        ndarray of float, shape (N,)
-            In the unit of the shape; nan if the product contains two modes, because their shapes
-            are arbitrary within their plane.
-
-        Notes
-        -----
         First order. With dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow from the
         projections dP W^* / |W|^2 and dP^T U^* / |U|^2 alone (in the scale of `shapes`). The shape
         x + i y is rotated to x . y = 0. Errors in phase and scale have no part in the real shape at
@@ -182,15 +159,7 @@ class Sides:
 
 
 def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
-    """Return derivatives whose real part is that of the real shape at fixed length.
-
-    Parameters
-    ----------
-    shape : ndarray of complex, shape (N,)
-        The shape.
-    slope : ndarray of complex, shape (N, n)
-        Derivatives of the shape.
-    """
+    """Return derivatives with the real part of those, (N, n), of the real shape at fixed length."""
     turn = np.exp(-0.5j * np.angle(np.sum(shape**2)))
     x, y = (shape * turn).real, (shape * turn).imag
     slope = slope * turn

@@ -57,21 +57,9 @@ class Diagram:
 
 
 def stabilised(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
-    """Return the stable poles and the diagram.
+    """Return the stable poles s in rad/s, by ascending frequency, and the diagram.
 
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, ascending.
-    Y : ndarray of complex, shape (n_f, n_i, n_j)
-        The functions, scaled for equal weight.
-
-    Returns
-    -------
-    poles : ndarray of complex, shape (k,)
-        s in rad/s, by ascending frequency.
-    diagram : Diagram
-        All poles of all orders.
+    The functions Y, shape (n_f, n_i, n_j), are scaled for equal weight.
     """
     found: list[_Complex] = []
     rows: list[tuple[int, complex, bool]] = []

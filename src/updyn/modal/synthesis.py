@@ -27,18 +27,10 @@ REACH = 5.0
 def line_weights(frf: FRF) -> _Real:
     """Return the weight of each line: the inverse of the rms of all channels around it.
 
-    Levels of accelerances differ by a factor of 1000 and more over a band. Without weights, errors
-    of the largest peaks would determine the residues of all modes.
-
-    Parameters
-    ----------
-    frf : FRF
-        The measurement. Each channel is divided by its rms first, because units may differ.
-
-    Returns
-    -------
-    ndarray of float, shape (n_f,)
-        0 for a line at 0 Hz and for lines at which all channels are zero.
+    It is 0 for a line at 0 Hz and for lines at which all channels are zero. Each channel is divided
+    by its rms first, because units may differ. Levels of accelerances differ by a factor of 1000
+    and more over a band. Without weights, errors of the largest peaks would determine the residues
+    of all modes.
     """
     power = np.abs(frf.values) ** 2
     mean = power.mean(axis=0)
@@ -50,20 +42,10 @@ def line_weights(frf: FRF) -> _Real:
 
 
 def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
-    """Return the lines that the modes of a set can explain.
+    """Return the lines that the modes of a set can explain, shape (n_f,).
 
-    Parameters
-    ----------
-    modes : ModeSet
-        The modes.
-    frf : FRF
-        The measurement.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_f,)
-        Lines from five half-power bandwidths below the lowest mode to five above the highest; all
-        lines if none is between.
+    These are the lines from five half-power bandwidths below the lowest mode to five above the
+    highest; all lines if none is between.
     """
     reach = REACH * modes.frequency * np.nan_to_num(modes.loss_factor)
     low, high = (modes.frequency - reach).min(), (modes.frequency + reach).max()

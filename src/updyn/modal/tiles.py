@@ -54,15 +54,7 @@ class _Tile:
 
 
 def search_band(measured: Measured, candidates: _Complex) -> _Complex:
-    """Return the poles that may be modes, by ascending frequency.
-
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    candidates : ndarray of complex, shape (k,)
-        Stable poles of the stabilisation diagram.
-    """
+    """Return the poles that may be modes, from the stable poles of a diagram."""
     axis = measured.axis
     candidates = candidates[measured.inside(candidates)]
     candidates = candidates[np.argsort(axis.frequency(candidates), kind="stable")]

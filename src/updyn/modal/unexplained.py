@@ -41,13 +41,6 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
 
     The mode indicator is the sum of the squared values of all channels, divided by its median over
     the surrounding lines.
-
-    Parameters
-    ----------
-    measured : Measured
-        The data.
-    poles : ndarray of complex, shape (k,)
-        Poles of all modes.
     """
     n = len(measured.freq)
     channels = measured.cube.reshape(n, -1)

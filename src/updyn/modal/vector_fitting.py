@@ -122,25 +122,10 @@ class Fitted:
 def growing(
     basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
 ) -> Iterator[Fitted]:
-    """Yield fits with an increasing number of poles.
+    """Yield fits with an increasing number of poles, up to `largest`.
 
-    Parameters
-    ----------
-    basis : Basis
-        Basis of the fit.
-    x : ndarray of complex, shape (n_f,)
-        The variable at the lines, scaled to at most 1 in size.
-    Y : ndarray of complex, shape (n_f, p)
-        The functions.
-    first : ndarray of complex, shape (k,)
-        Initial poles.
-    largest : int
-        Largest number of poles.
-
-    Yields
-    ------
-    Fitted
-        The next fit, with one more pole at the largest error of the last.
+    `first` are the initial poles; each fit has one more pole, at the largest error of the last. The
+    variable x, shape (n_f,), is scaled to at most 1 in size; Y has the shape (n_f, p).
     """
     poles = first
     for _ in range(len(first), largest + 1):
@@ -157,19 +142,8 @@ def predicting(
 ) -> tuple[Fitted, tuple[Fitted, Fitted]]:
     """Return the fit with the number of poles that best predicts omitted lines.
 
-    This avoids a fit of the noise.
-
-    Parameters
-    ----------
-    basis, x, Y, first, largest
-        As for `growing`.
-
-    Returns
-    -------
-    whole : Fitted
-        Fit of all lines.
-    halves : tuple of Fitted
-        Fits of every second line with as many poles.
+    This avoids a fit of the noise. Arguments are those of `growing`. The fit of all lines is
+    followed by two fits of every second line with as many poles.
     """
     halves = slice(0, None, 2), slice(1, None, 2)
     total = float(np.sum(np.abs(Y) ** 2))
@@ -243,16 +217,10 @@ def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
 
 
 def stacked(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDArray[Any]:
-    """Return the triangle of the equations of sigma, extended by one function.
+    """Return the triangle of the equations of sigma, (k, m + 1), extended by one function.
 
-    Parameters
-    ----------
-    triangle : ndarray, shape (k, m + 1)
-        Triangle of the previous functions; initially without rows.
-    block : ndarray, shape (n, m + 1)
-        The function times the fractions and 1, as from `Basis.parts`.
-    Q : ndarray, shape (n, j)
-        Orthonormal basis of its numerator, which is eliminated.
+    `block`, shape (n, m + 1), is the function times the fractions and 1, as from `Basis.parts`.
+    `Q`, shape (n, j), is an orthonormal basis of its numerator, which is eliminated.
     """
     block = block - Q @ (Q.conj().T @ block)
     own = np.linalg.qr(block, mode="r")
@@ -262,16 +230,7 @@ def stacked(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDA
 def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]) -> _Complex:
     """Return the poles moved to the zeros of sigma at mean |sigma|^2 = 1, unstable ones reflected.
 
-    Parameters
-    ----------
-    basis : Basis
-        Basis of the fractions.
-    x : ndarray of complex, shape (n_f,)
-        The variable at the lines.
-    poles : ndarray of complex, shape (m,)
-        Poles of sigma.
-    triangle : ndarray
-        Equations of sigma, from `stacked`.
+    `triangle` are the equations of sigma, from `stacked`.
     """
     sigma = np.hstack([basis.fractions(x, poles), np.ones((len(x), 1))])
     level = np.linalg.qr(basis.parts(sigma), mode="r")
