@@ -33,8 +33,8 @@ def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
     """Return the square of the motion of a mode relative to that of the linear peak, shape (n,).
 
     The mode has `pole` at small motion, shifted by `shift` at unit motion; `width` is the distance
-    of the half-power points from the pole. With X = (x - pole) / width and C = shift / width, a |X
-    - C a|^2 = 1. For a shift above 1.54 widths there may be three solutions; the smallest is
+    of the half-power points from the pole. With X = (x - pole) / width and C = shift / width,
+    a |X - C a|^2 = 1. For a shift above 1.54 widths there may be three solutions; the smallest is
     returned.
     """
     X, C = (x - pole) / width, shift / width

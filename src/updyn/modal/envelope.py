@@ -102,8 +102,8 @@ class Envelope:
         """Estimate the envelope from the residuals of fits; white if values are too few.
 
         For each window of n neighbouring lines, `residuals` has columns Q, shape (n, m), with Q Q^H
-        the projection on the fit, and residuals in units of their standard deviations, shape (p,
-        n).
+        the projection on the fit, and residuals in units of their standard deviations, shape
+        (p, n).
         """
         powers, responses = [], []
         for Q, residual in residuals:

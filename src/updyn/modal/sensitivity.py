@@ -297,8 +297,8 @@ def separated(
 ) -> RealModes:
     """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
-    If the unknowns do not determine the basis, it follows the measured shapes of unit length, (k,
-    n_m). `seen` returns shapes, (N, m), at the sensors, (k, m).
+    If the unknowns do not determine the basis, it follows the measured shapes of unit length,
+    (k, n_m). `seen` returns shapes, (N, m), at the sensors, (k, m).
     """
     first, shapes = 0, modes.shapes
     while first < len(modes.value):

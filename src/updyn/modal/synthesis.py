@@ -19,8 +19,8 @@ _Real = NDArray[np.float64]
 #: Lines on either side in the average power for the weight of a line, as in
 #: `updyn.modal.unexplained` for the level around a peak.
 _AROUND = 15
-#: Half-power bandwidths from a mode at which its FRF has fallen to a tenth of the peak: 1 / sqrt(1
-#: + (2 * 5)^2).
+#: Half-power bandwidths from a mode at which its FRF has fallen to a tenth of the peak:
+#: 1 / sqrt(1 + (2 * 5)^2).
 REACH = 5.0
 
 
@@ -76,10 +76,10 @@ def synthesise(modes: ModeSet, frf: FRF) -> FRF:
     Notes
     -----
     Least squares frequency domain (LSFD) estimation (W. Heylen, S. Lammens, P. Sas, Modal Analysis
-    Theory and Testing, KU Leuven 1997). With s = i omega + decay, each receptance is sum_r R_r /
-    (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L represents the modes below
-    the band, the upper residual U those above. R_r, L and U are complex and free in each channel;
-    lines are weighted by `line_weights`.
+    Theory and Testing, KU Leuven 1997). With s = i omega + decay, each receptance is
+    sum_r R_r / (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L represents the
+    modes below the band, the upper residual U those above. R_r, L and U are complex and free in
+    each channel; lines are weighted by `line_weights`.
 
     Examples
     --------

@@ -589,9 +589,9 @@ def _kind(*, shapes: bool) -> str:
 class _Loss:
     """Loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
 
-    The energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust. Soc. Am. 34 (1962) 954;
-    Johnson & Kienholz, AIAA J. 20 (1982) 1284) is exact to second order in the loss factors, unless
-    the frequencies of modes are closer than their half-power bandwidth.
+    The loss factor from the energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust.
+    Soc. Am. 34 (1962) 954; Johnson & Kienholz, AIAA J. 20 (1982) 1284) is exact to second order in
+    the loss factors, unless the frequencies of modes are closer than their half-power bandwidth.
 
     Attributes
     ----------

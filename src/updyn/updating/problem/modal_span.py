@@ -28,8 +28,8 @@ class Projection:
     measured : ndarray of float, shape (k,)
         The measured shape psi, of unit length.
     within : ndarray of float, shape (k,)
-        P psi, with the orthogonal projection P. For a single mode with the shape phi it is phi
-        (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982).
+        P psi, with the orthogonal projection P. For a single mode with the shape phi it is
+        phi (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982).
     within_by_x : ndarray of float, shape (k, n)
         Derivatives of `within`.
     size : float

@@ -197,12 +197,12 @@ class LineResidual(ABC):
 def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
 
-    With the variance E|dH|^2 in squared units of the data, the weight is sqrt(S / (S + 100
-    E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2. A value below the noise has no phase, and the logarithm
-    of its level is that of the noise. Noise alone exceeds three of its standard deviations once in
-    8,000 values; if the model has a small response there, these values would have the largest
-    logarithms of all. Far from the solution, noise below a tenth of the level makes little
-    difference. Values that are rounding error have the weight 0.
+    With the variance E|dH|^2 in squared units of the data, the weight is
+    sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2. A value below the noise has no phase,
+    and the logarithm of its level is that of the noise. Noise alone exceeds three of its standard
+    deviations once in 8,000 values; if the model has a small response there, these values would
+    have the largest logarithms of all. Far from the solution, noise below a tenth of the level
+    makes little difference. Values that are rounding error have the weight 0.
     """
     size = np.abs(values)
     own = np.maximum(size**2 - _BIAS * variance, 0.0)

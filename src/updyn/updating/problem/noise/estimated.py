@@ -223,8 +223,8 @@ def _surprise(squared: _Real, variance: _Real, tails: float) -> _Real:
 #: Degrees of freedom of Student's distribution for the scatter between lines: up to a third of the
 #: scatter may be the shape of the resonances.
 _WILD = 1.0
-#: Estimate that this likelihood gives for Gaussian noise of standard deviation 1: with p = |r|^2 /
-#: s^2, of 2 complex degrees of freedom, it is largest at the s with a mean of 3 p / (1 + 2 p) of 1.
+#: Estimate that this likelihood gives for Gaussian noise of standard deviation 1: it is largest at
+#: the s with a mean of 3 p / (1 + 2 p) of 1, with p = |r|^2 / s^2 of 2 complex degrees of freedom.
 _SHRUNK = 0.84129
 #: Fewest lines that distinguish noise from the shape of resonances: four adjacent windows.
 _FEWEST_LINES = 20

@@ -410,8 +410,8 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
     variance: it is a hum or a glitch, not scatter.
 
     The mean of the inverse of the result is the inverse of the variance, which makes weights
-    unbiased: the mean inverse of a mean of d variables with the distribution Gamma(1) is d / (d -
-    1) too large.
+    unbiased: the mean inverse of a mean of d variables with the distribution Gamma(1) is
+    d / (d - 1) too large.
     """
     from scipy.ndimage import uniform_filter1d
 

@@ -44,14 +44,14 @@ class ModalNoise:
     """Standard deviations of measured modes: those of the data, and an added one for each kind.
 
     The added number of a kind of residual is either stated by the user, and then replaces the
-    standard deviations of the data, or is estimated from the residual: s^2 = (sum r^2 + n_0 s_0^2)
-    / (n + n_0), with the typical size s_0 of the kind and its weight n_0 as a number of residuals
-    (an inverse gamma prior; Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 2.6). For
-    weights in a fit, n is the number of residuals: then sizes and unknowns minimise one common
-    function, and frequencies that the unknowns can reproduce are reproduced even if the residuals
-    of the shapes are large. For standard deviations, n is reduced by the leverage of the unknowns
-    (K. R. Koch, Parameter Estimation and Hypothesis Testing in Linear Models, 1999, section 3.6:
-    variance components by their redundancies).
+    standard deviations of the data, or is estimated from the residual:
+    s^2 = (sum r^2 + n_0 s_0^2) / (n + n_0), with the typical size s_0 of the kind and its weight
+    n_0 as a number of residuals (an inverse gamma prior; Gelman et al., Bayesian Data Analysis, 3rd
+    ed. 2013, section 2.6). For weights in a fit, n is the number of residuals: then sizes and
+    unknowns minimise one common function, and frequencies that the unknowns can reproduce are
+    reproduced even if the residuals of the shapes are large. For standard deviations, n is reduced
+    by the leverage of the unknowns (K. R. Koch, Parameter Estimation and Hypothesis Testing in
+    Linear Models, 1999, section 3.6: variance components by their redundancies).
 
     The typical size is the assumed one. If shapes are more exact than assumed, all typical sizes
     are reduced in the same ratio. Larger residuals of shapes do not increase it: they are errors of
