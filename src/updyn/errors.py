@@ -2,16 +2,20 @@
 
 Errors caused by user input derive from `UpdynError`::
 
-    UpdynError ├── InputError            an input cannot be used │   ├── DofError          a degree
-    of freedom: unreadable, unknown, or named twice │   ├── ModelError        a matrix, a group or
-    a model │   │   └── ToleranceError  no plant of a model meets the tolerance │   ├── DataError
-    a frequency response function or its selection │   ├── FormatError       a file: gives path
-    and, if known, line or record │   │   └── AbsentError   the file lacks the requested data; it
-    may hold other data │   ├── ParameterError    an unknown, its bounds or its group │   ├──
-    OptionError       an option, a method or a keyword │   └── JobError          the job file:
-    gives file and line ├── SolverError           a frequency line without a solution: undamped
-    resonance, singular model ├── StoppedError          the caller stopped work that has no partial
-    result └── EngineError           worker processes or the cluster were lost
+    UpdynError
+    ├── InputError            an input cannot be used
+    │   ├── DofError          a degree of freedom: unreadable, unknown, or named twice
+    │   ├── ModelError        a matrix, a group or a model
+    │   │   └── ToleranceError  no plant of a model meets the tolerance
+    │   ├── DataError         a frequency response function or its selection
+    │   ├── FormatError       a file: gives path and, if known, line or record
+    │   │   └── AbsentError   the file lacks the requested data; it may hold other data
+    │   ├── ParameterError    an unknown, its bounds or its group
+    │   ├── OptionError       an option, a method or a keyword
+    │   └── JobError          the job file: gives file and line
+    ├── SolverError           a frequency line without a solution: undamped resonance, singular model
+    ├── StoppedError          the caller stopped work that has no partial result
+    └── EngineError           worker processes or the cluster were lost
 
 `UpdynWarning` marks information that the user should know and may accept.
 
