@@ -397,7 +397,7 @@ def whole_numbers(
     if array.dtype.kind not in "iuf":
         raise error(f"{what}: expected whole numbers, found {array.dtype}")
     if array.dtype.kind == "f":
-        array = array.astype(np.float64)  # half precision could not be compared with the limit
+        array = array.astype(np.float64)  # half precision cannot represent the limit
     with np.errstate(invalid="ignore"):
         bad = ~((array >= -_LARGEST_NODE) & (array <= _LARGEST_NODE)) | (array != np.floor(array))
     if bad.any():

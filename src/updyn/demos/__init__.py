@@ -1,13 +1,13 @@
-"""Shipped demos: each writes its inputs and a job file, and runs as any job does.
+"""Shipped demos: each writes its inputs and a job file, and runs like any other job.
 
-A demo is a module with ``write_inputs(folder) -> path of the job file``. Where it has several runs,
-``next_job(results, folder) -> path or None`` is called after each run; where it has more to say
-than the summaries, ``epilogue(results, folder) -> text``. It is registered in `DEMOS`, and its
-module is imported when it runs. Another package adds one by ``DEMOS.register``, or by an entry
-point of the group ``updyn.demos`` that names a `Demo`.
+A demo is a module with ``write_inputs(folder) -> path of the job file``. A demo with several runs
+also has ``next_job(results, folder) -> path or None``, called after each run; a demo with text in
+addition to the summaries has ``epilogue(results, folder) -> text``. It is registered in `DEMOS`,
+and its module is imported when it runs. Another package adds one by ``DEMOS.register``, or by an
+entry point of the group ``updyn.demos`` that names a `Demo`.
 
-The outcome of a demo is that of its last run: a demo may begin with a run whose unknowns the data
-do not determine.
+The outcome of a demo is that of its last run: an earlier run may have unknowns that the data do
+not determine.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Demo:
     description : str
         One line for the list of demos.
     module : str
-        Its module, dotted.
+        Dotted name of its module.
     """
 
     name: str
@@ -62,9 +62,9 @@ class Demo:
         Parameters
         ----------
         results : sequence of UpdateResult or JointResult
-            Of the runs so far, in order.
+            Results of the previous runs, in order.
         folder : Path
-            Where its inputs are; the job and the files that it names may be written now.
+            Folder of its inputs, to which the job and its files may be written.
 
         Returns
         -------
@@ -78,14 +78,14 @@ class Demo:
         return job
 
     def epilogue(self, results: Sequence[Any], folder: Path) -> str:
-        """Return text about the results that their summaries do not hold.
+        """Return text about the results in addition to their summaries.
 
         Parameters
         ----------
         results : sequence of UpdateResult or JointResult
-            Of all runs, in order.
+            Results of all runs, in order.
         folder : Path
-            Where its inputs are.
+            Folder of its inputs.
 
         Returns
         -------
@@ -137,6 +137,6 @@ def find_demo(name: str) -> Demo:
     Raises
     ------
     OptionError
-        If there is none of that name; the nearest is named.
+        If no demo has that name; the message gives the nearest.
     """
     return DEMOS.find(name)

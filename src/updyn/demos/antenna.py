@@ -1,18 +1,18 @@
-"""A 4 m antenna with two drives, rotors locked and free: data of a hidden truth, with noise.
+"""A 4 m antenna with two drives, rotors locked and free: simulated data with noise.
 
-The model is generated (`updyn.demos.antenna_model`). The hidden truth makes the data, and the
-results are compared with it at the end; the update has no access to it. Properties that are not
-unknowns are the same in the truth and in the drawings.
+The model is generated (`updyn.demos.antenna_model`). True values make the data, and the results
+are compared with them at the end; the update has no access to them. Properties that are not
+unknowns are the same in the true model and in the drawings.
 
-Properties that are not among the unknowns, and why (checked by adding them, at the truth):
+Properties that are not unknowns, and why (checked by adding them, at the true values):
 
-- The stages of a gearbox act in series, far below their own modes: of 21 unknowns 20 would be
-  determined. One factor stands for a gearbox with its shafts.
-- The elevation pinion cannot be reached by a sensor. Mesh and gearbox, in series too, would be
-  known to 7 and 4 % only, their sum to 0.03 %: one factor for all. On the azimuth drive a sensor on
-  the pinion separates them.
+- The stages of a gearbox act in series, far below their own modes: the data would determine 20 of
+  21 unknowns. One factor represents a gearbox with its shafts.
+- No sensor can reach the elevation pinion. Mesh and gearbox, also in series, would be known only to
+  7 and 4 %, but their sum to 0.03 %: one factor for both. On the azimuth drive, a sensor on the
+  pinion separates them.
 - Chords, webs and hoops of the truss could be separated, but are of one steel: one modulus.
-- Pedestal, torque tube, hub and feed legs are as drawn and weighed.
+- Pedestal, torque tube, hub and feed legs are known from drawings and weighing.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ __all__ = [
     "write_inputs",
 ]
 
-#: Where the sensors are: DOFs by place, as a survey would choose them.
+#: Sensor DOFs by place.
 SENSORS: Mapping[str, tuple[str, ...]] = {
     "rim, top": ("451:X", "451:Z"),
     "rim, bottom": ("463:X", "463:Z"),
@@ -58,9 +58,9 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
     "counterweights": ("213:X", "213:Z", "223:X"),
     "azimuth pinion": (f"{AZIMUTH['pinion']}:RZ",),
 }
-#: Struck: the rim at its top and its side, the top of an arm of the yoke.
+#: Hammer points: the rim at its top and its side, and the top of an arm of the yoke.
 HAMMER = ("451:X", "457:X", "108:Y")
-#: Encoders, and torques as reference, of both motors; only where the rotors are free.
+#: Encoders (responses) and torques (references) of both motors; only with free rotors.
 MOTORS = (f"{AZIMUTH['motor']}:RZ", f"{ELEVATION['motor']}:RZ")
 
 _GEARBOX = ("input shaft", "stage 1", "stage 2", "pinion shaft")
@@ -68,7 +68,7 @@ _DRIVE = (*_GEARBOX, "mesh")
 _TRUSS = ("truss chords", "truss webs", "truss hoops")
 _THICKER = 1.15
 
-#: What made the data: factors on stiffness, mass and viscous damping, and loss factors.
+#: True values: factors on stiffness, mass and viscous damping, and loss factors.
 TRUTH: dict[str, dict[str, float]] = {
     "foundation": {"stiffness": 0.75, "loss_factor": 0.06},
     "azimuth bearing": {"stiffness": 1.3, "loss_factor": 0.05},
@@ -120,7 +120,7 @@ validation = ["463:Z"]
 
 
 def _plain(groups: Sequence[str], quantity: str, low: float, high: float) -> str:
-    """Return the text of unknowns, one a group."""
+    """Return the text of unknowns, one per group."""
     return (
         f"[[parameter]]\ngroups = {_toml_array(groups)}\n"
         f'quantity = "{quantity}"\nbounds = [{low}, {high}]\n'
@@ -171,26 +171,12 @@ def _unknowns() -> str:
 
 
 def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) -> FRF:
-    """Simulate the measurement of a model.
+    """Return the simulated measurement of a model, with noise of a seed.
 
-    Parameters
-    ----------
-    model : Model
-        In the configuration of the test.
-    seed : int
-        Of the noise.
-    torques : bool
-        Whether the rotors are free: then the encoders are responses, and the torques of the motors
-        references.
-    n_lines : int
-        Frequency lines, evenly over `BAND`.
-
-    Returns
-    -------
-    FRF
-        Accelerances with noise, and the coherence gamma^2 of n averages, from which the variance
-        of H is estimated as |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data,
-        2010).
+    With `torques`, the rotors are free: the encoders are responses and the torques of the motors
+    references. The `n_lines` lines are evenly spaced over `BAND`. The accelerances have noise and
+    the coherence gamma^2 of n averages, from which the variance of H is estimated as |H|^2 (1 -
+    gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data, 2010).
     """
     sensors = list(itertools.chain.from_iterable(SENSORS.values()))
     forces = list(HAMMER)
@@ -244,7 +230,7 @@ def true_values(parameters: Sequence[Any]) -> dict[str, float]:
 
 
 def epilogue(results: Sequence[JointResult], folder: Path) -> str:
-    """Compare with the values that made the data: unknowns, and first frequencies of both tests."""
+    """Compare unknowns and first frequencies of both tests with the true values."""
     result = results[-1]
     true = true_values(result.parameters)
     lines = [

@@ -1,14 +1,15 @@
-"""A 4 m antenna, generated: pedestal, yoke, truss, reflector, and two drive trains with motors.
+"""A generated 4 m antenna: pedestal, yoke, truss, reflector, and two drive trains with motors.
 
-Everything is in SI units. X points where the dish looks at the horizon, Y along the elevation axis,
-Z up; the elevation of the dish is 45 degrees.
+Everything is in SI units. X points along the horizontal direction of view, Y along the elevation
+axis, Z up; the elevation of the dish is 45 degrees.
 
-Dimensions and weights are of a common design, 4 m of aluminium skin on a welded truss of steel
-tubes, 0.87 t above the pedestal; no built antenna was copied. Its frequencies are usual: with its
-drives held a dish of D metres has its first mode at some 20 D^-0.7 Hz (W. Gawronski, Modeling and
-Control of Antennas and Telescopes, Springer 2008), here 7.6; this one has 7.1. Stiffnesses of
-bearings, foundation and gears were chosen, each so that it matters in some mode. That of a gear
-mesh includes bearings and carrier of its pinion; the teeth alone would be ten times as stiff.
+Dimensions and weights follow a common design, 4 m of aluminium skin on a welded truss of steel
+tubes, 0.87 t above the pedestal; it is no copy of a built antenna. Its frequencies are typical:
+with fixed drives, a dish of D metres has its first mode at about 20 D^-0.7 Hz (W. Gawronski,
+Modeling and Control of Antennas and Telescopes, Springer 2008), here 7.6 Hz; this model has 7.1
+Hz. Each stiffness of bearings, foundation and gears was chosen to affect some mode. The stiffness
+of a gear mesh includes bearings and carrier of its pinion; the teeth alone would be ten times as
+stiff.
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ ALUMINIUM = {"E": 70e9, "rho": 2700.0, "nu": 0.33}
 DIAMETER = 4.0  # m
 FOCUS = 1.5  # m
 SKIN = 0.0015  # m, thickness of the reflector
-_AXIS_HEIGHT = 2.9  # of the elevation axis
-_HALF_WIDTH = 0.75  # of the yoke
+_AXIS_HEIGHT = 2.9  # height of the elevation axis
+_HALF_WIDTH = 0.75  # half width of the yoke
 _RADII = np.array([0.45, 0.76, 1.07, 1.38, 1.69, DIAMETER / 2])  # rings of the reflector
 _RIBS = 12
 _AROUND = 24  # nodes around each ring of the reflector
-_VERTEX = 0.55  # of the paraboloid, in front of the elevation axis
+_VERTEX = 0.55  # vertex of the paraboloid, in front of the elevation axis
 
 #: Nodes that are measured, struck or driven.
 NODES = {"foundation": 1, "pedestal top": 2, "turntable": 3, "hub": 4, "feed": 5, "tube": 200}
@@ -77,7 +78,7 @@ def antenna() -> Model:
     -------
     Model
         The rotation of a motor (nodes 2001 and 3001) is that of its rotor relative to its housing,
-        which its encoder measures and its torque drives. Holding this DOF locks the rotor.
+        measured by its encoder and driven by its torque. Fixing this DOF locks the rotor.
     """
     body = _split(_structure(SKIN), _structure(2.0 * SKIN))
     assert body.geometry is not None
@@ -107,17 +108,9 @@ def locked(model: Model) -> Model:
 
 # -- drives
 def trains(which: str) -> list[Part]:
-    """Return the parts of a drive train.
+    """Return the parts of the drive train of an axis, "azimuth" or "elevation".
 
-    Parameters
-    ----------
-    which : {"azimuth", "elevation"}
-        The axis.
-
-    Returns
-    -------
-    list of Part
-        Motor, input shaft, two stages of 10, pinion shaft, pinion on ring of ratio 8.
+    Motor, input shaft, two stages of ratio 10, pinion shaft, and a pinion on a ring of ratio 8.
     """
     at = _TRAINS[which]
     loss: dict[str, Any] = {"loss_factor": 0.03, "housing": at["housing"]}
@@ -145,7 +138,7 @@ def trains(which: str) -> list[Part]:
 
 
 def _geometry_with_drives(geometry: Geometry) -> Geometry:
-    """Return the geometry with the nodes of the drives beside the structure, to be drawn."""
+    """Return the geometry with nodes for drawing the drives next to the structure."""
     azimuth = np.array(
         [[0.75, 0.0, 1.0], [0.75, 0.0, 1.2], [0.75, 0.0, 1.4], [0.75, 0.0, 1.6], [0.45, 0.0, 1.85]]
     )
@@ -167,7 +160,7 @@ def _geometry_with_drives(geometry: Geometry) -> Geometry:
 
 # -- structure
 class _Body:
-    """Nodes, parts and rigid links of the structure, collected part by part."""
+    """Nodes, parts and rigid links of the structure while it is assembled."""
 
     def __init__(self) -> None:
         self.xyz: dict[int, NDArray[np.float64]] = {}
@@ -206,8 +199,8 @@ def _structure(thickness: float) -> Model:
 def _split(single: Model, double: Model) -> Model:
     """Return the model with the bending of the reflector as a separate group.
 
-    With t its thickness K = t A + t^3 B, and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear are
-    proportional to t, bending to its cube.
+    For a thickness t, K(t) = t A + t^3 B and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear
+    stiffness are proportional to t, bending stiffness to its cube.
     """
     skin = single.group("reflector")
     thick = double.group("reflector")
@@ -222,7 +215,7 @@ def _split(single: Model, double: Model) -> Model:
 
 
 def _box(height: float, width: float, wall: float) -> Section:
-    """Return a thin-walled box; J by Bredt's formula, 4 A_m^2 t / s."""
+    """Return a thin-walled box section; J by Bredt's formula, 4 A_m^2 t / s."""
     h = height - wall
     b = width - wall
     Iyy = (height * width**3 - (height - 2 * wall) * (width - 2 * wall) ** 3) / 12
@@ -282,7 +275,7 @@ def _add_tube(body: _Body) -> None:
     points[:, 2] = _AXIS_HEIGHT
     nodes = body.place(NODES["tube"], points)
     body.line("tube", nodes, tube(0.27, 0.25))
-    # One bearing is fixed along the axis, the other is not.
+    # Only one bearing is fixed along the axis.
     for side, end, along in ((1, nodes[-1], 3e8), (-1, nodes[0], 0.0)):
         stiffness = [1.5e8, along, 1.5e8, 0, 0, 0]
         bearing = Spring(
@@ -306,7 +299,7 @@ def _dish(along: float, up: float = 0.0, across: float = 0.0) -> NDArray[np.floa
 
 
 def _paraboloid(r: float) -> float:
-    """Return where the paraboloid is along the axis of the dish, at a radius."""
+    """Return the position of the paraboloid along the axis of the dish, at a radius."""
     return _VERTEX + r**2 / (4 * FOCUS)
 
 
@@ -369,7 +362,7 @@ def _add_feed(body: _Body) -> None:
 
 
 def _quads(rings: Sequence[Sequence[int]]) -> NDArray[np.int64]:
-    """Return the quadrilaterals between closed rings of equally many nodes, shape (m, 4)."""
+    """Return the quadrilaterals between closed rings of equal size, shape (m, 4)."""
     low = np.array(rings[:-1])
     high = np.array(rings[1:])
     corners = [low, np.roll(low, -1, axis=1), np.roll(high, -1, axis=1), high]

@@ -1,14 +1,14 @@
 """A free-free steel beam, struck at six points and measured by seven accelerometers (Ladisk).
 
-Two jobs: the whole beam with its pads and accelerometers, then, from there, the beam in segments.
-Two accelerometers are held out of both.
+Two jobs: the whole beam with its pads and accelerometers, then the beam in segments, started from
+the first result. Two accelerometers are held out of both.
 
 Several properties of the model were not measured. The source (``data/README.md``) gives neither
 drawing nor positions: length, section and stations were inferred from these FRFs (natural
-frequencies, mode shapes, level), the pads and the mass of the accelerometers are assumed. E = 200
+frequencies, mode shapes, level); the pads and the mass of the accelerometers are assumed. E = 200
 GPa and the density are handbook values of steel.
 
-Every figure of the text at the end of the demo is computed from the runs.
+All figures in the text at the end of the demo are computed from the runs.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ LENGTH = 0.565  # m
 E = 200e9  # Pa
 RHO = 7850.0  # kg/m3
 LOSS_FACTOR = 0.002
-#: Another handbook value, for comparison: many tables give it for the same steels.
+#: Another handbook value for the same steels, for comparison.
 OTHER_E = 210e9
 
 #: Position over length by node number: 101 to 107 accelerometers, 201 to 206 hammer points; the
-#: third of these is at 103.
+#: third hammer point is at 103.
 _PLACES = {
     101: 0.086,
     102: 0.250,
@@ -77,14 +77,15 @@ STATIONS = {node: round(LENGTH * place, 5) for node, place in _PLACES.items()}
 SENSORS = ("101:Z", "102:Z", "103:Z", "104:Z", "105:Z", "106:Z", "107:Z")
 HAMMER = ("201:Z", "202:Z", "103:Z", "204:Z", "205:Z", "206:Z")
 HELD_OUT = ("103:Z", "107:Z")
-#: Sensors with a hammer point at the same station: some millimetres apart, the third at one node.
+#: Sensors with a hammer point at the same station: a few millimetres apart, the third at the same
+#: node.
 _PAIRED_SENSORS = SENSORS[:6]
 _PAIRS = tuple(zip(_PAIRED_SENSORS, HAMMER, strict=True))
 
 BAND = (100.0, 4500.0)  # Hz
 _BANDS = ((BAND[0], 300.0), (300.0, 1000.0), (1000.0, 2200.0), (2200.0, BAND[1]))
 _EVERY = 20  # neighbouring lines have the same information
-#: Positions of the foam blocks in m: about a twentieth of the length from each end, by the
+#: Positions of the foam blocks in m: about a twentieth of the length from each end, from the
 #: photograph of the source.
 PADS = (0.028, 0.537)
 _PADS = {"stiffness": 2e4, "loss_factor": 0.1}  # N/m each
@@ -156,7 +157,8 @@ def write_inputs(folder: Path) -> Path:
 def _unknown_supports() -> list[str]:
     """Return the unknowns of pads and accelerometers.
 
-    Without priors these data, which the model follows to a sixth, would not tell them.
+    These data, of which the model leaves a residual of about one sixth, do not determine them
+    without priors.
     """
     return [
         _unknown("pads", "stiffness", 0.1, 10.0, 0.5),
@@ -173,21 +175,10 @@ def next_job(results: Sequence[UpdateResult], folder: Path) -> Path | None:
 
 
 def segments_job(values: Mapping[str, float], folder: Path, number: int = 4) -> Path:
-    """Write the job whose unknowns are stiffness, mass and loss factor of each segment.
+    """Write the job with stiffness, mass and loss factor of each segment as unknowns.
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        Estimates of the first run; they become the start.
-    folder : Path
-        Where its inputs are.
-    number : int
-        Equal lengths to divide the beam into.
-
-    Returns
-    -------
-    Path
-        The job file.
+    `values` are the estimates of the first run, used as the start; `folder` has the inputs;
+    `number` is the number of segments of equal length. The path of the job is returned.
     """
     edges = np.linspace(0.0, LENGTH, number + 1).round(6).tolist()
     segments = []
@@ -199,8 +190,8 @@ def segments_job(values: Mapping[str, float], folder: Path, number: int = 4) -> 
         start=values,
         unknowns=[
             # One rolled bar: segments differ by per cents. Its steel has one loss factor; without
-            # the narrow prior, the effect of the supports on mode 1 appears as segments without any
-            # damping beside segments with double.
+            # the narrow prior, the effect of the supports on mode 1 would appear as segments
+            # without damping next to segments with double damping.
             _unknown("segment *", "stiffness", 0.7, 1.4, 0.03),
             _unknown("segment *", "mass", 0.7, 1.4, 0.03),
             _unknown("segment *", "loss_factor", 1e-4, 0.05, 3e-4),
@@ -220,7 +211,7 @@ def _job(
     segments: Sequence[Mapping[str, Any]] = (),
     options: str = "",
 ) -> str:
-    """Return the text of a job; `start` holds estimates to start from, possibly none."""
+    """Return the text of a job; `start` holds start values, if any."""
     pads = {
         "stiffness": _PADS["stiffness"] * start.get("pads.stiffness", 1.0),
         "loss_factor": start.get("pads.loss_factor", _PADS["loss_factor"]),
@@ -251,7 +242,7 @@ def _job(
 
 
 def _lines(folder: Path) -> str:
-    """Return the fitted frequency lines in Hz, ten a row."""
+    """Return the fitted frequency lines in Hz, ten per row."""
     from updyn.io import read_frf
 
     freq = read_frf(folder / "ladisk_beam.uff").select(band=BAND).freq[::_EVERY]
@@ -293,7 +284,7 @@ def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
 def comparison(results: Sequence[UpdateResult]) -> str:
     """Return a table of the start and of every run, over all lines of the band.
 
-    It has fitted sensors and held-out sensors.
+    The columns are for fitted and held-out sensors.
     """
     first = results[0]
     held = ", ".join(first.validation_responses)
@@ -319,7 +310,7 @@ def _row(name: str, fitted: Mapping[str, float], held_out: Mapping[str, float]) 
 
 
 def _start(result: UpdateResult) -> str:
-    """Return text on the start: with another handbook value of E it would look much better."""
+    """Return text on the start, which would agree much better with another handbook value of E."""
     other = result.start.scaled({"beam": {"stiffness": OTHER_E / E}})
     figures = correlate(other, result.frf.select(responses=result.fitted_responses)).figures()
     return (
@@ -333,7 +324,7 @@ def _start(result: UpdateResult) -> str:
 
 
 def remains(result: UpdateResult) -> str:
-    """Return text on the residual of the last model, and its causes."""
+    """Return text on the residual of the last model and its causes."""
     computed = correlate(result.model, result.frf)
     measured = computed.measured
     levels = levels_of(measured, computed.computed)
@@ -378,7 +369,7 @@ def _errors_by_band(computed: Correlation) -> str:
 
 
 def _largest_offset() -> float:
-    """Return the largest distance between sensor and hammer point of a station, in mm."""
+    """Return the largest distance between sensor and hammer point of a station in mm."""
     offsets = []
     for sensor, hammer in _PAIRS:
         offsets.append(abs(STATIONS[int(sensor[:3])] - STATIONS[int(hammer[:3])]))
@@ -386,7 +377,7 @@ def _largest_offset() -> float:
 
 
 def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
-    """Return how far H_ij / H_ji is from 1, and from that of the model.
+    """Return the deviation of H_ij / H_ji from 1, and from the value of the model.
 
     Both are medians over pairs of stations.
     """
@@ -402,9 +393,9 @@ def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
 
 
 def levels_of(measured: FRF, computed: FRF) -> dict[str, float]:
-    """Return the level of each sensor relative to the model, in dB.
+    """Return the level of each sensor relative to the model in dB.
 
-    It is the median over lines, averaged over hammer points.
+    The level is the median over lines, averaged over hammer points.
     """
     ratio = np.abs(measured.values) / np.abs(computed.values)
     level = np.median(20.0 * np.log10(ratio), axis=0).mean(axis=1)
@@ -412,21 +403,9 @@ def levels_of(measured: FRF, computed: FRF) -> dict[str, float]:
 
 
 def torsion(computed: Correlation, length: float) -> tuple[float, float]:
-    """Find the mode of the residual around the line where shapes agree least.
+    """Return natural frequency in Hz and MAC of the residual's mode near the line of least CSAC.
 
-    Parameters
-    ----------
-    computed : Correlation
-        Model against measurement.
-    length : float
-        Of the beam, in m.
-
-    Returns
-    -------
-    frequency : float
-        Its natural frequency in Hz.
-    mac : float
-        Of its shape with cos(pi x / length), the first torsion mode of a free bar.
+    The MAC compares its shape with cos(pi x / length), the first torsion mode of a free bar.
     """
     measured = computed.measured
     rest = replace(measured, values=measured.values - computed.computed.values)
@@ -437,23 +416,10 @@ def torsion(computed: Correlation, length: float) -> tuple[float, float]:
 
 
 def one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.complex128]]:
-    """Fit one mode to all channels at once, by least squares in accelerance.
+    """Fit one mode to all channels of accelerances within 5 % of a frequency in Hz.
 
-    The receptance is that of a pole and a constant.
-
-    Parameters
-    ----------
-    frf : FRF
-        Accelerances.
-    near : float
-        About where it is, in Hz; lines to 5 % on each side are used.
-
-    Returns
-    -------
-    frequency, loss_factor : float
-        In Hz, and dimensionless.
-    residues : ndarray of complex, shape (n_responses, n_references)
-        Up to a factor.
+    The least-squares model of receptance is a pole and a constant. Frequency in Hz, loss factor,
+    and residues up to a factor, shape (n_responses, n_references), are returned.
     """
     from scipy.optimize import least_squares
 

@@ -1,8 +1,7 @@
 """A chain of twelve masses and springs in four groups, with data made from known true values.
 
-Five masses carry sensors, two of them are struck. The data hold 1 % noise from a fixed seed. The
-true values make the data, and the results are compared with them at the end; the update has no
-access to them.
+Five masses have sensors; two of them are struck. The data have 1 % noise from a fixed seed. The
+results are compared with the true values at the end; the update has no access to them.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ _HAMMER = ("2:X", "12:X")
 _NOISE = 0.01
 _SEED = 2010
 
-#: Factors on stiffness and mass, and loss factors, that made the data.
+#: True values: factors on stiffness and mass, and loss factors.
 TRUTH = {
     "part1": {"mass": 1.10, "stiffness": 0.80, "loss_factor": 0.02},
     "part2": {"mass": 0.90, "stiffness": 1.20, "loss_factor": 0.05},
@@ -113,7 +112,7 @@ def write_inputs(folder: Path) -> Path:
 
 
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
-    """Compare with the values that made the data."""
+    """Compare the results with the true values."""
     lines = [f"{'unknown':<18} {'true':>6} {'found':>10} {'std':>8} {'error / std':>12}"]
     result = results[-1]
     for p in result.parameters:

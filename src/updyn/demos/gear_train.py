@@ -1,20 +1,20 @@
-"""The gear train of Bao, Wang & Cheng (2010), updated as in the paper, and what its data determine.
+"""The gear train of Bao, Wang & Cheng (2010), updated as in the paper, and its identifiability.
 
 "Updating Methods for Antenna Servomechanism Structures", PIERS 2010, pp. 30-35, section 4. Three
 jobs: the published one (condensed equation error, plain iteration, five steps), whose four lines
-do not determine all unknowns; the same with the other reading of the paper's "error rates"; and the
-published one with a fifth line, which determines them and gives the outcome of the demo.
+do not determine all unknowns; the same with the other interpretation of the paper's "error rates";
+and the published one with a fifth line, which determines all unknowns and gives the outcome of the
+demo.
 
 The numbers of Tables 1 to 5 are in ``data/gear_train.json``. The tables give element matrices of
-two DOFs each; the fourth is the inertia of the last disc of a branch, so that masses of neighbours
-add up.
+two DOFs each; the fourth entry is the inertia of the last disc of a branch, so the masses of
+neighbours add up.
 
-Three more jobs, for ``updyn compare``, are written beside them. ``compare.toml`` has all 18
-unknowns of the paper and 60 lines. ``compare_stiffness.toml`` takes the masses as known and a band
-up to the second resonance: there the method with independently reduced matrices, which the paper
-compares its own with, gives an answer too; with all 18 unknowns it breaks down.
-``compare_full.toml`` has every DOF measured and two forces, as the methods without condensation
-need.
+Three more jobs, for ``updyn compare``, are written to the same folder. ``compare.toml`` has all 18
+unknowns of the paper and 60 lines. ``compare_stiffness.toml`` has known masses and a band up to
+the second resonance: there the method with independently reduced matrices, to which the paper
+compares its own, also gives an answer; with all 18 unknowns it fails. ``compare_full.toml`` has
+every DOF measured and two forces, as required by the methods without condensation.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ __all__ = [
     "write_inputs",
 ]
 
-#: How the paper's "error rates" may be meant; it does not say, and both recover.
+#: Possible meanings of the paper's "error rates", which it does not define; both give a recovery.
 READINGS = ("start = true (1 + rate)", "true = start (1 + rate)")
 
 
@@ -88,15 +88,15 @@ def true_model() -> Model:
         M[at] = data["mass_units"][e]
         groups[name] = Group(K, M, loss_factor=data["loss_factor"][e])
     with warnings.catch_warnings():
-        # K_2 and K_6 are indefinite by the rounding of Table 2 (det K_2 = -3e-4); the text of the
-        # demo says so.
+        # K_2 and K_6 are indefinite by the rounding of Table 2 (det K_2 = -3e-4), which the text
+        # of the demo mentions.
         warnings.simplefilter("ignore", UpdynWarning)
         dofs = _labels(range(1, n + 1))
         return Model.from_groups(groups, dofs, title="Gear train, Bao et al. 2010")
 
 
 def _error_rates(unit: int) -> tuple[float, float]:
-    """Return 1 + rate of stiffness and mass of a unit, from 0 (Table 4)."""
+    """Return 1 + rate of stiffness and mass of a unit, counted from 0 (Table 4)."""
     data = table()
     kappa = 1.0 + data["stiffness_error_percent_Y"][unit] / 100.0
     mu = 1.0 + data["mass_error_percent_X"][unit] / 100.0
@@ -129,7 +129,7 @@ def true_values(reading: int = 0) -> dict[str, float]:
     return out
 
 
-#: Fifth frequency line, with which the data determine all unknowns, in rad/s.
+#: Fifth frequency line in rad/s; with it the data determine all unknowns.
 FIFTH = 150.0
 
 _JOB = """\
@@ -165,17 +165,9 @@ _SAFEGUARDED = (
 
 
 def measure(lines: Sequence[float] | None = None) -> FRF:
-    """Return the receptances of the true gear train.
+    """Return receptances of the true gear train: rotations of DOFs 1 to 4 per torque on DOF 2.
 
-    Parameters
-    ----------
-    lines : sequence of float, optional
-        In rad/s; None: the paper's.
-
-    Returns
-    -------
-    FRF
-        Rotations per torque on DOF 2, measured on DOFs 1 to 4.
+    `lines` are frequencies in rad/s, by default those of the paper.
     """
     data = table()
     if lines is None:
@@ -198,7 +190,7 @@ def write_inputs(folder: Path) -> Path:
 
 
 def next_job(results: Sequence[UpdateResult], folder: Path) -> Path | None:
-    """Write the job of the second reading of the error rates, then that of the fifth line."""
+    """Write the job with the second reading of the error rates, then that with the fifth line."""
     if len(results) == 1:
         return _write_job(
             folder,
@@ -320,18 +312,10 @@ def _fifth_line(second: UpdateResult, result: UpdateResult) -> str:
 
 
 def on_the_family(result: UpdateResult) -> UpdateResult:
-    """Move a result along its undetermined combination, to where K(6,6) is as the paper prints it.
+    """Move the published result along its undetermined combination to the paper's K(6,6).
 
-    Parameters
-    ----------
-    result : UpdateResult
-        Of the published job.
-
-    Returns
-    -------
-    UpdateResult
-        With the stiffness of unit 6 held, and all other unknowns fitted to the same data. K(6,6)
-        determines it best: five digits, nearly all of it unit 6.
+    The stiffness of unit 6 is fixed, and all other unknowns are fitted to the same data. K(6,6) is
+    the best choice: it is printed with five digits, and nearly all of it belongs to unit 6.
     """
     from updyn.updating.update import update
 
@@ -339,7 +323,7 @@ def on_the_family(result: UpdateResult) -> UpdateResult:
     own = table()["stiffness_units_1e6"][5][0][0]
     others = [name for name in unit_names() if name != "unit 6"]
     moved = result
-    for _ in range(3):  # the remainder of K(6,6), of unit 5, changes with it
+    for _ in range(3):  # the share of unit 5 in K(6,6) changes, too
         change = (wanted - _matrices_of(moved.model)["K(6,6)"]) / own
         start = moved.model.scaled({"unit 6": {"stiffness": 1.0 + change / _share(moved)}})
         unknowns = parameters(start, stiffness=others, mass="all", loss_factor="all")
@@ -353,7 +337,7 @@ def _share(result: UpdateResult) -> float:
 
 
 def decimals(x: float) -> int:
-    """Return the number of digits after the point of a printed number, trailing zeros left out."""
+    """Return the number of decimals of a printed number, without trailing zeros."""
     return len(repr(float(x)).split(".")[1])
 
 
@@ -370,7 +354,7 @@ def paper_matrices() -> dict[str, float]:
 
 
 def _matrices_of(model: Model) -> dict[str, float]:
-    """Return the same entries of a model."""
+    """Return the same matrix entries of a model."""
     K = np.zeros((model.n_dofs, model.n_dofs))
     M = np.zeros((model.n_dofs, model.n_dofs))
     for group in model.groups.values():
@@ -413,7 +397,7 @@ def _loss_error(result: UpdateResult) -> float:
 
 
 def _distance(model: Model, frf: FRF) -> float:
-    """Return the largest difference from the measurement, over its largest value."""
+    """Return the largest difference from the measurement, relative to its largest value."""
     computed = response(model, frf.freq, frf.responses, frf.references, frf.quantity).values
     return float(np.abs(computed - frf.values).max() / np.abs(frf.values).max())
 
@@ -425,7 +409,7 @@ BANDS: Mapping[str, tuple[float, float, int]] = {
     "compare_stiffness": (5.0, 60.0, 30),
     "compare_full": (5.0, 900.0, 30),
 }
-#: DOF of the second force where there is one.
+#: DOF of the second force, if there is one.
 _SECOND_FORCE = 5
 
 _COMPARE_JOB = """\
@@ -454,13 +438,7 @@ def known_masses() -> Model:
 
 
 def write_comparisons(folder: Path) -> None:
-    """Write the jobs with model, measurement and truth.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder to write to, in which ``model.h5`` is.
-    """
+    """Write the jobs for `updyn compare` with their inputs to a folder that has ``model.h5``."""
     from updyn.io import write_model
 
     write_model(known_masses(), folder / "known_masses.h5")
