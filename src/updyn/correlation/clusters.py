@@ -1,9 +1,9 @@
 """Clusters of close modes, whose shapes are compared as subspaces: `close_modes`, `pair_clusters`.
 
-Two shapes at one frequency are an arbitrary basis of a plane, and a small perturbation turns those
-at two close frequencies: one that couples them by a share e of their frequency turns them by 1/2
-atan(2 e / gap). So close modes are compared by the principal angles between the spans of their
-shapes (Bjorck & Golub, Math. Comp. 27 (1973) 579-594).
+Two shapes with the same frequency are an arbitrary basis of a plane, and a small perturbation
+rotates the shapes of two close frequencies: a coupling by a share e of their frequency rotates
+them by 1/2 atan(2 e / gap). Close modes are therefore compared by the principal angles between the
+spans of their shapes (Bjorck & Golub, Math. Comp. 27 (1973) 579-594).
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ Array = NDArray[np.float64]
 _Indices = NDArray[np.intp]
 
 #: Modes within this relative difference of frequency are close. Frequencies of one structure vary
-#: by 0.22 % when it is assembled anew (median of 26 elastic modes over 130 assemblies of AIRMOD;
-#: data of Patelli et al., Arch. Appl. Mech. 87 (2017) 905-925). A coupling of that size leaves a
-#: MAC of 0.9 at a gap of 0.59 %, and less at smaller ones; 0.9 is the usual limit for one mode.
+#: by 0.22 % between assemblies (median of 26 elastic modes over 130 assemblies of AIRMOD; data of
+#: Patelli et al., Arch. Appl. Mech. 87 (2017) 905-925). A coupling of that size gives a MAC of 0.9
+#: at a gap of 0.59 %, and less at smaller gaps; 0.9 is the usual limit for one mode.
 CLOSE = 0.006
-#: Weight of the difference of frequency, squared, as a share of the gate, against MAC: it decides
-#: where the sensors cannot tell shapes apart, and asks for a MAC of 0.9 at the gate.
+#: Weight of the squared difference of frequency (as a share of the gate) relative to MAC: it
+#: decides if the sensors cannot distinguish shapes, and requires a MAC of 0.9 at the gate.
 _FREQUENCY_WEIGHT = 0.4
-#: Where modes are close, by whether the computed and whether the measured ones are.
+#: The set with close modes, by whether computed and measured modes are close.
 _CLOSE_IN = {(True, True): "both", (True, False): "computed", (False, True): "measured"}
 
 
@@ -50,25 +50,25 @@ class Subspace:
     Attributes
     ----------
     computed, measured : ndarray of int
-        Which computed and which measured modes, ascending. Their numbers may differ.
+        Indices of the computed and the measured modes, ascending. Their counts may differ.
     frequency_computed, frequency_measured : ndarray of float
         Their natural frequencies in Hz.
     cosines : ndarray of float
-        Cosines of the principal angles between the two spans, descending, as the sensors see them;
-        as many as the smaller span has dimensions.
+        Cosines of the principal angles between the two spans at the sensors, descending; their
+        number is the dimension of the smaller span.
     mac : float
-        Subspace MAC: the squared cosine of the largest of as many principal angles as there are
-        pairs. It is the lowest MAC that a shape of the smaller span has with the best combination
-        of the shapes of the other (S2MAC for a mode and a plane, W. D'Ambrogio & A. Fregolent,
-        Mech. Syst. Signal Process. 17 (2003) 599-610), and does not depend on the basis.
+        Subspace MAC: the squared cosine of the n-th smallest principal angle, for n pairs. It is
+        the lowest MAC that a shape of the smaller span has with the best combination of the shapes
+        of the other (S2MAC for a mode and a plane, W. D'Ambrogio & A. Fregolent, Mech. Syst.
+        Signal Process. 17 (2003) 599-610), and does not depend on the basis.
     mac_single : float
-        Lowest MAC of single shapes if these modes are paired one to one such that the sum of MAC is
-        largest. It depends on the basis.
+        Lowest MAC of single shapes in the one-to-one pairing with the largest sum of MAC. It
+        depends on the basis.
     close : str
-        Where the modes are close: ``"computed"``, ``"measured"`` or ``"both"``.
+        The set in which the modes are close: ``"computed"``, ``"measured"`` or ``"both"``.
     vacuous : bool
-        Whether one of the spans holds every shape that the sensors can see. The subspace MAC is
-        then 1 for any shapes.
+        Whether one of the spans contains every shape at the sensors. The subspace MAC is then 1
+        for any shapes.
     """
 
     computed: _Indices
@@ -86,12 +86,12 @@ class Subspace:
 
     @property
     def blocks(self) -> list[tuple[int, int, int, int]]:
-        """First and last computed, first and last measured mode of each block of adjacent ones."""
+        """First and last computed, first and last measured mode of each block of adjacent modes."""
         rows, columns = _runs(self.computed), _runs(self.measured)
         return [(*row, *column) for row in rows for column in columns]
 
     def text(self) -> str:
-        """Return the modes, the subspace MAC and what limits it, in words."""
+        """Return the modes, the subspace MAC and its limitations as text."""
         text = (
             f"measured {_in_hertz(self.frequency_measured)} and computed"
             f" {_in_hertz(self.frequency_computed)}: subspace MAC {self.mac:.3f}, MAC of single"
@@ -121,12 +121,12 @@ def _in_hertz(frequency: Array) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PairingRule:
-    """Which modes can be pairs.
+    """Limits of the pairing of modes.
 
     Attributes
     ----------
     gate : float
-        Largest relative difference of frequency.
+        Largest relative difference of frequency of a pair.
     least_mac : float
         Least MAC of a pair of equal frequencies.
     close : float
@@ -140,7 +140,7 @@ class PairingRule:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matched:
-    """Pairs of modes, and the subspaces of those that are close.
+    """Pairs of modes, and the subspaces of close modes.
 
     Attributes
     ----------
@@ -155,31 +155,22 @@ class Matched:
 
     @property
     def computed(self) -> _Indices:
-        """Computed modes that are in a pair or a subspace."""
+        """Computed modes in a pair or a subspace."""
         return np.unique(np.concatenate([self.pairs.first, *(s.computed for s in self.subspaces)]))
 
     def renumbered(self, kept: NDArray[np.bool_]) -> Matched:
-        """Return the same for some of the computed modes, all of `computed` among them."""
+        """Return the pairs for a subset of the computed modes that contains all of `computed`."""
         number = np.cumsum(kept) - 1
         subspaces = [replace(s, computed=number[s.computed]) for s in self.subspaces]
         return Matched(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))
 
 
 def close_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
-    """Divide modes into clusters of close frequencies.
+    """Divide modes into clusters of close frequencies, by ascending frequency.
 
-    Parameters
-    ----------
-    frequency : ndarray of float, shape (n,)
-        Natural frequencies in Hz, in any order.
-    close : float
-        Largest relative difference between the highest and the lowest frequency of a cluster.
-
-    Returns
-    -------
-    list of ndarray of int
-        The modes of each cluster, a mode that is not close to another by itself, by ascending
-        frequency. Modes that are too many for one cluster are divided at their largest gap.
+    A mode without a close one is a cluster by itself. `close` is the largest relative difference
+    between the highest and the lowest frequency of a cluster; too large groups are divided at
+    their largest gap.
     """
     found: list[_Indices] = []
     waiting = [np.argsort(frequency, kind="stable")]
@@ -200,21 +191,10 @@ def close_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
 def pair_clusters(
     a: NDArray[Any], b: NDArray[Any], frequency: tuple[Array, Array], rule: PairingRule
 ) -> Matched:
-    """Pair computed and measured modes one to one, those of clusters by their subspaces.
+    """Pair computed and measured modes one to one, and modes of clusters by their subspaces.
 
-    Parameters
-    ----------
-    a, b : ndarray, shape (N, n_a) and (N, n_b)
-        Computed and measured shapes as the sensors see them.
-    frequency : tuple of ndarray of float
-        Natural frequencies of both in Hz.
-    rule : PairingRule
-        Which can be pairs.
-
-    Returns
-    -------
-    Matched
-        The MAC of a pair whose modes are in a subspace is that of the subspace.
+    `a` and `b` are computed and measured shapes at the sensors, shape (N, n_a) and (N, n_b). The
+    MAC of a pair with modes in a subspace is that of the subspace.
     """
     clusters = close_modes(frequency[0], rule.close), close_modes(frequency[1], rule.close)
     values = mac(a, b)
@@ -243,22 +223,11 @@ def pair_clusters(
 
 
 def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
-    """Pair computed and measured modes by frequency alone, in their order.
+    """Pair computed and measured modes by frequency alone, in ascending order; MAC is nan.
 
-    The pairs have the least sum of the squared logarithms of their ratios, which keeps the order of
-    the frequencies; a measured mode without a computed one within the gate has no pair.
-
-    Parameters
-    ----------
-    frequency : tuple of ndarray of float
-        Natural frequencies of computed and measured modes in Hz.
-    gate : float
-        Largest relative difference of frequency of a pair.
-
-    Returns
-    -------
-    ModePairs
-        By ascending measured frequency; MAC is nan.
+    The pairs have the least sum of the squared logarithms of their frequency ratios, which keeps
+    the order of the frequencies; a measured mode without a computed one within the gate has no
+    pair.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -275,7 +244,7 @@ def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
 
 
 def _differences(frequency: tuple[Array, Array], gate: float) -> tuple[Array, Array]:
-    """Return differences of frequency and the largest that pairs may have, both in Hz."""
+    """Return differences of frequency and their limits for pairs, both in Hz."""
     one, two = frequency[0][:, None], frequency[1]
     return np.abs(one - two), gate * np.minimum(one, two)
 
@@ -287,7 +256,7 @@ def _bases(shapes: NDArray[Any], clusters: Sequence[_Indices]) -> list[NDArray[A
 
 
 def _membership(clusters: Sequence[_Indices]) -> _Indices:
-    """Return the number of the cluster of each mode."""
+    """Return the index of the cluster of each mode."""
     number = np.zeros(sum(map(len, clusters)), dtype=np.intp)
     for k, cluster in enumerate(clusters):
         number[cluster] = k
@@ -297,7 +266,7 @@ def _membership(clusters: Sequence[_Indices]) -> _Indices:
 def _assigned(
     alike: Array, apart: Array, limit: Array, rule: PairingRule
 ) -> tuple[_Indices, _Indices]:
-    """Return the pairs with the largest sum, by ascending measured frequency."""
+    """Return the pairs with the largest total score, by ascending measured frequency."""
     from scipy.optimize import linear_sum_assignment
 
     share = np.divide(apart, limit, out=np.zeros_like(apart), where=limit > 0)
@@ -317,10 +286,10 @@ def _within(
     second: _Indices,
     apart: Array,
 ) -> NDArray[np.bool_]:
-    """Return which pairs to keep: of two clusters, no more than their common directions.
+    """Return which pairs to keep: between two clusters, at most as many as common directions.
 
-    The basis of a cluster is arbitrary, so any of its pairs can be left out: the one whose
-    frequencies differ most.
+    The basis of a cluster is arbitrary, so any of its pairs can be dropped; pairs with the largest
+    difference of frequency are.
     """
     keep = np.ones(len(first), dtype=bool)
     blocks = list(zip(membership[0][first].tolist(), membership[1][second].tolist(), strict=True))
@@ -338,9 +307,9 @@ def _with_subspaces(
     clusters: tuple[list[_Indices], list[_Indices]],
     values: Array,
 ) -> Matched:
-    """Return the pairs with the MAC of the subspaces that their clusters belong to.
+    """Return the pairs with the MAC of the subspaces of their clusters.
 
-    Clusters that are joined by pairs, directly or through others, are one subspace.
+    Clusters that are connected by pairs, directly or through others, form one subspace.
     """
     from scipy.optimize import linear_sum_assignment
     from scipy.sparse import coo_array
@@ -381,19 +350,9 @@ def _with_subspaces(
 def principal_vectors(
     a: NDArray[Any], b: NDArray[Any], n: int
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the vectors of two spans between which the n smallest principal angles are.
+    """Return the unit vectors, shape (N, n), of the n smallest principal angles between two spans.
 
-    Parameters
-    ----------
-    a, b : ndarray, shape (N, n_a) and (N, n_b)
-        Shapes as columns.
-    n : int
-        How many pairs of vectors, at most as many as the smaller span has dimensions.
-
-    Returns
-    -------
-    tuple of ndarray, shape (N, n)
-        Vectors of unit length, orthogonal within each span.
+    The vectors are orthogonal within each span; n is at most the dimension of the smaller span.
     """
     one, two = orthonormal(unit_shapes("shapes", a)), orthonormal(unit_shapes("shapes", b))
     left, _, right = np.linalg.svd(one.conj().T @ two, full_matrices=False)

@@ -1,4 +1,4 @@
-"""Figures of agreement in words, and a table of them as text."""
+"""Names of figures of agreement, and a text table of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from updyn.text_table import text_table
 
 __all__ = ["FIGURE_NAMES", "ONE_AT_BEST", "SHORT_NAMES", "agreement_table", "figure_text"]
 
-#: What the figures of `Correlation.figures` are called, in the order in which they are shown.
+#: Names of the figures of `Correlation.figures`, in display order.
 FIGURE_NAMES: Mapping[str, str] = {
     "frac_median": "FRAC, median over channels",
     "frac_min": "FRAC, worst channel",
@@ -32,7 +32,7 @@ FIGURE_NAMES: Mapping[str, str] = {
     "frequency_error_max": "frequency, worst error of pairs (%)",
     "loss_factor_error_rms": "loss factor, rms error of pairs (%)",
 }
-#: The same as headings of narrow columns.
+#: Short names for headings of narrow columns.
 SHORT_NAMES: Mapping[str, str] = {
     "frac_median": "FRAC",
     "frac_min": "worst",
@@ -43,20 +43,12 @@ SHORT_NAMES: Mapping[str, str] = {
     "db_error_median": "dB",
     "db_error_p95": "dB, 95 %",
 }
-#: Figures that are 1 at best, by the beginning of their names.
+#: Prefixes of figures with a best value of 1.
 ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_", "mac_")
 
 
 def figure_text(name: str, value: float) -> str:
-    """Return a figure of agreement as text.
-
-    Parameters
-    ----------
-    name : str
-        Of `FIGURE_NAMES`.
-    value : float
-        The figure.
-    """
+    """Return a figure of agreement, named as in `FIGURE_NAMES`, as text."""
     if not name.startswith(ONE_AT_BEST):
         return f"{value:.3g}"
     if 0.9999 < value < 1.0:
@@ -65,16 +57,9 @@ def figure_text(name: str, value: float) -> str:
 
 
 def agreement_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return figures of agreement as a table, one row each; empty without any.
+    """Return figures of agreement by column heading as a text table with a row per figure.
 
-    Parameters
-    ----------
-    columns : mapping of str to mapping
-        By heading, figures by name; a figure that a column lacks is a dash.
-
-    Returns
-    -------
-    str
+    A figure that a column lacks is a dash; without any figure, the text is empty.
     """
     shown = {heading: figures for heading, figures in columns.items() if figures}
     rows = []

@@ -39,7 +39,7 @@ class Correlation:
     Attributes
     ----------
     computed, measured : FRF
-        The two, on the same lines and DOFs (those of the measured one) and of the same quantity.
+        Both FRFs, on the lines and DOFs of the measured one and with the same quantity.
     frac, frf_correlation, relative_residual : ndarray of float, shape (n_responses, n_references)
         See `frac`, `frf_correlation` and `relative_residual`.
     csac, csf : ndarray of float, shape (n_f,)
@@ -81,12 +81,12 @@ class Correlation:
         Parameters
         ----------
         lines : array_like of float, optional
-            Lines of the data to take, in Hz; None: all, which needs memory for n_f^2 numbers.
+            Lines of the data in Hz; by default all, which needs memory for n_f^2 numbers.
 
         Returns
         -------
         ndarray of float, shape (n, n)
-            Row: line of the computed, column: line of the measured.
+            Rows: lines of the computed FRF; columns: lines of the measured FRF.
 
         Raises
         ------
@@ -100,8 +100,8 @@ class Correlation:
         """Return figures of the whole FRF.
 
         FRAC and correlation (median, min), relative residual (median, max), CSAC and CSF (mean),
-        dB error (median, 95th percentile). Channels that are not `heard` do not count, nor in CSAC
-        and CSF lines on which both FRFs are zero, such as accelerances at 0 Hz.
+        dB error (median, 95th percentile). Channels that are not `heard` are ignored, and so are,
+        in CSAC and CSF, lines on which both FRFs are zero, such as accelerances at 0 Hz.
         """
         channels = _counted(np.ones(self.frac.shape, dtype=bool), self.heard)
         told = told_lines(self.measured.values, self.computed.values)
@@ -117,7 +117,7 @@ class Correlation:
         """Return figures by response.
 
         FRAC and correlation (median, min), relative residual (median, max), dB error (median, 95th
-        percentile). Channels that are not `heard` do not count beside others of the response.
+        percentile). Channels that are not `heard` are ignored if the response has others.
         """
         out, heard = {}, self.heard
         for i, label in enumerate(self.responses.labels):
@@ -129,10 +129,10 @@ class Correlation:
 
     @property
     def heard(self) -> NDArray[np.bool_]:
-        """Which channels are more than rounding, shape (n_responses, n_references).
+        """Mask of channels above rounding error, shape (n_responses, n_references).
 
-        Those whose rms, measured or computed, is more than 1e-11 of that of the loudest measured
-        one: what symmetry forbids is less.
+        The rms of the channel, measured or computed, exceeds 1e-11 of that of the largest measured
+        channel. Channels that vanish by symmetry are below this limit.
         """
         level, other = (
             np.sqrt(np.mean(np.abs(frf.values) ** 2, axis=0))
@@ -141,7 +141,7 @@ class Correlation:
         return np.asarray(np.maximum(level, other) > ROUNDING * level.max())
 
     def _figures_of(self, channels: NDArray[np.bool_]) -> dict[str, float]:
-        """Return median and worst of the figures that each of some channels has."""
+        """Return median and worst value over given channels of the figures of each channel."""
         frac, correlation = self.frac[channels], self.frf_correlation[channels]
         residual = self.relative_residual[channels]
         return {
@@ -155,33 +155,7 @@ class Correlation:
 
 
 def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
-    """Compare a model, or a computed FRF, with a measured FRF.
-
-    Parameters
-    ----------
-    model_or_frf : Model or FRF
-        A model is asked for its response at the lines and DOFs of `frf`. An FRF must have the same
-        lines and DOFs; their order and signs may differ, and the quantity is converted.
-    frf : FRF
-        The measured one.
-
-    Returns
-    -------
-    Correlation
-
-    Raises
-    ------
-    DataError
-        If two FRFs differ in lines, DOFs or decay; the message says which. Nothing is interpolated
-        or dropped.
-    DofError
-        If a DOF of `frf` is not in the model.
-
-    Warns
-    -----
-    UpdynWarning
-        If model and FRF have positions, and nodes with equal numbers are far from each other.
-    """
+    """Compare a model, or a computed FRF, with a measured FRF; see `updyn.correlate`."""
     if not isinstance(frf, FRF):
         raise DataError(f"correlate: expected a measured FRF, found {type(frf).__name__}")
     if isinstance(model_or_frf, Model):
@@ -244,14 +218,14 @@ def _span(freq: Array) -> str:
 
 
 def _counted(channels: NDArray[np.bool_], heard: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return those of some channels that are heard; all of them where none is."""
+    """Return the selected channels that are heard; all selected ones if none is heard."""
     both = channels & heard
     return both if both.any() else channels
 
 
 def _levels(error: Array) -> dict[str, float]:
-    # The percentile is one of the values, as interpolating between two infinite ones gives no
-    # number.
+    # The percentile is one of the values, because interpolation between two infinite values gives
+    # nan.
     return {
         "db_error_median": float(np.median(error)),
         "db_error_p95": float(np.percentile(error, 95, method="inverted_cdf")),
@@ -271,7 +245,8 @@ def frac(HX: ArrayLike, HA: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_responses, n_references)
-        Between 0 and 1; blind to a constant factor. 0 where either function is zero at all lines.
+        Between 0 and 1; independent of a constant factor. 0 if either function is zero at all
+        lines.
 
     Raises
     ------
@@ -284,11 +259,11 @@ def frac(HX: ArrayLike, HA: ArrayLike) -> Array:
 
 
 def frf_correlation(HX: ArrayLike, HA: ArrayLike) -> Array:
-    """Correlation coefficient over lines, with sign: that of real and imaginary parts as one row.
+    """Signed correlation coefficient over lines, of real and imaginary parts in one vector.
 
-    Re(sum conj(h_X) h_A) / sqrt(sum |h_X|^2 sum |h_A|^2) for each response and reference, without
-    a mean taken off. `frac` is the squared modulus of the same quotient before the real part is
-    taken, so that the square of this one is at most FRAC.
+    Re(sum conj(h_X) h_A) / sqrt(sum |h_X|^2 sum |h_A|^2) for each response and reference; no mean
+    is subtracted. `frac` is the squared modulus of the same quotient before the real part is
+    taken. The square of this coefficient is therefore at most FRAC.
 
     Parameters
     ----------
@@ -298,8 +273,8 @@ def frf_correlation(HX: ArrayLike, HA: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_responses, n_references)
-        Between -1 and 1: -1 for a wrong sign, 0 for a phase that is 90 degrees off. Blind to a
-        positive factor only. 0 where either function is zero at all lines.
+        Between -1 and 1: -1 for a wrong sign, 0 for a phase error of 90 degrees. Independent of a
+        positive factor only. 0 if either function is zero at all lines.
 
     Raises
     ------
@@ -317,7 +292,7 @@ def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
 
     sqrt(sum |h_A - h_X|^2 / sum |h_X|^2) for each response and reference: the root of the
     normalised mean square error. With r the `frf_correlation` and g the quotient of the norms of
-    h_A and h_X, its square is 1 - 2 r g + g^2: it sees shape, level, sign and phase.
+    h_A and h_X, its square is 1 - 2 r g + g^2: it depends on shape, level, sign and phase.
 
     Parameters
     ----------
@@ -328,7 +303,7 @@ def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
     -------
     ndarray of float, shape (n_responses, n_references)
         Not negative: 0 for equal functions, 1 for a computed function that is zero, 2 for a wrong
-        sign. Where the measured function is zero at all lines: 0 if the computed one is, too, else
+        sign. If the measured function is zero at all lines: 0 if the computed one is, too, else
         inf.
 
     Raises
@@ -344,17 +319,7 @@ def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
 
 
 def told_lines(HX: NDArray[np.complex128], HA: NDArray[np.complex128]) -> NDArray[np.bool_]:
-    """Return on which lines two FRFs say something: all but those on which both are zero.
-
-    Parameters
-    ----------
-    HX, HA : ndarray of complex, shape (n_f, n_i, n_j)
-        Measured and computed. Accelerances at 0 Hz are zero in both.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_f,)
-    """
+    """Return a mask, shape (n_f,), of the lines on which at least one of two FRFs is not zero."""
     return np.asarray((HX != 0).any(axis=(1, 2)) | (HA != 0).any(axis=(1, 2)))
 
 
@@ -371,7 +336,7 @@ def csac(HX: ArrayLike, HA: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_f,)
-        Between 0 and 1; blind to a factor common to a line. 0 where either vector is zero.
+        Between 0 and 1; independent of a factor common to a line. 0 if either vector is zero.
 
     Raises
     ------
@@ -396,7 +361,8 @@ def csf(HX: ArrayLike, HA: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_f,)
-        Between 0 and 1; 1 only for equal vectors but for a common phase. 0 where both are zero.
+        Between 0 and 1; 1 only for vectors that are equal up to a common phase. 0 if both are
+        zero.
 
     Raises
     ------
@@ -423,8 +389,8 @@ def fdac(HX: ArrayLike, HA: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_a, n_x)
-        Between 0 and 1, row: line of the computed, column: line of the measured. A ridge off the
-        diagonal shows a frequency shift. 0 where either vector is zero.
+        Between 0 and 1. Rows: lines of the computed FRF; columns: lines of the measured FRF. A
+        ridge off the diagonal shows a frequency shift. 0 if either vector is zero.
 
     Raises
     ------
@@ -448,7 +414,7 @@ def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_f, n_responses, n_references)
-        Not negative. 0 where both are zero, inf where one of them is.
+        Not negative. 0 if both are zero, inf if one of them is.
 
     Raises
     ------
@@ -459,8 +425,8 @@ def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
     x, a = np.abs(hx), np.abs(ha)
     out = np.full(x.shape, np.inf)
     both = (x > 0) & (a > 0)
-    # A difference of logarithms: the quotient of a tiny and a huge number would leave the range of
-    # the format.
+    # A difference of logarithms: the quotient of a tiny and a huge number would overflow or
+    # underflow.
     out[both] = np.abs(20.0 * (np.log10(a[both]) - np.log10(x[both])))
     out[(x == 0) & (a == 0)] = 0.0
     return out

@@ -1,4 +1,4 @@
-"""`correlate`: FRFs with FRFs, modes with modes, or a model with either."""
+"""`correlate`: compare FRFs with FRFs, modes with modes, or a model with either."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     Parameters
     ----------
     computed : Model, FRF, Modes or ModeSet
-        A model is asked for its response at the lines and DOFs of a measured FRF, or for its modes.
-        An FRF must have the same lines and DOFs as the measured one; their order and signs may
-        differ, and the quantity is converted.
+        For a model, the response at the lines and DOFs of a measured FRF, or the modes, are
+        computed. An FRF must have the same lines and DOFs as the measured one; their order and
+        signs may differ, and the quantity is converted.
     measured : FRF, ModeSet or Modes
-        What it is compared with.
+        The measured data.
     **options
         For modes: ``band``, ``gate``, ``least_mac``, ``close`` and ``dofs``, see
         `updyn.correlation.modes.correlate_modes`.
@@ -39,13 +39,13 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     Returns
     -------
     Correlation or ModeCorrelation
-        The latter for modes.
+        A `ModeCorrelation` for modes.
 
     Raises
     ------
     DataError
-        If the two cannot be compared, such as FRFs that differ in lines or DOFs; the message says
-        which. Nothing is interpolated or dropped.
+        If the two cannot be compared, such as FRFs with different lines or DOFs; the message gives
+        the difference. Nothing is interpolated or dropped.
     DofError
         If a DOF of `measured` is not in the model or the computed modes.
     ModelError, SolverError
@@ -54,7 +54,7 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     Warns
     -----
     UpdynWarning
-        If model and FRF have positions, and nodes with equal numbers are far from each other.
+        If model and FRF have positions, and nodes with equal numbers are far apart.
 
     Examples
     --------

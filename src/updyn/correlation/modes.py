@@ -48,19 +48,19 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: Modes are paired up to this relative difference of frequency.
+#: Largest relative difference of frequency of a pair.
 GATE = 0.3
-#: Least MAC of a pair of equal frequencies. By Bessel's inequality a shape can have a MAC above one
-#: half with one shape of an orthogonal set at most.
+#: Least MAC of a pair of equal frequencies. By Bessel's inequality, a shape has a MAC above one
+#: half with at most one shape of an orthogonal set.
 LEAST_MAC = 0.5
-#: How modes without shapes are paired, for notes.
+#: Note on the pairing of modes without shapes.
 BY_FREQUENCY = (
     "The measured modes have no shapes: they are paired in the order of their frequencies. Shapes"
     " would show whether the pairs are right."
 )
-#: Modes of damped structures are computed as complex ones up to this many DOFs.
+#: Largest number of DOFs for which modes of damped structures are computed as complex modes.
 _COMPLEX_UP_TO = 5_000
-#: Most modes of a model.
+#: Largest number of modes of a model.
 _MOST = 400
 
 
@@ -74,7 +74,7 @@ class ModeShapes(Protocol):
 
     @property
     def loss_factor(self) -> Array:
-        """Modal loss factors, shape (n,); nan where not known."""
+        """Modal loss factors, shape (n,); nan if unknown."""
 
     @property
     def shapes(self) -> NDArray[Any]:
@@ -92,21 +92,20 @@ class ModeCorrelation:
     Attributes
     ----------
     computed, measured : Modes
-        Both at the DOFs that are compared, with the labels and signs of the measured ones; shapes
-        of any scale.
+        Both at the compared DOFs, with the labels and signs of the measured modes; shapes of any
+        scale.
     mac : ndarray of float, shape (n_computed, n_measured)
-        Modal assurance criterion of each with each, see `updyn.correlation.mac`. Where both
-        translations and rotations are compared, the rotations are multiplied by a length that makes
-        them as large as the translations over the measured modes; else the unit would decide.
+        Modal assurance criterion, see `updyn.correlation.mac`. If both translations and rotations
+        are compared, rotations are multiplied by a length that makes them as large as the
+        translations over the measured modes; otherwise MAC would depend on the unit of length.
     pairs : ModePairs
-        Columns of the computed (``first``) and of the measured modes (``second``) that belong
-        together, and their MAC, by ascending measured frequency. The MAC of a pair in a subspace is
-        that of the subspace, and which of its modes are paired is arbitrary.
+        Columns of paired computed (``first``) and measured modes (``second``), and their MAC, by
+        ascending measured frequency. The MAC of a pair in a subspace is that of the subspace, and
+        the pairing within it is arbitrary.
     subspaces : tuple of Subspace
-        Close modes, whose shapes are an arbitrary basis: they are compared by the spans of their
-        shapes.
+        Close modes. Their shapes are an arbitrary basis and are compared by their spans.
     close : float
-        Relative difference of frequency within which modes are close.
+        Largest relative difference of frequency of close modes.
     """
 
     computed: Modes
@@ -129,7 +128,7 @@ class ModeCorrelation:
 
     @property
     def frequency_change(self) -> Array:
-        """Computed over measured frequency less 1, in %, by pair; nan where both are 0."""
+        """Computed over measured frequency minus 1, in %, by pair; nan if both are 0."""
         first = self.computed.frequency[self.pairs.first]
         second = self.measured.frequency[self.pairs.second]
         change = np.full(len(first), np.nan)
@@ -138,12 +137,12 @@ class ModeCorrelation:
 
     @property
     def unpaired_computed(self) -> NDArray[np.intp]:
-        """Computed modes without a measured one."""
+        """Computed modes without a pair."""
         return np.setdiff1d(np.arange(len(self.computed)), self.pairs.first)
 
     @property
     def unpaired_measured(self) -> NDArray[np.intp]:
-        """Measured modes without a computed one."""
+        """Measured modes without a pair."""
         return np.setdiff1d(np.arange(len(self.measured)), self.pairs.second)
 
     @property
@@ -156,7 +155,7 @@ class ModeCorrelation:
     def auto_mac(self) -> Array:
         """MAC of the measured modes with each other, shape (n_measured, n_measured).
 
-        Large values off the diagonal: the sensors do not tell these shapes apart.
+        Large off-diagonal values mean that the sensors cannot distinguish these shapes.
         """
         if not len(self.dofs):
             return np.full((len(self.measured), len(self.measured)), np.nan)
@@ -165,15 +164,16 @@ class ModeCorrelation:
     def comac(self) -> Array:
         """Return the co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
 
-        See `updyn.correlation.comac`. A low value points at a sensor, or at a place where the
-        model moves otherwise. Of a subspace the principal vectors are compared.
+        See `updyn.correlation.comac`. A low value indicates a faulty sensor, or a place with a
+        different motion of the model. For a subspace, the principal vectors are compared.
         """
         return self._by_dof(comac)
 
     def ecomac(self) -> Array:
         """Return the enhanced co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
 
-        See `updyn.correlation.ecomac`: 0 without difference; it sees signs and gains of sensors.
+        See `updyn.correlation.ecomac`: 0 without difference; sensitive to signs and gains of
+        sensors.
         """
         return self._by_dof(ecomac)
 
@@ -213,7 +213,8 @@ class ModeCorrelation:
     def figures(self) -> dict[str, float]:
         """Return counts of modes, MAC (median, min) and change of frequency (median, max, in %).
 
-        Without a pair the latter are nan. The MAC of pairs in a subspace is that of the subspace.
+        Without a pair, MAC and change are nan. The MAC of pairs in a subspace is that of the
+        subspace.
         """
         change = np.abs(self.frequency_change)
         found = {
@@ -231,7 +232,7 @@ class ModeCorrelation:
         return found | {name: float(value) for name, value in values.items()}
 
     def table(self) -> str:
-        """Return the pairs, and the modes without one, as text by ascending frequency.
+        """Return paired and unpaired modes as a text table by ascending frequency.
 
         The MAC of subspaces is marked by an asterisk, and explained below the table.
         """
@@ -256,12 +257,12 @@ class ModeCorrelation:
         return "\n".join([table, *self.notes()])
 
     def notes(self) -> list[str]:
-        """Return how modes without shapes are paired, and the explanations of `subspace_notes`.
+        """Return notes on modes without shapes, and the explanations of `subspace_notes`.
 
         Returns
         -------
         list of str
-            Lines of text; empty if nothing has to be explained.
+            Lines of text; may be empty.
         """
         return ([] if len(self.dofs) else [BY_FREQUENCY]) + self.subspace_notes()
 
@@ -277,7 +278,7 @@ class ModeCorrelation:
         Returns
         -------
         list of str
-            What the value means, then the modes of each subspace with it, each as a line of text.
+            The meaning of the value, then the modes of each subspace, one line of text each.
         """
         if not self.subspaces:
             return []
@@ -310,23 +311,24 @@ def correlate_modes(
     Parameters
     ----------
     computed : Model, Modes or ModeSet
-        Of a model the modes are computed (`model_modes`); kept are those within `band` and those
-        that are paired. Of modes all are kept.
+        The modes of a model are computed (`model_modes`); those within `band` and paired ones are
+        kept. Given modes are all kept.
     measured : ModeSet or Modes
-        The measured ones.
+        The measured modes.
     band : (float, float), optional
-        For a model: the band in Hz in which modes could have been measured. None: from the lowest
-        to the highest measured frequency.
+        For a model, the band in Hz in which modes could be measured; by default from the lowest to
+        the highest measured frequency.
     gate : float
-        Modes whose frequencies differ by more than this share of the lower one are no pair.
+        Largest difference of frequency of a pair, as a share of the lower frequency.
     least_mac : float
-        Modes of a lower MAC, less the term for the difference of frequency below, are no pair.
+        Least MAC of a pair, after subtraction of the term for the difference of frequency (see
+        Notes).
     close : float
         Modes of one set whose frequencies differ by at most this share are compared by the span of
-        their shapes. 0: only those of one frequency.
+        their shapes; 0 for equal frequencies only.
     dofs : iterable of str or Dof, optional
-        Where shapes are compared. None: at all DOFs of the measured modes, which the computed ones
-        must have; labels may differ in sign and order.
+        DOFs at which shapes are compared; by default all DOFs of the measured modes, which the
+        computed modes must have. Labels may differ in sign and order.
 
     Returns
     -------
@@ -335,8 +337,8 @@ def correlate_modes(
     Raises
     ------
     DataError
-        If an argument has another type or no valid value, a model has no mode there, or a shape
-        does not move at these DOFs.
+        If an argument has a wrong type or value, the model has no mode in the range, or a shape is
+        zero at these DOFs.
     DofError
         If a DOF is not in one of the two.
     ModelError, SolverError
@@ -346,7 +348,7 @@ def correlate_modes(
     -----
     The pairs maximise the sum of MAC - 0.4 (|f_c - f_m| / (gate min(f_c, f_m)))^2 over all
     one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
-    `least_mac`. The second term decides where the sensors cannot tell shapes apart.
+    `least_mac`. The second term decides if the sensors cannot distinguish shapes.
 
     Measured modes without shapes are paired within the gate with the least sum of the squared
     logarithms of the ratios of their frequencies, which keeps their order; MAC is nan.
@@ -415,27 +417,11 @@ def correlate_modes(
 
 
 def model_modes(model: Model, highest: float) -> Modes:
-    """Compute the modes of a model up to a frequency, rigid-body modes left out.
+    """Compute the modes of a model up to a frequency in Hz, without rigid-body modes; at most 400.
 
-    Parameters
-    ----------
-    model : Model
-        The structure, with all its damping.
-    highest : float
-        In Hz.
-
-    Returns
-    -------
-    Modes
-        Complex modes where the model is damped, has at most 5000 DOFs and no loss factor that
-        depends on frequency; else real ones with loss factors by modal strain energy. At most 400.
-
-    Raises
-    ------
-    DataError
-        If there is no mode up to `highest`.
-    ModelError, SolverError
-        As `updyn.modes`.
+    The modes are complex if the model is damped, has at most 5000 DOFs and no loss factor that
+    depends on frequency; otherwise real, with loss factors by modal strain energy. A `DataError`
+    is raised if there is no mode up to `highest`.
     """
     found = _undamped(model, highest)
     if found.loss_factor.any() and model.n_dofs <= _COMPLEX_UP_TO:
@@ -444,32 +430,15 @@ def model_modes(model: Model, highest: float) -> Modes:
 
 
 def undamped_modes(model: Model, highest: float) -> Modes:
-    """Compute the undamped modes of a model up to a frequency, rigid-body modes left out.
+    """Compute at most 400 real modes of a model up to a frequency in Hz, without rigid-body modes.
 
-    Parameters
-    ----------
-    model : Model
-        The structure.
-    highest : float
-        In Hz.
-
-    Returns
-    -------
-    Modes
-        Real ones; at most 400.
-
-    Raises
-    ------
-    DataError
-        If there is no mode up to `highest`.
-    ModelError, SolverError
-        As `updyn.modes`.
+    A `DataError` is raised if there is no mode up to `highest`.
     """
     return _elastic(_undamped(model, highest), highest)
 
 
 def _undamped(model: Model, highest: float) -> Modes:
-    """Return the lowest undamped modes, at least one of them above a frequency if there is one."""
+    """Return the lowest undamped modes, including one above a frequency if there is one."""
     most = min(eigen.mass_rank(model.mass), _MOST)
     wanted = min(20, most)
     found = modes(model, wanted)
@@ -488,15 +457,15 @@ def _elastic(found: Modes, highest: float) -> Modes:
 
 
 def _damped(model: Model, undamped: Modes) -> Modes:
-    """Return the complex modes; the undamped ones where complex ones cannot be had."""
+    """Return the complex modes, or the undamped ones if complex modes cannot be computed."""
     try:
         return modes(model, len(undamped), complex=True)
-    except ModelError:  # loss factors over frequency, or motions damped beyond oscillation
+    except ModelError:  # loss factors over frequency, or overdamped motions
         return undamped
 
 
 def _at(of: ModeShapes, dofs: DofSet) -> Modes:
-    """Return modes at some of their DOFs, as sensors of these signs would see them."""
+    """Return modes at a subset of their DOFs, with the signs of these labels."""
     match = of.dofs.match(dofs, "DOF of the measured modes")
     shapes = np.asarray(of.shapes[match.index] * match.sign[:, None])
     return Modes(of.frequency, of.loss_factor, shapes, dofs)
@@ -509,7 +478,7 @@ def _mac(a: Modes, b: Modes) -> Array:
 
 
 def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
-    """Return shapes with rotations as large as translations on the average of measured modes."""
+    """Return shapes with rotations scaled to the average size of translations in measured modes."""
     rotates = measured.dofs.axes >= 3
     size = np.abs(measured.shapes) ** 2
     if rotates.all() or not rotates.any():
@@ -523,7 +492,7 @@ def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
 
 
 def _match(a: Modes, b: Modes, rule: PairingRule) -> Matched:
-    """Return the pairs and subspaces of modes as the sensors see them."""
+    """Return the pairs and subspaces of modes at the sensors."""
     if not len(b.dofs):
         return Matched(pair_frequencies((a.frequency, b.frequency), rule.gate), ())
     seen = _weighted(a, b), _weighted(b, b)

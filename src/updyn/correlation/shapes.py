@@ -32,10 +32,10 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: A shape of which the sensors see less than this share of its largest component is at rest there.
+#: A shape is at rest at the sensors if they see less than this share of its largest component.
 _AT_REST = 1e-9
 #: Directions in which shapes of unit length have a singular value below this share of the largest
-#: are no part of their span: measured shapes usually have errors of 10 %.
+#: are excluded from their span: measured shapes usually have errors of 10 %.
 _LEAST_SPREAD = 0.1
 
 
@@ -50,12 +50,12 @@ def mac(A: ArrayLike, B: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (n_a, n_b)
-        Between 0 and 1; 1: one shape is a multiple of the other.
+        Between 0 and 1; 1 if one shape is a multiple of the other.
 
     Raises
     ------
     DataError
-        If the row counts differ, or a shape is zero or not finite: its direction is not defined.
+        If the row counts differ, or a shape is zero or not finite.
     """
     a, b = unit_shapes("A", A), unit_shapes("B", B)
     _same_rows(a, b)
@@ -73,9 +73,9 @@ def principal_cosines(A: ArrayLike, B: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float
-        Descending, between 0 and 1; as many as the smaller span has dimensions. The square of the
-        last is the lowest MAC that a shape of the smaller span has with the best combination of
-        the other shapes; of two single shapes it is their MAC.
+        Descending, between 0 and 1; their number is the dimension of the smaller span. The square
+        of the last is the lowest MAC that a shape of the smaller span has with the best
+        combination of the other shapes; for two single shapes it is their MAC.
 
     Raises
     ------
@@ -84,8 +84,8 @@ def principal_cosines(A: ArrayLike, B: ArrayLike) -> Array:
 
     Notes
     -----
-    Directions in which the shapes of unit length have a singular value below a tenth of the largest
-    one are not part of a span: in measured shapes they are errors.
+    Directions in which the shapes of unit length have a singular value below a tenth of the
+    largest one are excluded from a span: in measured shapes they are errors.
     """
     a, b = orthonormal(unit_shapes("A", A)), orthonormal(unit_shapes("B", B))
     _same_rows(a, b)
@@ -108,7 +108,7 @@ def cosines_of(a: NDArray[Any], b: NDArray[Any]) -> Array:
 def auto_mac(A: ArrayLike) -> Array:
     """MAC of shapes with themselves.
 
-    Large values off the diagonal show that there are too few sensors.
+    Large off-diagonal values mean that there are too few sensors.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def comac(A: ArrayLike, B: ArrayLike) -> Array:
     Returns
     -------
     ndarray of float, shape (N,)
-        Between 0 and 1, by DOF. 0 where either set does not move at all.
+        Between 0 and 1, by DOF. 0 if either set is zero at the DOF.
 
     Raises
     ------
@@ -200,12 +200,13 @@ def ecomac(A: ArrayLike, B: ArrayLike) -> Array:
     Parameters
     ----------
     A, B : array_like, shape (N, n)
-        Paired shapes as columns; each is scaled to unit length here, and b turned in phase with a.
+        Paired shapes as columns; each is scaled to unit length here, and b is rotated in phase
+        with a.
 
     Returns
     -------
     ndarray of float, shape (N,)
-        By DOF; 0: no difference. Sensitive to wrong gains and signs of a sensor.
+        By DOF; 0 if there is no difference. Sensitive to wrong gains and signs of a sensor.
 
     Raises
     ------
@@ -220,12 +221,12 @@ def ecomac(A: ArrayLike, B: ArrayLike) -> Array:
 
 
 class ModePairs(NamedTuple):
-    """Which mode of A belongs to which of B.
+    """Pairs of modes of two sets A and B.
 
     Attributes
     ----------
     first, second : ndarray of int, shape (k,)
-        Columns of A and of B.
+        Column indices of A and of B.
     mac : ndarray of float, shape (k,)
         MAC of each pair.
     """
@@ -236,14 +237,14 @@ class ModePairs(NamedTuple):
 
 
 def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs:
-    """Pair modes one to one so that the sum of MAC is largest (Hungarian assignment; Kuhn 1955).
+    """Pair modes one to one with the largest sum of MAC (Hungarian assignment; Kuhn 1955).
 
     Parameters
     ----------
     A, B : array_like, shape (N, n_a) and (N, n_b)
         Shapes as columns.
     minimum : float
-        Pairs with a MAC below this are left out.
+        Least MAC of a pair.
 
     Returns
     -------
@@ -265,25 +266,16 @@ def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs
 
 
 def moving(seen: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which shapes move at some DOFs; of the others only rounding is seen there.
+    """Return a mask of the shapes (N, n) that move at given DOFs, with values `seen` (k, n).
 
-    Parameters
-    ----------
-    seen : ndarray, shape (k, n)
-        The shapes at these DOFs.
-    shapes : ndarray, shape (N, n)
-        The whole shapes, in the same scale.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    At these DOFs, the other shapes are zero except for rounding.
     """
     largest = np.abs(shapes).max(axis=0)
     return np.asarray(np.abs(seen).max(axis=0) > _AT_REST * largest)
 
 
 def ratio(above: Array, below: Array) -> Array:
-    """Divide; 0 where the denominator is 0, and no rounding above 1."""
+    """Divide; 0 for a denominator of 0, and at most 1."""
     return np.minimum(np.divide(above, below, out=np.zeros_like(below), where=below > 0), 1.0)
 
 
@@ -306,7 +298,7 @@ def _shapes(name: str, given: ArrayLike) -> NDArray[Any]:
 
 
 def unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
-    """Return shapes as columns of unit length; errors state the name."""
+    """Return shapes as columns of unit length; errors mention the name."""
     array = _shapes(name, given)
     largest = np.abs(array).max(axis=0)
     if (largest == 0).any():
