@@ -1,13 +1,13 @@
 """`beam`: a planar Timoshenko beam in bending, with supports and point masses, as groups.
 
-The beam lies along X, deflects along Z and its sections turn about Y. A positive RY (right-hand
-rule) turns X towards -Z, so that without shear RY = -dw/dx.
+The beam lies along X, deflects along Z and its sections rotate about Y. A positive RY (right-hand
+rule) rotates X towards -Z: without shear, RY = -dw/dx.
 
 Its two-node elements are exact for static loads at the nodes and free of shear locking: stiffness
 of Przemieniecki, Theory of Matrix Structural Analysis, 1968, section 5.6 (bending in one plane),
 consistent mass with rotary inertia of Friedman & Kosmatka, Computers & Structures 47 (1993)
-473-481, from the same displacement functions. The shear strain is constant over an element, so
-that natural frequencies converge from above, with an error proportional to the square of the
+473-481, from the same displacement functions. The shear strain is constant over an element.
+Natural frequencies therefore converge from above, with an error proportional to the square of the
 element length (4e-6 for the second bending mode of a beam 30 times longer than high, with 100
 elements).
 """
@@ -41,26 +41,26 @@ from updyn.model import Group, Matrix, Model
 
 __all__ = ["PointMass", "Segment", "Support", "beam", "beam_from_table", "element_matrices"]
 
-_SAME = 1e-9  # of the length: positions closer than this are one node
+_SAME = 1e-9  # relative to the length: closer positions are one node
 _DEFAULT_ELEMENTS = 100
 _SLOPE = np.array([1.0, -1.0, 1.0, -1.0])  # from (w, dw/dx - shear) to (Z, RY)
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch of the beam, a group of its own. Segments of the same name form one group.
+    """A section of the beam that is a separate group. Segments with the same name form one group.
 
     Parameters
     ----------
     name : str
         Group name.
     start, end : float
-        From and to, in m.
+        Ends in m.
     E, rho, width, height : float, optional
-        Young's modulus (Pa), density (kg/m3) and section (m) of this stretch; None: those of the
-        beam.
+        Young's modulus (Pa), density (kg/m3) and cross-section (m) of this segment; by default
+        those of the beam.
     loss_factor : float, optional
-        Structural loss factor; None: that of the beam.
+        Structural loss factor; by default that of the beam.
     viscous : float
         External viscous damping per length, in N s/m2 (air, rubber lining).
     """
@@ -78,7 +78,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """A spring and a damper to ground. Supports of the same name form one group.
+    """A spring and a damper to ground. Supports with the same name form one group.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ class Support:
     x : float
         Position in m.
     stiffness : float
-        Along Z, in N/m.
+        Stiffness along Z in N/m.
     rotational_stiffness : float
-        About Y, in N m/rad.
+        Stiffness about Y in N m/rad.
     loss_factor : float
         Structural loss factor of both springs.
     viscous : float
@@ -106,7 +106,7 @@ class Support:
 
 @dataclass(frozen=True, slots=True)
 class PointMass:
-    """A rigid mass on the beam, such as an accelerometer. Masses of the same name form one group.
+    """A rigid mass on the beam, such as an accelerometer. Masses of one name form one group.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ class PointMass:
     x : float
         Position in m.
     mass : float
-        In kg.
+        Mass in kg.
     rotary_inertia : float
-        About Y, in kg m2.
+        Inertia about Y in kg m2.
     """
 
     name: str
@@ -136,7 +136,7 @@ _OPTIONAL_KEYS = (
     "stations",
     "title",
 )
-#: Arrays of tables of a job file, and the part that a row of each describes.
+#: Arrays of tables of a job file, and the class of their rows.
 _TABLES: Mapping[str, type[Any]] = {"segments": Segment, "supports": Support, "masses": PointMass}
 
 
@@ -158,43 +158,42 @@ def beam(
     masses: Iterable[PointMass | Sequence[Any]] = (),
     title: str = "",
 ) -> Model:
-    """Build a Timoshenko beam of rectangular section in bending; free-free without supports.
+    """Build a Timoshenko beam of rectangular cross-section in bending; free-free without supports.
 
     Parameters
     ----------
     length : float
-        In m.
+        Length in m.
     E, rho : float
         Young's modulus in Pa and density in kg/m3.
     width, height : float
-        Section in m; the height is along Z, the direction of deflection.
+        Cross-section in m; the height is along Z, the direction of deflection.
     nu : float
         Poisson's ratio, for G = E / (2 (1 + nu)).
     shear_coefficient : float, optional
-        Effective over true shear area. None: 10 (1 + nu) / (12 + 11 nu), a rectangle (Cowper, J.
-        Applied Mechanics 33 (1966) 335).
+        Effective over true shear area; by default 10 (1 + nu) / (12 + 11 nu) of a rectangle
+        (Cowper, J. Applied Mechanics 33 (1966) 335).
     loss_factor : float
         Structural loss factor.
     n_elements : int, optional
         No element is longer than `length` over this number (100 if neither this nor `nodes` is
-        given). There are more elements than that where stations, segment ends, supports and masses
-        cut them.
+        given). Stations, segment ends, supports and masses divide elements further.
     nodes : array_like of float, shape (n,), optional
         All node positions in m, instead of `n_elements`; each station, segment end, support and
         mass must be among them.
     stations : iterable of float, or mapping of int to float
-        Positions in m that must be nodes (sensors, hammer points). As a mapping from node number to
-        position those nodes get the numbers given. All other nodes are numbered 1, 2, ... in order
-        of x, leaving those out.
+        Positions in m that must be nodes (sensors, hammer points). A mapping also gives the
+        numbers of these nodes. All other nodes are numbered 1, 2, ... in order of x, skipping
+        given numbers.
     segments : iterable of Segment
-        Stretches that form groups of their own; together they must cover the beam once. None: one
-        group ``"beam"``. A tuple ``(name, start, end)`` will do.
+        Sections that form separate groups; together they must cover the beam once. By default, one
+        group ``"beam"``. Tuples ``(name, start, end)`` are accepted.
     supports : iterable of Support
         Springs and dampers to ground.
     masses : iterable of PointMass
         Rigid masses.
     title : str
-        For the record.
+        Title, for documentation.
 
     Returns
     -------
@@ -205,7 +204,7 @@ def beam(
     Raises
     ------
     ModelError
-        If a number is not usable, a position lies off the beam, segments overlap or leave a gap, or
+        If a number is invalid, a position lies off the beam, segments overlap or leave a gap, or
         names collide.
     """
     common = {"E": E, "rho": rho, "width": width, "height": height}
@@ -246,10 +245,10 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
     Parameters
     ----------
     table : mapping
-        ``kind`` (``"beam"``, may be left out) and the keyword arguments of `beam` by name.
-        ``segments``, ``supports`` and ``masses`` are arrays of tables with the fields of `Segment`,
-        `Support` and `PointMass`; ``stations`` is an array of positions in m, or a table from node
-        number to position.
+        ``kind`` (``"beam"``, optional) and the keyword arguments of `beam` by name. ``segments``,
+        ``supports`` and ``masses`` are arrays of tables with the fields of `Segment`, `Support`
+        and `PointMass`; ``stations`` is an array of positions in m, or a table from node number to
+        position.
 
     Returns
     -------
@@ -258,7 +257,7 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
     Raises
     ------
     ModelError
-        If a key is missing or unknown (the nearest is named), or as `beam`.
+        If a key is missing or unknown (the message gives the nearest), or as `beam`.
     """
     data = dict(table)
     kind = data.pop("kind", "beam")
@@ -312,7 +311,7 @@ def _segment_groups(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfSegments:
-    """The recipe of a group: the segments of one name, and what they share."""
+    """Recipe of a group: its segments and their common properties."""
 
     x: NDArray[np.float64]
     segments: tuple[Segment, ...]
@@ -343,7 +342,7 @@ class _OfSegments:
 
 
 def _exchanged(recipe: _OfSegments) -> Exchanged | None:
-    """Return the group with width and height exchanged; None where they are equal."""
+    """Return the group with width and height exchanged; None if they are equal."""
     turned = []
     for segment in recipe.segments:
         width, height = recipe.section(segment)
@@ -399,7 +398,7 @@ def _segment_group(
 
 
 def _united(name: str, a: Group, b: Group) -> Group:
-    """Return the sum of two segments of one name."""
+    """Return the sum of two segments with the same name."""
     if a.loss_factor != b.loss_factor:
         raise ModelError(
             f"segment {name!r}: loss factors {a.loss_factor} and {b.loss_factor} in one group; use"
@@ -467,7 +466,7 @@ def _mass_groups(x: NDArray[np.float64], masses: Sequence[PointMass]) -> dict[st
 
 
 def _diagonal(values: NDArray[np.float64]) -> sp.csr_array | None:
-    """Return a diagonal matrix of values by node and DOF, shape (n, 2); None where all are 0."""
+    """Return a diagonal matrix of values by node and DOF, shape (n, 2); None if all are 0."""
     flat = values.ravel()
     used = np.flatnonzero(flat)
     if not used.size:
@@ -488,16 +487,9 @@ def _node_positions(
 ) -> NDArray[np.float64]:
     """Return ascending node positions in m that include given places.
 
-    Parameters
-    ----------
-    length : float
-        In m; the beam runs from 0 to `length`.
-    places : iterable of (str, float)
-        Names and positions in m that need a node.
-    n_elements : int or None
-        No element is longer than `length` over this (None: 100).
-    nodes : array_like of float or None
-        All positions in m, instead.
+    The beam extends from 0 to `length` in m; `places` are names and positions that need a node.
+    `nodes` gives all positions; otherwise no element is longer than `length` / `n_elements`
+    (default 100).
     """
     checked = [(what, number(what, "position", x)) for what, x in places]
     for what, x in checked:
@@ -517,7 +509,7 @@ def _node_positions(
             key=("n_elements",),
         )
     cuts = np.unique(np.clip([0.0, length, *(x for _, x in checked)], 0.0, length))
-    # Positions that differ by rounding only are one; the ends stay exactly where they are.
+    # Positions that differ only by rounding are one; the ends are exact.
     cuts = cuts[np.r_[True, np.diff(cuts) > _SAME * length]]
     cuts[-1] = length
     counts = np.maximum(np.ceil(np.diff(cuts) / length * n_elements - 1e-6), 1).astype(int)
@@ -556,7 +548,7 @@ def _read_nodes(
 def _read_stations(
     stations: Iterable[float] | Mapping[int, float],
 ) -> list[tuple[float, int | None]]:
-    """Return positions in m, each with its node number, if one is given."""
+    """Return positions in m with their node numbers, if given."""
     if isinstance(stations, Mapping):
         for node in stations:
             if not is_whole(node) or node < 1:
@@ -594,7 +586,7 @@ def _node_numbers(
 
 
 def _check_cover(segments: Iterable[Segment], length: float) -> None:
-    """Check that the segments cover the beam once: none is empty, none overlap, no gap remains."""
+    """Check that the segments cover the beam once, without empty segments, overlaps or gaps."""
     reached = 0.0
     before = "the start"
     tolerance = _SAME * length
@@ -631,26 +623,9 @@ def element_matrices(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness, translational and rotary mass of two-node Timoshenko elements.
 
-    Parameters
-    ----------
-    length : array_like of float, shape (n,)
-        Element lengths in m.
-    EI : float
-        Bending stiffness in N m2.
-    mass_per_length : float
-        rho A in kg/m.
-    inertia_per_length : float
-        rho I in kg m.
-    shear : float
-        E I / (kappa G A) in m2, so that phi = 12 shear / length^2; 0: Euler-Bernoulli.
-
-    Returns
-    -------
-    K, M_w, M_t : ndarray of float, shape (n, 4, 4)
-        In (w1, t1, w2, t2): deflections w (m), section rotations t = dw/dx - shear strain (rad).
-
-    Notes
-    -----
+    Each has shape (n, 4, 4) in (w1, t1, w2, t2): deflections w (m), section rotations t = dw/dx -
+    shear strain (rad). `length` (n,) is in m, EI in N m2, rho A in kg/m, rho I in kg m; `shear` is
+    E I / (kappa G A) in m2, with phi = 12 shear / length^2 (0 for Euler-Bernoulli). Sources:
     Przemieniecki 1968, section 5.6; Friedman & Kosmatka 1993, stiffness, translational and rotary
     inertia matrices of the locking-free element.
     """
@@ -692,6 +667,6 @@ def _symmetric4(
     f: NDArray[np.float64],
     g: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return matrices of uniform elements, whose second half mirrors the first, shape (n, 4, 4)."""
+    """Return matrices, shape (n, 4, 4), of uniform elements, whose halves are mirror images."""
     rows = [[a, b, c, d], [b, e, f, g], [c, f, a, -b], [d, g, -b, e]]
     return np.moveaxis(np.array(rows), -1, 0)

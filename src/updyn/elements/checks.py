@@ -40,100 +40,58 @@ __all__ = [
 ]
 
 _T = TypeVar("_T")
-LARGEST_NODE = 10**17  # as of a DOF
+LARGEST_NODE = 10**17  # largest node number of a DOF
 
 
 # -- numbers
 def number(what: str, name: str, value: Any) -> float:
-    """Return a finite number.
-
-    Raises
-    ------
-    ModelError
-        If it is not one.
-    """
+    """Return a finite number; raise `ModelError` for other values."""
     real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
-    if not (real and abs(value) <= sys.float_info.max):  # a whole number may be of any size
+    if not (real and abs(value) <= sys.float_info.max):  # integers may be of any size
         raise ModelError(f"{what}: {name} {value!r}; expected a finite number", key=(name,))
     return float(value)
 
 
 def positive(what: str, name: str, value: Any) -> float:
-    """Return a number above 0.
-
-    Raises
-    ------
-    ModelError
-        If it is not one.
-    """
+    """Return a number above 0; raise `ModelError` for other values."""
     if not number(what, name, value) > 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number above 0", key=(name,))
     return float(value)
 
 
 def positive_or_none(what: str, name: str, value: Any) -> float | None:
-    """Return a number above 0, or None where none is given.
-
-    Raises
-    ------
-    ModelError
-        If it is neither.
-    """
+    """Return a number above 0, or None if none is given; raise `ModelError` for other values."""
     return None if value is None else positive(what, name, value)
 
 
 def not_negative(what: str, name: str, value: Any) -> float:
-    """Return a number of at least 0.
-
-    Raises
-    ------
-    ModelError
-        If it is not one.
-    """
+    """Return a number of at least 0; raise `ModelError` for other values."""
     if not number(what, name, value) >= 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0", key=(name,))
     return float(value)
 
 
 def poisson_ratio(what: str, value: Any) -> float:
-    """Return a Poisson's ratio, a number above -1 and at most 0.5.
-
-    Raises
-    ------
-    ModelError
-        If it is not one.
-    """
+    """Return a Poisson's ratio above -1 and at most 0.5; raise `ModelError` for other values."""
     if not -1.0 < number(what, "nu", value) <= 0.5:
         raise ModelError(f"{what}: nu {value!r}; expected above -1 and at most 0.5", key=("nu",))
     return float(value)
 
 
 def pair(what: str, name: str, value: Any) -> tuple[float, float]:
-    """Return two numbers above 0.
-
-    Raises
-    ------
-    ModelError
-        If they are not.
-    """
+    """Return two numbers above 0; raise `ModelError` for other values."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ModelError(f"{what}: {name} {value!r}; expected two numbers", key=(name,))
     return positive(what, name, value[0]), positive(what, name, value[1])
 
 
 def is_whole(value: Any) -> TypeGuard[int]:
-    """Return whether a value is a whole number; True and False are not."""
+    """Return whether a value is a whole number and not a boolean."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
-    """Return a whole number, such as that of a node.
-
-    Raises
-    ------
-    ModelError
-        If it is not one, or below `least`.
-    """
+    """Return a whole number of at least `least`, such as a node; raise `ModelError` for others."""
     if is_whole(value) and (least is None or value >= least):
         return int(value)
     wanted = "a whole number" if least is None else f"a whole number of at least {least}"
@@ -162,7 +120,7 @@ def material(what: str, part: Any) -> dict[str, float]:
 
 
 def check_name(what: str, name: Any) -> None:
-    """Raise an error for a name that is no text."""
+    """Raise an error for a name that is not a text."""
     if not isinstance(name, str):
         raise ModelError(f"{what}: expected a text as its name", key=("name",))
 
@@ -191,13 +149,7 @@ def node_number(what: str, name: str, given: Any) -> int:
 
 
 def reals(given: Any) -> NDArray[np.float64]:
-    """Return a new array of numbers; texts, truth values and complex numbers are none.
-
-    Raises
-    ------
-    ValueError
-        If one is there, or rows differ in length.
-    """
+    """Return a new array of numbers; raise `ValueError` for texts, booleans and complex numbers."""
     array = np.asarray(given)
     if array.dtype.kind not in "iuf":
         raise ValueError(f"found {array.dtype}")
@@ -248,12 +200,9 @@ def field_names(kind: type[Any]) -> tuple[list[str], list[str]]:
 
 
 def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
-    """Return objects of a dataclass; a tuple among them stands for its fields in order.
+    """Return objects of a dataclass; tuples of its fields in order are converted.
 
-    Raises
-    ------
-    ModelError
-        If one is neither, or has too few or too many fields.
+    A `ModelError` is raised for other items, and for tuples with too few or too many fields.
     """
     names = ", ".join(field_names(kind)[0])
     out = []
@@ -273,10 +222,7 @@ def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
 def parts_of_table(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_T]:
     """Return the objects of a dataclass in an array of tables ``[[model.key]]``.
 
-    Raises
-    ------
-    ModelError
-        If it is not an array of tables, or a key of a row is missing or unknown.
+    A `ModelError` is raised if it is not such an array, or a key of a row is missing or unknown.
     """
     return read_rows(table, key, lambda where, row: from_row(kind, where, row))
 
@@ -284,21 +230,10 @@ def parts_of_table(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_
 def read_rows(
     table: Mapping[str, Any], key: str, read: Callable[[str, Mapping[str, Any]], _T]
 ) -> list[_T]:
-    """Read the rows of an array of tables ``[[model.key]]``; none where the key is missing.
+    """Read the rows of an array of tables ``[[model.key]]``; empty if the key is missing.
 
-    Parameters
-    ----------
-    table : mapping
-        The table ``[model]``.
-    key : str
-        Name of the array.
-    read : callable
-        From the place of a row, for messages, and the row, to an object.
-
-    Raises
-    ------
-    ModelError
-        If it is not an array of tables, or as `read`.
+    `read` converts the place of a row (for messages) and the row to an object. A `ModelError` is
+    raised if it is not an array of tables.
     """
     rows = table.get(key, [])
     if not isinstance(rows, list | tuple):
@@ -318,13 +253,7 @@ def read_rows(
 
 
 def from_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
-    """Return the object of a dataclass whose fields a row holds.
-
-    Raises
-    ------
-    ModelError
-        If a key is missing or unknown.
-    """
+    """Return an object of a dataclass from a row; raise `ModelError` for a wrong or missing key."""
     names, required = field_names(kind)
     check_keys(where, row, required, names)
     return kind(**row)
@@ -333,13 +262,7 @@ def from_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
 def check_keys(
     where: str, row: Mapping[str, Any], required: Iterable[str], optional: Iterable[str]
 ) -> None:
-    """Check the keys of a table.
-
-    Raises
-    ------
-    ModelError
-        If one is unknown (the nearest is named) or missing.
-    """
+    """Raise `ModelError` with the nearest key if a key of a table is missing or unknown."""
     known = list(dict.fromkeys([*required, *optional]))
     for key in row:
         if key not in known:

@@ -1,8 +1,8 @@
 """Constraints between DOFs, and models joined by common DOFs, by a transformation u = T q.
 
 A tie is an `Equation`: one DOF is a fixed combination of others (a rigid link, a gear of fixed
-ratio, a multi-point constraint). With all of them u = T q, and each group's matrix A becomes
-T^T A T, so that the model stays a sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and
+ratio, a multi-point constraint). All ties together give u = T q, and each group's matrix A becomes
+T^T A T. The model therefore remains a sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and
 Applications of Finite Element Analysis, 4th ed. 2002, section 13.2).
 """
 
@@ -34,8 +34,8 @@ __all__ = [
     "rigid_link",
 ]
 
-_LARGEST = sys.float_info.max  # a whole number may be larger
-_SHOWN = 6  # equations of a loop that are named
+_LARGEST = sys.float_info.max  # integers may be larger
+_SHOWN = 6  # equations of a loop that a message names
 _SAME = 1e-9  # of the size: positions closer than this are the same
 _TRANSLATIONS = ("X", "Y", "Z")
 _ROTATIONS = ("RX", "RY", "RZ")
@@ -48,16 +48,16 @@ class Equation:
     Parameters
     ----------
     dof : str or Dof
-        The dependent DOF; it vanishes from the model.
+        The dependent DOF; it is eliminated from the model.
     terms : mapping of str or Dof to float
-        Coefficients by DOF; empty: the DOF is held. Signs of labels ("3:-X") count.
+        Coefficients by DOF; empty for a fixed DOF. Signs of labels ("3:-X") are applied.
 
     Raises
     ------
     DofError
         If a label cannot be read.
     ModelError
-        If a coefficient is not a finite number, or a DOF stands twice.
+        If a coefficient is not a finite number, or a DOF occurs twice.
     """
 
     dof: Dof
@@ -95,21 +95,22 @@ class Equation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidLink:
-    """Nodes that move rigidly with another; their own DOFs vanish.
+    """Nodes that move rigidly with another; their DOFs are eliminated.
 
     Parameters
     ----------
     master : int
-        The node that leads.
+        The independent node.
     slaves : array_like of int, shape (m,)
-        The nodes that follow.
+        The dependent nodes.
     directions : iterable of str, optional
-        Which of their DOFs follow. None: all that they have (of solids and trusses X, Y, Z).
+        Dependent DOFs of the slaves; by default all that they have (X, Y, Z for solids and
+        trusses).
 
     Raises
     ------
     ModelError
-        If a node is not a whole number, or a direction is not known.
+        If a node is not a whole number, or a direction is unknown.
     """
 
     master: int
@@ -142,7 +143,7 @@ class RigidLink:
 def constrain(
     model: Model, equations: Iterable[Equation] = (), grounded: Iterable[str | Dof] = ()
 ) -> Model:
-    """Tie DOFs to each other, and hold some.
+    """Tie DOFs to each other, and fix DOFs.
 
     Parameters
     ----------
@@ -151,18 +152,18 @@ def constrain(
     equations : iterable of Equation
         Ties; a DOF on the right may itself be tied by another equation.
     grounded : iterable of str or Dof
-        DOFs that are held; they vanish.
+        Fixed DOFs; they are eliminated.
 
     Returns
     -------
     Model
         The model on the remaining DOFs, in their order, with the same groups: T^T A T of each
-        matrix. A group whose DOFs are all held keeps its name, with zero matrices.
+        matrix. A group with only fixed DOFs is kept, with zero matrices.
 
     Raises
     ------
     ModelError
-        If a DOF is tied twice, tied and held, or by a loop; or no DOF is left.
+        If a DOF is tied twice, tied and fixed, or in a loop of ties, or no DOF remains.
     DofError
         If a DOF is not in the model.
     """
@@ -192,7 +193,7 @@ def _by_dof(equations: Iterable[Equation]) -> dict[Dof, Equation]:
 
 
 def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDArray[np.intp]]:
-    """Return T, shape (N, q), and the DOFs that remain, shape (q,)."""
+    """Return T, shape (N, q), and the remaining DOFs, shape (q,)."""
     n = len(dofs)
     own = dofs.match([tie.dof for tie in ties], "held or tied DOF").index
     rows: list[int] = []
@@ -229,7 +230,7 @@ def _check_no_loop(among_ties: Matrix, ties: Sequence[Equation]) -> None:
 def _transformed(group: Group, T: Matrix) -> Group:
     def change(A: Matrix) -> Matrix:
         B = T.T @ A @ T
-        return 0.5 * (B + B.T)  # the products round the two halves differently
+        return 0.5 * (B + B.T)  # rounding makes the two halves of the products differ
 
     return group.transformed(change, T)
 
@@ -244,11 +245,11 @@ def rigid_link(
     geometry : Geometry
         Positions of the nodes in m. Rotated displacement directions are not supported.
     master : int
-        Node that the others follow; all six of its DOFs have to be in the model.
+        The independent node; all six of its DOFs must be in the model.
     slaves : iterable of int
-        Nodes that follow.
+        The dependent nodes.
     directions : iterable of str
-        DOFs of the slaves that follow; by default all six. Nodes of solids have X, Y, Z only.
+        Dependent DOFs of the slaves; by default all six. Nodes of solids have X, Y, Z only.
 
     Returns
     -------
@@ -261,7 +262,7 @@ def rigid_link(
     InputError
         If a node has no position.
     ModelError
-        If a direction is not known, or a node follows itself.
+        If a direction is unknown, or the master is a slave.
     """
     wanted = tuple(directions)
     for name in wanted:
@@ -294,7 +295,7 @@ def rigid_link(
 
 
 def along_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
-    """Return the equation of a DOF that is the translation of a node along an axis.
+    """Return the equation that makes a DOF the translation of a node along an axis.
 
     Parameters
     ----------
@@ -303,7 +304,7 @@ def along_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
     node : int
         Node of the structure.
     axis : array_like of float, shape (3,)
-        Direction in the node's own system; any length.
+        Direction in the displacement system of the node; any length.
 
     Returns
     -------
@@ -319,7 +320,7 @@ def along_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
 
 
 def about_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
-    """Return the equation of a DOF that is the rotation of a node about an axis.
+    """Return the equation that makes a DOF the rotation of a node about an axis.
 
     Parameters
     ----------
@@ -355,19 +356,19 @@ def join(models: Iterable[Model], title: str = "") -> Model:
     Parameters
     ----------
     models : iterable of Model
-        The parts. Group names have to differ.
+        The models. Group names must differ.
     title : str
-        For the record.
+        Title, for documentation.
 
     Returns
     -------
     Model
-        All groups on the DOFs of all, in the order of their first appearance.
+        All groups, on the union of the DOFs in order of first appearance.
 
     Raises
     ------
     ModelError
-        If there is none, a group name stands in two of them, or a node has two positions.
+        If there is no model, two models share a group name, or a node has two positions.
     """
     parts = list(models)
     if not parts:

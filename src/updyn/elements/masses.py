@@ -19,24 +19,11 @@ __all__ = ["add_masses", "add_sensor_masses", "sensor_group"]
 
 
 def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mass") -> Model:
-    """Return the model with masses on some of its DOFs, as one more group.
+    """Return the model with masses on some of its DOFs, as an additional group `name`.
 
-    Parameters
-    ----------
-    model : Model
-        The model without them.
-    masses : mapping of str to float
-        By DOF: kg for a translation, kg m2 for a rotation; above 0. A mass that moves in all
-        directions is named for each of them.
-    name : str
-        Of the group.
-
-    Raises
-    ------
-    ModelError
-        If a mass is not a number above 0, or the model has a group of that name.
-    DofError
-        If a DOF is not in the model.
+    `masses` maps DOFs to kg (translations) or kg m2 (rotations), above 0; a mass that moves in
+    several directions is given for each. A `ModelError` is raised for other values or an existing
+    group, a `DofError` if a DOF is not in the model.
     """
     if name in model.groups:
         raise ModelError(f"the model has a group {name!r} already")
@@ -46,28 +33,12 @@ def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mas
 
 
 def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
-    """Return the model with the mass of each sensor, a group each.
+    """Return the model with the mass of each sensor in kg, as a group ``sensor NODE`` each.
 
-    Parameters
-    ----------
-    model : Model
-        The structure without sensors.
-    masses : mapping of str, int or Dof to float
-        Mass of each sensor in kg by its label, or by its node; above 0. It acts in all translations
-        that the model has at that node.
-
-    Returns
-    -------
-    Model
-        With a group ``sensor NODE`` for each.
-
-    Raises
-    ------
-    ModelError
-        If a mass is not a number above 0, two sensors are on one node, the node has no
-        translation, or the model has a group of that name.
-    DofError
-        If a label cannot be read or a node is not in the model.
+    `masses` has masses above 0 by label or node; each acts in all translations of the model at the
+    node. A `ModelError` is raised for other values, two sensors on one node, a node without
+    translations or an existing group, a `DofError` if a label is invalid or a node not in the
+    model.
     """
     if not isinstance(masses, Mapping) or not masses:
         raise ModelError(
@@ -90,18 +61,7 @@ def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
 
 
 def sensor_group(key: str | int | Dof) -> str:
-    """Return the name of the group of a sensor's mass.
-
-    Parameters
-    ----------
-    key : str, int or Dof
-        Label of the sensor, or its node.
-
-    Raises
-    ------
-    DofError
-        If the label cannot be read.
-    """
+    """Return the name of the group of a sensor's mass, from its label or node."""
     return f"sensor {_node(key)}"
 
 

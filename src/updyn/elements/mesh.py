@@ -1,7 +1,7 @@
 """Meshes of Gmsh, Abaqus, VTK and others, read by meshio: groups become parts of a structure.
 
-meshio drops the node numbers of a file and reads some Abaqus decks wrongly: node numbers are read
-here, and such decks are refused.
+meshio drops the node numbers of a file and reads some Abaqus decks wrongly. Node numbers are
+therefore read here, and such decks are rejected.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ __all__ = [
     "structure_from_mesh",
 ]
 
-#: Metres in a unit of length.
+#: Length units in metres.
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
-#: Elements by kind of cell; lines are `Beam` where their material has a section.
+#: Elements by cell type; lines are `Beam` if their material has a section.
 _ELEMENTS: Mapping[str, type[Any]] = {
     "vertex": PointMass,
     "line": Truss,
@@ -52,7 +52,7 @@ _ELEMENTS: Mapping[str, type[Any]] = {
     "hexahedron": Solid,
     "hexahedron20": Solid,
 }
-#: Nodes of a mirrored solid in the order of VTK.
+#: Node order that mirrors a solid, in the numbering of VTK.
 _MIRRORED = {
     "tetra": [0, 2, 1, 3],
     "tetra10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
@@ -72,18 +72,17 @@ class Mesh:
     Attributes
     ----------
     path : str
-        Its file.
+        Path of the file.
     nodes : ndarray of int, shape (n,)
-        Node numbers of the file; 1, 2, ... of formats that have none.
+        Node numbers of the file; 1, 2, ... for formats without numbers.
     xyz : ndarray of float, shape (n, 3)
         Positions in m.
     groups : mapping of str to mapping of str to ndarray of int, shape (m, k)
-        By group and kind of cell (of meshio: ``"quad"``, ``"tetra10"``, ...) the node numbers of
-        its cells.
+        Node numbers of cells, by group and cell type of meshio (``"quad"``, ``"tetra10"``, ...).
     node_sets : mapping of str to ndarray of int, shape (m,)
         Named sets of nodes.
     ungrouped : mapping of str to int
-        Number of cells in no group, by kind.
+        Number of cells without a group, by cell type.
     """
 
     path: str
@@ -94,7 +93,7 @@ class Mesh:
     ungrouped: Mapping[str, int]
 
     def nodes_of(self, name: str) -> NDArray[np.int64]:
-        """Return the numbers of the nodes of a group or of a set of nodes, ascending.
+        """Return the node numbers of a group or a node set, ascending.
 
         Parameters
         ----------
@@ -108,7 +107,7 @@ class Mesh:
         Raises
         ------
         FormatError
-            If there is none of that name; the nearest are named.
+            If there is no such group or set; the message gives the nearest names.
         """
         if name in self.node_sets:
             return np.unique(self.node_sets[name])
@@ -122,16 +121,16 @@ class Mesh:
     def parts(
         self, materials: Mapping[str, Mapping[str, Any]], leave_out: Iterable[str] = ()
     ) -> list[Element]:
-        """Return the parts of a structure: one for each group and kind of cell.
+        """Return the parts of a structure, one per group and cell type.
 
         Parameters
         ----------
         materials : mapping of str to mapping
-            By group the fields of its part, in SI units, name and connectivity left out. Surfaces
-            are `Shell`, volumes `Solid`; lines are `Beam` where ``section`` is given, else `Truss`;
+            Fields of the part of each group in SI units, without name and connectivity. Surfaces
+            are `Shell`, volumes `Solid`; lines are `Beam` if ``section`` is given, else `Truss`;
             points are `PointMass`.
         leave_out : iterable of str
-            Groups that are no parts: faces to hold, or to link.
+            Groups that are not parts, such as faces to be fixed or linked.
 
         Returns
         -------
@@ -140,8 +139,8 @@ class Mesh:
         Raises
         ------
         FormatError
-            If a group has no material or one although it is left out, a material no group, a cell
-            two of them, or a kind of cell is not known.
+            If a group has no material, an omitted group has one, a material has no group, a cell
+            is in two groups, or a cell type is unknown.
         ModelError
             If a field is missing or unknown, or a value out of range.
         """
@@ -179,7 +178,7 @@ class Mesh:
         return FormatError(f"no group {name!r}; {suggest(str(name), self.groups)}", self.path)
 
     def _check_once(self, names: Iterable[str]) -> None:
-        """Raise an error for a cell that is in two of the groups."""
+        """Raise an error for a cell that is in two groups."""
         owners: dict[str, list[str]] = {}
         for name in names:
             for kind, cells in self.groups[name].items():
@@ -204,7 +203,7 @@ class Mesh:
 def _elements(
     path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]
 ) -> list[Element]:
-    """Return the elements of the cells of one kind in a group."""
+    """Return the elements of the cells of one type in a group."""
     what = f"material of group {name!r}"
     if not isinstance(given, Mapping):
         raise ModelError(f"{what}: {given!r}; expected a mapping of field to value")
@@ -233,23 +232,23 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     Parameters
     ----------
     path : path
-        ``.msh`` of Gmsh (text), ``.inp`` of Abaqus, ``.vtu``, ``.med`` or whatever else meshio
-        reads.
+        ``.msh`` of Gmsh (text), ``.inp`` of Abaqus, ``.vtu``, ``.med`` or another format of
+        meshio.
     unit : {"m", "mm", "cm", "in"}
-        Of the positions in the file, which no format states.
+        Unit of the positions; the formats do not give it.
 
     Returns
     -------
     Mesh
         Groups are the physical groups of Gmsh and the element sets of Abaqus, by their names. A
-        file without any has one group, called ``"all"``.
+        file without groups has one group ``"all"``.
 
     Raises
     ------
     FormatError
-        If the file is not there, is damaged, or holds what meshio would read wrongly.
+        If the file does not exist, is damaged, or has content that meshio reads wrongly.
     ModelError
-        If the unit is not known, or meshio is missing.
+        If the unit is unknown, or meshio is not installed.
     """
     if unit not in UNITS:
         raise ModelError(f"unit {unit!r}: {suggest(str(unit), UNITS)}")
@@ -277,7 +276,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Cells of one kind, by the positions of their nodes."""
+    """Cells of one type, as indices of their nodes."""
 
     type: str
     dim: int
@@ -286,7 +285,7 @@ class _Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What meshio finds in a file, as of `updyn.foreign.mesh.load`."""
+    """Content that meshio finds in a file, from `updyn.foreign.mesh.load`."""
 
     points: NDArray[Any]
     cells: Sequence[_Cells]
@@ -316,7 +315,7 @@ def _read(path: Path) -> _Found:
 
 
 def _beside(path: Path) -> list[Path]:
-    """Return the HDF5 files that hold the numbers of an XDMF file, as far as they are there."""
+    """Return the existing HDF5 files with the numbers of an XDMF file."""
     if path.suffix.lower() not in (".xdmf", ".xmf"):
         return []
     names = {found.strip().decode("utf-8", "replace") for found in _HDF.findall(path.read_bytes())}
@@ -338,10 +337,10 @@ def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _unmirrored(cells: _Cells, xyz: NDArray[np.float64]) -> _Cells:
-    """Return solids in the order of nodes that encloses a positive volume.
+    """Return solids in the node order that encloses a positive volume.
 
-    Solids of MED are mirrored against those of VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex), but
-    meshio writes and reads them in the order of VTK. Both have the same edges.
+    The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
+    but meshio writes and reads it in the order of VTK. Both have the same edges.
     """
     order = _MIRRORED.get(cells.type)
     if order is None or not len(cells.data) or cells.data.shape[1] != len(order):
@@ -355,7 +354,7 @@ def _unmirrored(cells: _Cells, xyz: NDArray[np.float64]) -> _Cells:
 
 
 def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
-    """Return the places of members among as many, each of which has to be there."""
+    """Return the indices of members, each of which must exist."""
     if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
         raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
     if members.size and not 0 <= members.min() <= members.max() < size:
@@ -366,7 +365,7 @@ def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[
 def _groups(
     path: Path, found: _Found, numbers: NDArray[np.int64]
 ) -> tuple[dict[str, dict[str, NDArray[np.int64]]], dict[str, int]]:
-    """Return the cells of each group by kind, and the number of cells in no group by kind."""
+    """Return the cells of each group by type, and the number of ungrouped cells by type."""
     chosen = _members_of_groups(path, found)
     groups: dict[str, dict[str, NDArray[np.int64]]] = {}
     ungrouped: dict[str, int] = {}
@@ -407,7 +406,7 @@ def _members_of_groups(path: Path, found: _Found) -> dict[str, list[NDArray[np.i
 
 
 def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np.intp]]:
-    """Return the members of a set of cells in each block; None among them is an empty array."""
+    """Return the members of a set of cells in each block; missing ones become empty arrays."""
     out = []
     for positions in members:
         array: NDArray[Any] = np.empty((0, 0), dtype=np.intp)
@@ -453,33 +452,33 @@ def structure_from_mesh(
     path : path
         The mesh, as for `read_mesh`.
     materials : mapping of str to mapping
-        By group the fields of its part, as for `Mesh.parts`, in SI units whatever the unit of the
+        Fields of the part of each group, as for `Mesh.parts`, in SI units for any unit of the
         mesh.
     unit : {"m", "mm", "cm", "in"}
-        Of the positions in the file.
+        Unit of the positions in the file.
     leave_out : iterable of str
-        Groups that are no parts. Those in `grounded` need not be named again.
+        Groups that are not parts. Groups in `grounded` need not be repeated.
     ungrouped : {"error", "leave out"}
-        Whether cells in no group are an error or left out.
+        Whether cells without a group are an error or omitted.
     more : iterable of Element
         Parts that are not in the mesh: springs, masses.
     links, equations
         As for `structure`.
     grounded : iterable of str, Dof or int
-        As for `structure`; the name of a group or set of nodes holds all its nodes.
+        As for `structure`; the name of a group or node set fixes all its nodes.
     title : str
-        For the record.
+        Title, for documentation.
 
     Returns
     -------
     Model
-        As of `structure`.
+        As from `structure`.
 
     Raises
     ------
     FormatError
-        If the file cannot be read, a group has no material, a material no group, or a cell no
-        group.
+        If the file cannot be read, a group has no material, a material has no group, or a cell has
+        no group.
     ModelError
         As for `structure`.
     """
@@ -519,14 +518,11 @@ def structure_from_mesh(
 
 
 def _node_numbers(path: Path) -> NDArray[np.int64] | None:
-    """Return the node numbers of a mesh file, in its order; None where the format has none.
+    """Return the node numbers of a mesh file, in its order; None if the format has none.
 
-    Raises
-    ------
-    FormatError
-        If the numbers are missing, or meshio would mistake the groups of an Abaqus deck:
-        element blocks without a set beside some with one, one set in two blocks, several blocks of
-        nodes, parts and includes.
+    A `FormatError` is raised if the numbers are missing, or meshio would misread the groups of an
+    Abaqus deck: element blocks without a set in addition to blocks with one, one set in two
+    blocks, several blocks of nodes, parts and includes.
     """
     suffix = path.suffix.lower()
     if suffix == ".inp":
@@ -536,7 +532,7 @@ def _node_numbers(path: Path) -> NDArray[np.int64] | None:
     with path.open("rb") as file:
         head = file.read(200)
     if not head.startswith(b"$MeshFormat"):
-        return None  # another format of the same suffix
+        return None  # another format with the same suffix
     words = head.split()
     if len(words) < 3 or words[2] != b"0":
         raise FormatError(

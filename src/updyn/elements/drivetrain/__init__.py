@@ -1,4 +1,4 @@
-"""Torsional drive trains: parts, models, reflected quantities, and their place on a structure."""
+"""Torsional drive trains: parts, models, reflected quantities, and coupling to a structure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`drivetrain`: a torsional drive train from its parts; `mounted`: its place on a structure."""
+"""`drivetrain`: a torsional drive train from its parts; `mounted`: coupling to a structure."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _Block: TypeAlias = tuple[tuple[int, ...], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Train:
-    """A train as springs, inertias, rigid ratios and holds.
+    """A train as springs, inertias, rigid ratios and fixed nodes.
 
     Parameters
     ----------
     pieces : tuple of (str, Piece)
-        Each with the name of its part.
+        The pieces, each with the name of its part.
     nodes : tuple of int
         All nodes, ascending.
     """
@@ -67,7 +67,7 @@ class Train:
 
     @property
     def holds(self) -> list[Hold]:
-        """The nodes that cannot turn."""
+        """The fixed nodes."""
         return [piece for _, piece in self.pieces if isinstance(piece, Hold)]
 
 
@@ -80,32 +80,32 @@ def drivetrain(
     ----------
     parts : iterable of part
         `Inertia`, `Shaft`, `Coupling`, `GearPair`, `Planetary`, `Worm`, `Belt`, `DualDrive`,
-        `Motor`, `Brake` and `Ground`, in any order; nodes are numbers of your choice. Parts of one
-        kind and one name form one group.
+        `Motor`, `Brake` and `Ground`, in any order; nodes are arbitrary numbers. Parts of one kind
+        and one name form one group.
     held : iterable of int
-        Nodes that cannot turn.
+        Nodes with fixed rotation.
     keep : iterable of int
-        Nodes that stay DOFs (sensors, a mount) where a rigid ratio lets another follow instead.
+        Nodes that remain DOFs (sensors, a mount); a rigid ratio then eliminates another node.
     title : str
-        For the record.
+        Title, for documentation.
 
     Returns
     -------
     Model
-        DOFs ``node:RZ`` by ascending node: the rotation in rad of each shaft about its own axis,
-        right-handed about a direction that parallel shafts share. Nodes that are held, or follow
-        others by a rigid ratio, are left out. A rigid part without inertia has no group.
+        DOFs ``node:RZ`` by ascending node: the rotation in rad of each shaft about its axis,
+        right-handed about a common direction of parallel shafts. Fixed nodes and nodes that depend
+        on others by a rigid ratio are eliminated. A rigid part without inertia has no group.
 
     Raises
     ------
     ModelError
-        If a number is not usable, names collide, ratios contradict each other, or a node has
-        neither stiffness, inertia nor damping.
+        If a number is invalid, names collide, ratios contradict each other, or a node has neither
+        stiffness, inertia nor damping.
 
     Warns
     -----
     UpdynWarning
-        If a gear ratio may be inverted: with its inverse more natural frequencies are plausible.
+        If a gear ratio may be inverted, as its inverse gives more plausible natural frequencies.
     """
     parts, held, keep = list(parts), _listed(held), _listed(keep)
     model = _built(parts, held, keep, title)
@@ -115,7 +115,7 @@ def drivetrain(
 
 
 def _listed(nodes: Iterable[int]) -> Iterable[int]:
-    """Return nodes that can be read twice; other types than iterators are checked later."""
+    """Return nodes as a list if they are an iterator; other types are checked later."""
     return list(nodes) if isinstance(nodes, Iterator) else nodes
 
 
@@ -144,9 +144,9 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     Parameters
     ----------
     table : mapping
-        ``kind`` (``"drivetrain"``, may be left out), ``held``, ``keep`` and ``title`` as for
-        `drivetrain`, and an array of tables for each kind of part (`PARTS`), keys as its fields:
-        ``motors``, ``brakes``, ``inertias``, ``shafts``, ``couplings``, ``gear_pairs``,
+        ``kind`` (``"drivetrain"``, optional), ``held``, ``keep`` and ``title`` as for
+        `drivetrain`, and an array of tables for each kind of part (`PARTS`), with keys as its
+        fields: ``motors``, ``brakes``, ``inertias``, ``shafts``, ``couplings``, ``gear_pairs``,
         ``planetaries``, ``worms``, ``belts``, ``dual_drives``, ``grounds``.
 
     Returns
@@ -156,14 +156,14 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     Raises
     ------
     ModelError
-        If a key is missing or unknown (the nearest is named), or as `drivetrain`.
+        If a key is missing or unknown (the message gives the nearest), or as `drivetrain`.
     """
     parts, options = _of_table(table)
     return drivetrain(parts, **options)
 
 
 def _of_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
-    """Return the parts of a table, and the other arguments of `drivetrain`."""
+    """Return the parts of a table and the other arguments of `drivetrain`."""
     data = dict(table)
     kind = data.pop("kind", "drivetrain")
     if kind != "drivetrain":
@@ -182,19 +182,19 @@ def _of_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
 
 
 def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list[str]:
-    """Return a question about each gear ratio that the band of a test makes doubtful.
+    """Return a question about each gear ratio that is doubtful for the band of a test.
 
     Parameters
     ----------
     table : mapping
         As for `drivetrain_from_table`.
     band : (float, float)
-        Lines of the test in Hz.
+        Band of the test in Hz.
 
     Returns
     -------
     list of str
-        Empty if no ratio is in doubt, or if `drivetrain` has already warned of one.
+        Empty if no ratio is doubtful, or if `drivetrain` already warns of one.
     """
     parts, options = _of_table(table)
     held, keep = options.get("held", ()), options.get("keep", ())
@@ -211,21 +211,8 @@ def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list
 def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
     """Return the pieces of all parts, after a check of names and nodes.
 
-    Parameters
-    ----------
-    parts : iterable of part
-        As for `drivetrain`.
-    held : iterable of int
-        Nodes that cannot turn.
-
-    Returns
-    -------
-    Train
-
-    Raises
-    ------
-    ModelError
-        If an object is no part, a name stands for two kinds, or a node to be held is not there.
+    A `ModelError` is raised for an object that is not a part, a name of two kinds, or an unknown
+    node to be fixed.
     """
     checked = _checked(parts)
     named: set[int] = set()
@@ -262,7 +249,7 @@ def _checked(parts: Iterable[Part]) -> list[Part]:
 
 
 def _named_nodes(part: Part) -> set[int]:
-    """Return the nodes that a part names; the part itself checks that they are whole numbers."""
+    """Return the nodes that a part names; the part checks that they are whole numbers."""
     values: list[Any] = []
     for field in part.node_fields:
         value = getattr(part, field)
@@ -274,7 +261,7 @@ def _named_nodes(part: Part) -> set[int]:
 
 
 def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
-    """Return nodes of the option `what`, after a check that parts have them."""
+    """Return nodes of the option `what`, after a check that they belong to parts."""
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
         raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
     checked = [whole("drive train", what, node) for node in nodes]
@@ -325,7 +312,7 @@ def _group(name: str, pieces: Iterable[Spring | Mass], train: Train) -> Group:
 
 
 def _sum(blocks: Sequence[_Block], train: Train) -> sp.csr_array | None:
-    """Return the sum of matrices of some nodes each, shape (n, n); None where there is none."""
+    """Return the sum of matrices for given nodes, shape (n, n); None if there are none."""
     if not blocks:
         return None
     rows = []
@@ -344,35 +331,34 @@ def _sum(blocks: Sequence[_Block], train: Train) -> sp.csr_array | None:
 def mounted(
     drive: Model, structure: Model, at: Mapping[int, tuple[int, Sequence[float]]], title: str = ""
 ) -> Model:
-    """Couple a drive train to a structure: shafts of the train rotate with nodes of the structure.
+    """Couple a drive train to a structure: shafts of the train rotate with structure nodes.
 
-    A load that the structure carries, a wheel bolted to it, and a motor's housing (`housing`) on it
-    are nodes of the train whose rotation is that of a structure node about an axis.
+    A load carried by the structure, a wheel fixed to it, and a motor's housing (`housing`) on it
+    are nodes of the train whose rotation equals that of a structure node about an axis.
 
     Parameters
     ----------
     drive : Model
         From `drivetrain`, DOFs ``node:RZ``.
     structure : Model
-        With rotations at the nodes used (those of a solid by `rigid_link`). Its node numbers must
-        not be the train's.
+        Model with rotations at the nodes used (for solids, from `rigid_link`). Its node numbers
+        must differ from those of the train.
     at : mapping of int to (int, sequence of float)
-        For each node of the train: node of the structure, and axis in that node's own system, shape
-        (3,), any length. A positive rotation of the train is right-handed about it.
+        For each coupled node of the train: node of the structure, and axis in its displacement
+        system, shape (3,), any length. A positive rotation of the train is right-handed about the
+        axis.
     title : str
-        For the record; empty: that of the structure.
+        Title, for documentation; by default that of the structure.
 
     Returns
     -------
     Model
-        All groups of both; the DOFs of the structure, then those of the train that were not
-        coupled.
+        All groups of both; the DOFs of the structure, then the uncoupled DOFs of the train.
 
     Raises
     ------
     ModelError
-        If the two share a DOF or a group name, a node is not in the train, or an axis is not
-        usable.
+        If both share a DOF or a group name, a node is not in the train, or an axis is invalid.
     DofError
         If a node of the structure lacks a rotation that the axis needs.
     """

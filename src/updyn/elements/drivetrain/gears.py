@@ -1,20 +1,20 @@
 """Parts that change the speed: gear pairs, dual drives, worms, belts and planetary stages.
 
-Parallel shafts count their rotation about the same direction, so that an external pair turns its
-shafts in opposite senses and an internal one in the same.
+Rotations of parallel shafts are positive about the same direction: an external pair turns its
+shafts in opposite senses, and an internal pair in the same sense.
 
 The deflection of a mesh along the line of action is delta = cos(alpha) (r_a theta_a + r_b theta_b)
-of an external and cos(alpha) (r_a theta_a - r_b theta_b) of an internal pair, r cos(alpha) being
-the base radii (Ozguven & Houser, J. Sound and Vibration 121 (1988) 383).
+for an external and cos(alpha) (r_a theta_a - r_b theta_b) for an internal pair, with the base
+radii r cos(alpha) (Ozguven & Houser, J. Sound and Vibration 121 (1988) 383).
 
-All rotations of a planetary stage count about its axis in one sense. Relative to the carrier its
-meshes are an external and an internal pair, so that with r_r = r_s + 2 r_p (Kahraman, J. Sound and
-Vibration 173 (1994) 125, the purely rotational model)::
+All rotations of a planetary stage are positive in one sense about its axis. Relative to the
+carrier, its meshes are an external and an internal pair. With r_r = r_s + 2 r_p (Kahraman, J. Sound
+and Vibration 173 (1994) 125, the purely rotational model)::
 
     delta_s = cos(alpha) (r_s (theta_s - theta_c) + r_p (theta_p - theta_c))
     delta_r = cos(alpha) (r_r (theta_r - theta_c) - r_p (theta_p - theta_c))
 
-Both at 0 give the equation of Willis, z_s theta_s + z_r theta_r = (z_s + z_r) theta_c.
+If both are 0, the equation of Willis follows, z_s theta_s + z_r theta_r = (z_s + z_r) theta_c.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class GearPair(Part):
     a, b : int
         Nodes of the two wheels.
     ratio : float, optional
-        r_b / r_a = z_b / z_a, the speed of a over that of b.
+        r_b / r_a = z_b / z_a, the speed ratio of a to b.
     teeth : tuple of float, shape (2,), optional
         Numbers of teeth z_a, z_b.
     module : float, optional
@@ -75,26 +75,25 @@ class GearPair(Part):
     radii : tuple of float, shape (2,), optional
         Pitch radii r_a, r_b, in m.
     mesh_stiffness : float, optional
-        Along the line of action, in N/m; asks for `radii`, or `teeth` and `module`.
+        Stiffness along the line of action in N/m; requires `radii`, or `teeth` and `module`.
     torsional_stiffness : float, optional
-        Of b while a is held, in N m/rad: mesh_stiffness (r_b cos alpha)^2.
+        Stiffness at b with a fixed, in N m/rad: mesh_stiffness (r_b cos alpha)^2.
     rigid : bool
-        Whether the ratio is a constraint. The DOF of b then vanishes from the model, or another
-        that it is tied to.
+        Whether the ratio is a constraint. It eliminates the DOF of b, or another DOF tied to it.
     pressure_angle_deg : float
         Transverse working pressure angle alpha, in degrees.
     kind : {"external", "internal"}
-        Whether the shafts turn in opposite senses or the same. Of shafts that are not parallel
-        (bevel gears) it says so for the senses that you count as positive.
+        Whether the shafts turn in opposite senses or in the same sense. For shafts that are not
+        parallel (bevel gears), relative to the chosen positive senses.
     inertia_a, inertia_b : float
-        Of the wheels, in kg m2.
+        Inertias of the wheels in kg m2.
     loss_factor : float
         Structural loss factor of the mesh.
     viscous : float
-        Of the mesh, in N s/m along the line of action; with `torsional_stiffness` in N m s/rad at
-        b.
+        Damping of the mesh in N s/m along the line of action; with `torsional_stiffness`, in N m
+        s/rad at b.
     housing : int, optional
-        Node that carries both shafts, parallel to its axis; None: the ground.
+        Node that carries both shafts, with a parallel axis; by default the ground.
     """
 
     name: str
@@ -119,7 +118,7 @@ class GearPair(Part):
 
     @property
     def speeds(self) -> tuple[int, int, float]:
-        """Both nodes, and the speed of a over that of b."""
+        """Both nodes, and the speed ratio of a to b."""
         return self.a, self.b, _sizes(f"gear pair {self.name!r}", self)[0]
 
     def inverted(self) -> GearPair:
@@ -138,8 +137,8 @@ class GearPair(Part):
 class DualDrive(Part):
     """Two pinions on one gear, preloaded against each other so that the gear has no backlash.
 
-    As long as the preload keeps both meshes in contact, both act on the gear as springs in either
-    sense. Beyond `opening_torque` one of them opens and the train is no longer linear.
+    While the preload keeps both meshes in contact, both act on the gear as linear springs. Beyond
+    `opening_torque`, one of them opens and the train is nonlinear.
 
     Parameters
     ----------
@@ -150,25 +149,25 @@ class DualDrive(Part):
     gear : int
         Node of the gear.
     ratio, teeth, module, radii
-        As of `GearPair`, a being either pinion and b the gear.
+        As for `GearPair`, with a for either pinion and b for the gear.
     mesh_stiffness : float, optional
-        Of each mesh along the line of action, in N/m.
+        Stiffness of each mesh along the line of action in N/m.
     torsional_stiffness : float, optional
-        Instead: of the gear on one mesh, its pinion held, in N m/rad.
+        Alternatively, stiffness at the gear of one mesh with a fixed pinion, in N m/rad.
     second_factor : float
-        Stiffness of the second mesh over that of the first.
+        Stiffness ratio of the second mesh to the first.
     preload : float, optional
-        Torque in N m with which each pinion is preloaded; None: not stated.
+        Preload torque of each pinion in N m; None if unknown.
     pressure_angle_deg, kind
-        As of `GearPair`.
+        As for `GearPair`.
     inertia_a, inertia_b : float
-        Of each pinion and of the gear, in kg m2.
+        Inertias of each pinion and of the gear in kg m2.
     loss_factor : float
         Structural loss factor of the meshes.
     viscous : float
-        Of each mesh, as of `GearPair`.
+        Damping of each mesh, as for `GearPair`.
     housing : int, optional
-        Node that carries all three shafts, parallel to its axis; None: the ground.
+        Node that carries all three shafts, with a parallel axis; by default the ground.
     """
 
     name: str
@@ -195,7 +194,7 @@ class DualDrive(Part):
 
     @property
     def speeds(self) -> tuple[int, int, float]:
-        """Pinion and gear, and the speed of the pinion over that of the gear."""
+        """Pinion and gear, and the speed ratio of pinion to gear."""
         return self.first, self.gear, _sizes(f"dual drive {self.name!r}", self)[0]
 
     def inverted(self) -> DualDrive:
@@ -222,7 +221,7 @@ class DualDrive(Part):
 
     @property
     def opening_torque(self) -> float:
-        """Load torque on the gear in N m at which one mesh opens while both pinions are held.
+        """Load torque on the gear in N m at which one mesh opens, with fixed pinions.
 
         The meshes share a load torque T in proportion to their stiffness; the stiffer one is
         unloaded first, at T k / (k_1 + k_2) = ratio preload.
@@ -230,7 +229,7 @@ class DualDrive(Part):
         Raises
         ------
         ModelError
-            If no preload is stated, or a number is not usable.
+            If no preload is given, or a number is invalid.
         """
         what = f"dual drive {self.name!r}"
         if self.preload is None:
@@ -244,7 +243,7 @@ class DualDrive(Part):
 class Worm(Part):
     """A worm and its wheel: theta_wheel = theta_worm / ratio.
 
-    The linear model drives both ways; friction that makes a worm self-locking is not in it.
+    The linear model transmits motion both ways, without the friction of self-locking worms.
 
     Parameters
     ----------
@@ -253,20 +252,20 @@ class Worm(Part):
     worm, wheel : int
         Nodes.
     ratio : float
-        Speed of the worm over that of the wheel: teeth of the wheel over starts of the worm.
-        Negative: they turn in opposite of the senses that you count as positive (a left-hand worm
-        where those are of a right-hand one).
+        Speed ratio of worm to wheel: teeth of the wheel over starts of the worm. Negative if a
+        positive rotation of the worm turns the wheel in the negative sense (such as a left-hand
+        worm with senses chosen for a right-hand worm).
     stiffness : float, optional
-        Of the wheel while the worm is held, in N m/rad; None: rigid, and the DOF of the wheel
-        vanishes.
+        Stiffness at the wheel with a fixed worm, in N m/rad; by default rigid, which eliminates
+        the DOF of the wheel.
     inertia_a, inertia_b : float
-        Of worm and wheel, in kg m2.
+        Inertias of worm and wheel in kg m2.
     loss_factor : float
         Structural loss factor.
     viscous : float
-        In N m s/rad at the wheel.
+        Damping at the wheel in N m s/rad.
     housing : int, optional
-        Node that carries both and turns about the wheel's axis; None: the ground.
+        Node that carries both and rotates about the wheel's axis; by default the ground.
     """
 
     name: str
@@ -284,7 +283,7 @@ class Worm(Part):
 
     @property
     def speeds(self) -> tuple[int, int, float]:
-        """Worm and wheel, and the speed of the worm over that of the wheel."""
+        """Worm and wheel, and the speed ratio of worm to wheel."""
         return self.worm, self.wheel, self.ratio
 
     def inverted(self) -> Worm:
@@ -315,18 +314,18 @@ class Belt(Part):
     radii : tuple of float, shape (2,)
         Effective radii r_a, r_b, in m.
     stiffness : float, optional
-        Force over stretch, in N/m: of a pretensioned belt both strands, 2 E A / L, of a chain the
-        taut one alone. None: rigid, and the DOF of b vanishes.
+        Force over elongation in N/m: of both strands of a pretensioned belt, 2 E A / L, or of the
+        taut strand of a chain. By default rigid, which eliminates the DOF of b.
     crossed : bool
-        Whether it is crossed and turns b the other way.
+        Whether it is crossed, which reverses the rotation of b.
     inertia_a, inertia_b : float
-        Of the pulleys, in kg m2.
+        Inertias of the pulleys in kg m2.
     loss_factor : float
         Structural loss factor.
     viscous : float
-        In N s/m.
+        Damping in N s/m.
     housing : int, optional
-        Node that carries both pulleys, parallel to its axis; None: the ground.
+        Node that carries both pulleys, with a parallel axis; by default the ground.
     """
 
     name: str
@@ -345,7 +344,7 @@ class Belt(Part):
 
     @property
     def speeds(self) -> tuple[int, int, float]:
-        """Both nodes, and the speed of a over that of b."""
+        """Both nodes, and the speed ratio of a to b."""
         return self.a, self.b, self.radii[1] / self.radii[0]
 
     def inverted(self) -> Belt:
@@ -378,13 +377,7 @@ def _swapped(part: _Wheels) -> _Wheels:
 
 
 def line_of_action(what: str, pressure_angle_deg: float) -> float:
-    """Return cos(alpha), base radius over pitch radius.
-
-    Raises
-    ------
-    ModelError
-        If the angle is not between 0 and 60 degrees.
-    """
+    """Return cos(alpha), the ratio of base to pitch radius, for an angle from 0 to 60 degrees."""
     if not 0.0 <= number(what, "pressure_angle_deg", pressure_angle_deg) < 60.0:
         raise ModelError(
             f"{what}: pressure_angle_deg {pressure_angle_deg!r}; expected 0 up to 60 degrees"
@@ -395,7 +388,7 @@ def line_of_action(what: str, pressure_angle_deg: float) -> float:
 def _mesh(
     what: str, part: Any, mesh: float | None, torsional: float | None, rigid: bool
 ) -> tuple[tuple[float, float], float | None, bool]:
-    """Return row, stiffness (None: rigid), and whether the deformation is a length."""
+    """Return row, stiffness (None if rigid), and whether the deformation is a length."""
     if part.kind not in _SENSES:
         raise ModelError(f"{what}: kind {part.kind!r}; {suggest(str(part.kind), _SENSES)}")
     if not isinstance(rigid, bool):
@@ -424,7 +417,7 @@ def _mesh(
 
 
 def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
-    """Return r_b / r_a and, where they are known, the pitch radii in m."""
+    """Return r_b / r_a and, if known, the pitch radii in m."""
     given = [key for key in ("ratio", "teeth", "radii") if getattr(part, key) is not None]
     if len(given) != 1:
         raise ModelError(
@@ -448,39 +441,39 @@ def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
 class Planetary(Part):
     """A planetary stage without the inertias of sun, ring and carrier, which are `Inertia` parts.
 
-    Groups: ``NAME sun mesh`` and ``NAME ring mesh`` where the meshes are elastic, ``NAME planets``
-    where the planets have inertia or mass.
+    Groups: ``NAME sun mesh`` and ``NAME ring mesh`` for elastic meshes, ``NAME planets`` for
+    planets with inertia or mass.
 
     Parameters
     ----------
     name : str
-        Beginning of the group names.
+        Prefix of the group names.
     sun, ring, carrier : int
-        Nodes. Whichever is fixed is held by the train (`held`, `Ground`, `Brake`).
+        Nodes. The train fixes one of them if needed (`held`, `Ground`, `Brake`).
     teeth : tuple of float, shape (2,)
-        Of sun and ring, z_s and z_r; the planets have (z_r - z_s) / 2.
+        Numbers of teeth of sun and ring, z_s and z_r; the planets have (z_r - z_s) / 2.
     rigid : bool
-        Whether the ratios are constraints; the DOF of the carrier then vanishes, or another that it
-        is tied to.
+        Whether the ratios are constraints. They eliminate the DOF of the carrier, or another DOF
+        tied to it.
     n_planets : int
         Number of planets.
     module : float, optional
-        In m: r = module z / 2. Needed for elastic meshes and for `planet_mass`.
+        Module in m: r = module z / 2. Required for elastic meshes and for `planet_mass`.
     sun_mesh, ring_mesh : float, optional
         Stiffness of each planet's mesh along the line of action, in N/m; both, unless rigid.
     pressure_angle_deg : float
         Working pressure angle of both meshes, in degrees.
     planets : tuple of int, optional
-        Nodes of the planets: one for all, which leaves out motions in which they differ, or
-        `n_planets`. None: one, numbered after all nodes that the train names. Not for rigid ratios.
+        Nodes of the planets: one for all, without differential motions of planets, or `n_planets`.
+        By default one, numbered after all nodes of the train. Not for rigid ratios.
     planet_inertia : float
-        Of each planet about its own axis, in kg m2.
+        Inertia of each planet about its axis in kg m2.
     planet_mass : float
-        Of each planet, in kg; turns with the carrier at the radius r_s + r_p.
+        Mass of each planet in kg, at the radius r_s + r_p of the carrier.
     loss_factor : float
         Structural loss factor of the meshes.
     viscous : float
-        Of each mesh along the line of action, in N s/m.
+        Damping of each mesh along the line of action in N s/m.
     """
 
     name: str
@@ -574,7 +567,7 @@ class Planetary(Part):
         J = not_negative(what, "planet_inertia", self.planet_inertia)
         viscous, loss = quantities(what, self)
         planets = self._planet_nodes(what) or (new_node(),)
-        count = self.n_planets // len(planets)  # planets for which one node stands
+        count = self.n_planets // len(planets)  # planets represented by one node
         meshes = (("sun", self.sun, k_s, (r_s, r_p)), ("ring", self.ring, k_r, (r_r, -r_p)))
         out: list[Piece] = []
         for planet in planets:

@@ -1,8 +1,8 @@
-"""Pieces of a drive train: springs, inertias, rigid ratios and holds on the rotations of nodes.
+"""Pieces of a drive train: springs, inertias, rigid ratios and fixed nodes.
 
 A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T, which is
-positive semi-definite and stores no energy in a motion with row . theta = 0. That motion is the
-rigid ratio of the part. `resolve` solves the rigid ratios of a train.
+positive semi-definite and stores no energy in a motion with row . theta = 0. Such motions satisfy
+the rigid ratio of the part. `resolve` solves the rigid ratios of a train.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 
-_CANCELLED = 1e-9  # of the largest term: what remains of terms that cancel but for rounding
+_CANCELLED = 1e-9  # relative to the largest term: rounding error of terms that cancel
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,13 @@ class Spring:
     nodes : tuple of int
         Nodes whose rotation (rad) deforms it.
     row : tuple of float
-        A coefficient for each: 1 for a rotational spring, radii in m for one along a line.
+        Coefficient of each node: 1 for a rotational spring, radii in m for a spring along a line.
     stiffness, viscous : float
-        In N m/rad and N m s/rad, or in N/m and N s/m.
+        Stiffness and damping in N m/rad and N m s/rad, or in N/m and N s/m.
     loss_factor : float
         Structural loss factor.
     anchor : bool
-        Whether it ties the train to the ground (or the housing) instead of passing the motion on.
+        Whether it connects the train to the ground (or housing) instead of transmitting motion.
     along : bool
         Whether delta is a length in m.
     """
@@ -71,13 +71,13 @@ class Spring:
 
     @property
     def pattern(self) -> NDArray[np.float64]:
-        """Return row row^T, by which stiffness and damping are multiplied."""
+        """Matrix row row^T, which stiffness and damping multiply."""
         return np.outer(self.row, self.row)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mass:
-    """Inertia of some nodes: kinetic energy theta'^T matrix theta' / 2, the matrix in kg m2."""
+    """Inertia of nodes: kinetic energy theta'^T matrix theta' / 2, with the matrix in kg m2."""
 
     group: str
     nodes: tuple[int, ...]
@@ -86,7 +86,7 @@ class Mass:
 
 @dataclass(frozen=True, slots=True)
 class Tie:
-    """A rigid ratio: row . theta = 0, best solved for the node `dependent`."""
+    """A rigid ratio: row . theta = 0, solved for the node `dependent` if possible."""
 
     what: str
     nodes: tuple[int, ...]
@@ -97,7 +97,7 @@ class Tie:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A node that cannot turn."""
+    """A node with fixed rotation."""
 
     what: str
     node: int
@@ -114,21 +114,21 @@ Piece: TypeAlias = Spring | Mass | Tie | Hold
 class Part(ABC):
     """A part of a drive train: base of `Shaft`, `GearPair` and the others.
 
-    A derived class is a dataclass; its fields are the keys of a row of its table in a job file. It
-    is added to `PARTS` by a line ``PARTS.register("table", Kind)``, or by an entry point of the
-    group ``updyn.drivetrain_parts``.
+    A derived class is a dataclass; its fields are the keys of a row of its table in a job file.
+    Register it with ``PARTS.register("table", Kind)``, or by an entry point of the group
+    ``updyn.drivetrain_parts``.
     """
 
     __slots__ = ()
 
-    #: Fields that hold nodes: a number, a sequence of numbers, or None.
+    #: Fields with nodes: a number, a sequence of numbers, or None.
     node_fields: ClassVar[tuple[str, ...]] = ("node",)
 
     name: str
 
     @property
     def speeds(self) -> tuple[int, int, float] | None:
-        """Two nodes and the speed of the first over that of the second; None without a ratio."""
+        """Two nodes and the speed ratio of the first to the second; None without a ratio."""
         return None
 
     def inverted(self) -> Part:
@@ -142,7 +142,7 @@ class Part(ABC):
         Parameters
         ----------
         new_node : callable
-            Returns the number of a further node, for each inner node of the part.
+            Function that returns the number of a new node, for each inner node of the part.
 
         Returns
         -------
@@ -176,13 +176,7 @@ def lump(group: str, node: int, inertia: float) -> Mass:
 
 
 def quantities(what: str, part: Any) -> tuple[float, float]:
-    """Return viscous damping and loss factor of a part after a check.
-
-    Raises
-    ------
-    ModelError
-        If one is not a number of at least 0.
-    """
+    """Return viscous damping and loss factor of a part, checked to be numbers of at least 0."""
     viscous = not_negative(what, "viscous", part.viscous)
     return viscous, not_negative(what, "loss_factor", part.loss_factor)
 
@@ -196,29 +190,9 @@ def relative(
 ) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """Return nodes and row of a deformation relative to a housing that may rotate.
 
-    Parameters
-    ----------
-    what : str
-        The part, for the message.
-    nodes : sequence of int
-        Its nodes.
-    row : sequence of float
-        Their coefficients on a housing at rest.
-    housing : int or None
-        Node of the housing; None: the ground.
-    housing_factor : float, optional
-        Coefficient of the rotation of the housing that is subtracted. None: the sum of `row`, for
-        shafts that are all parallel to its axis.
-
-    Returns
-    -------
-    nodes, row : tuple
-        With the housing, where there is one.
-
-    Raises
-    ------
-    ModelError
-        If a node is not a whole number, or stands twice.
+    `row` are the coefficients for a housing at rest. The rotation of the housing (a node, or None
+    for the ground) is subtracted with `housing_factor`, by default the sum of `row`, for shafts
+    parallel to its axis. A `ModelError` is raised if a node is not a whole number or occurs twice.
     """
     checked = [whole(what, "node", node) for node in nodes]
     values = [number(what, "coefficient", value) for value in row]
@@ -243,31 +217,11 @@ def transmission(
     along: bool = False,
     housing_factor: float | None = None,
 ) -> Spring | Tie:
-    """Return the spring or, without stiffness, the rigid ratio of a part that passes motion on.
+    """Return the spring or, without stiffness, the rigid ratio of a part that transmits motion.
 
-    Parameters
-    ----------
-    what : str
-        The part, for messages.
-    part : object
-        With `name`, `viscous`, `loss_factor` and `housing`.
-    nodes, row : sequence
-        The deformation; where rigid the second node depends on the others.
-    stiffness : float or None
-        In N m/rad, or N/m with `along`; None: rigid.
-    along : bool
-        Whether the deformation is a length.
-    housing_factor : float, optional
-        See `relative`.
-
-    Returns
-    -------
-    Spring or Tie
-
-    Raises
-    ------
-    ModelError
-        If a number is not usable, or a rigid part has damping.
+    `part` has `name`, `viscous`, `loss_factor` and `housing`; the second node of a rigid ratio is
+    the dependent one. The stiffness is in N m/rad, or in N/m for a length (`along`). A
+    `ModelError` is raised for invalid numbers, or damping of a rigid part.
     """
     every, values = relative(what, nodes, row, part.housing, housing_factor)
     viscous, loss = quantities(what, part)
@@ -283,33 +237,16 @@ def transmission(
 def resolve(
     ties: Iterable[Tie], holds: Iterable[Hold], keep: Iterable[int] = ()
 ) -> dict[int, dict[int, float]]:
-    """Solve the rigid ratios for the nodes that follow others.
+    """Solve the rigid ratios for the dependent nodes: their coefficients by independent node.
 
-    Gauss-Jordan elimination in the order of the train: the ratios first, then the holds, so that
-    wheels whose ratios contradict each other are told from wheels that a hold stops.
-
-    Parameters
-    ----------
-    ties : iterable of Tie
-        The rigid ratios. One that the others imply is no contradiction.
-    holds : iterable of Hold
-        Nodes that cannot turn.
-    keep : iterable of int
-        Nodes that do not follow.
-
-    Returns
-    -------
-    dict of int to dict of int to float
-        For each node that follows, coefficients by node that follows none; empty: it is at rest.
-
-    Raises
-    ------
-    ModelError
-        If ratios contradict each other, or a node to be kept has to follow.
+    Gauss-Jordan elimination in the order of the train: first the ratios, then the fixed nodes, to
+    distinguish contradicting ratios from wheels that are fixed. Nodes in `keep` remain
+    independent. A ratio implied by others is accepted; a node at rest has no coefficients. A
+    `ModelError` is raised if ratios contradict each other, or a node in `keep` must be dependent.
     """
     kept = set(keep)
     known: dict[int, dict[int, float]] = {}
-    # Anchors come last: they may stop what the other ratios connect.
+    # Anchors come last: they may fix nodes that the other ratios connect.
     for tie in sorted(ties, key=lambda t: t.anchor):
         row = _substituted(dict(zip(tie.nodes, tie.row, strict=True)), known)
         if len(row) == 1 and not tie.anchor:
@@ -324,7 +261,7 @@ def resolve(
 
 
 def _substituted(row: dict[int, float], known: dict[int, dict[int, float]]) -> dict[int, float]:
-    """Return an equation in the nodes that follow none; terms that cancel are left out."""
+    """Return an equation in the independent nodes, without terms that cancel."""
     total: dict[int, float] = {}
     largest: dict[int, float] = {}
     for node, factor in row.items():
@@ -342,7 +279,7 @@ def _eliminate(
     kept: set[int],
     known: dict[int, dict[int, float]],
 ) -> None:
-    """Solve an equation for one of its nodes, the wanted one if possible, and update `known`."""
+    """Solve an equation for one of its nodes, preferably the wanted one, and update `known`."""
     if not row:
         return
     free = [node for node in row if node not in kept]

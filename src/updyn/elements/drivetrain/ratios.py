@@ -1,4 +1,4 @@
-"""Gear ratios that may be inverted: natural frequencies with a ratio and with its inverse."""
+"""Gear ratios that may be inverted, judged by natural frequencies with ratio and inverse."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ __all__ = ["PLAUSIBLE", "inverted_ratios"]
 _Real = NDArray[np.float64]
 _Band = tuple[float, float]
 
-#: Plausible natural frequencies of a drive train, in Hz. At 10 kHz a shear wave in steel, with a
+#: Plausible natural frequencies of a drive train in Hz. At 10 kHz a shear wave in steel, with a
 #: speed of sqrt(G / rho) = 3.2 km/s (Timoshenko, Vibration Problems in Engineering), has a length
-#: of 0.32 m: wheels and shafts are no lumped inertias there. The largest machines are far above
-#: 0.01 Hz: a telescope of 100 m is modelled by its modes up to 2 Hz (Ranka et al., J. Astron.
-#: Telesc. Instrum. Syst. 2 (2016) 014001).
+#: of 0.32 m, so wheels and shafts are no longer lumped inertias. The largest machines are far
+#: above 0.01 Hz: a telescope of 100 m is modelled by its modes up to 2 Hz (Ranka et al., J.
+#: Astron. Telesc. Instrum. Syst. 2 (2016) 014001).
 PLAUSIBLE: _Band = (0.01, 1e4)
-#: Factor on both ends of the band of a test: a start whose stiffness is off by four, either way.
+#: Factor on both ends of the band of a test: the stiffness of the start may be wrong by a factor
+#: of four.
 _OCTAVE = 2.0
-#: DOFs of the largest train that is examined: a fraction of a second for each ratio.
+#: Largest number of DOFs of a train to examine: a fraction of a second per ratio.
 _LARGEST = 300
 
 
@@ -38,23 +39,10 @@ def inverted_ratios(
 ) -> list[str]:
     """Return a question about each gear ratio whose inverse gives more plausible frequencies.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        The train.
-    model : Model
-        The model of the train.
-    build : callable
-        Builds the model of parts.
-    band : (float, float), optional
-        Lines of a test in Hz. A ratio is in doubt if no natural frequency lies within an octave of
-        the band and one does with the inverse; without a band, if fewer frequencies are `PLAUSIBLE`
-        than with the inverse.
-
-    Returns
-    -------
-    list of str
-        Empty if no ratio is in doubt, or the train is too large to be examined.
+    With the `band` of a test in Hz, a ratio is doubtful if no natural frequency lies within an
+    octave of the band but one does with the inverse; without a band, if more frequencies are
+    `PLAUSIBLE` with the inverse. `build` returns the model of parts. Too large trains are not
+    examined.
     """
     geared = [at for at, part in enumerate(parts) if part.speeds is not None]
     if not geared:
@@ -77,16 +65,16 @@ def inverted_ratios(
 def _inverted(
     parts: Sequence[Part], which: Sequence[int], build: Callable[[Sequence[Part]], Model]
 ) -> _Real:
-    """Return the natural frequencies with some ratios inverted; none where that cannot be built."""
+    """Return the natural frequencies with given ratios inverted; empty if this cannot be built."""
     others = [part.inverted() if at in which else part for at, part in enumerate(parts)]
     try:
         return _frequencies(build(others))
-    except UpdynError:  # ratios of two paths between the same shafts contradict each other
+    except UpdynError:  # two paths between the same shafts may have contradicting ratios
         return np.zeros(0)
 
 
 def _frequencies(model: Model) -> _Real:
-    """Return the natural frequencies in Hz without rigid-body modes; none where not computed."""
+    """Return the natural frequencies in Hz without rigid-body modes; empty if not computed."""
     if model.n_dofs > _LARGEST:
         return np.zeros(0)
     try:
@@ -113,7 +101,7 @@ def _in_doubt(found: _Real, band: _Band | None) -> bool:
 
 
 def _is_better(found: _Real, instead: _Real, band: _Band | None) -> bool:
-    """Return whether the inverse of a ratio in doubt gives more plausible frequencies."""
+    """Return whether the inverse of a doubtful ratio gives more plausible frequencies."""
     if band is not None:
         return len(_near(instead, band)) > 0
     return len(instead) > 0 and len(_outside(instead)) < len(_outside(found))
@@ -146,7 +134,7 @@ def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band |
 
 
 def _ratio(ratio: float) -> str:
-    """Return a ratio as text, one below 1 as a fraction."""
+    """Return a ratio as text; as a fraction if below 1."""
     if abs(ratio) >= 1.0:
         return f"{ratio:.6g}"
     return f"{'-' if ratio < 0 else ''}1/{abs(1.0 / ratio):.6g}"

@@ -1,9 +1,9 @@
 """`reflected`: stiffnesses and inertias of a drive train, reflected to one of its nodes.
 
-With n_i the speed of a shaft over that of the node, all parts being rigid, a stiffness is worth
-k_i n_i^2 and an inertia J_i n_i^2 there, and the stiffness of a series of parts follows from
-1/k = sum 1/(k_i n_i^2) (Friswell, Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010,
-section 9.6).
+With n_i the speed ratio of a shaft to the node for rigid parts, a stiffness k_i is reflected as
+k_i n_i^2 and an inertia J_i as J_i n_i^2. The stiffness of a series of parts follows from 1/k =
+sum 1/(k_i n_i^2) (Friswell, Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010, section
+9.6).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from updyn.text_table import text_table
 
 __all__ = ["Reflected", "ReflectedPart", "reflected"]
 
-_RIGID = 1e-9  # singular values below this, of rows of length 1, are motions without deformation
-_SOLVED = 1e-6  # largest residual of an equation that has a solution
+_RIGID = 1e-9  # singular values of unit rows below which motions cause no deformation
+_SOLVED = 1e-6  # largest residual of a solvable equation
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +39,20 @@ class ReflectedPart:
     quantity : {"stiffness", "inertia"}
         The reflected quantity.
     nodes : tuple of int
-        Its nodes.
+        Nodes of the part.
     own : float
-        In `unit`.
+        Value of the part in `unit`.
     unit : str
         ``N m/rad``, ``N/m`` (along a line) or ``kg m2``.
     ratio : float or None
-        Of a stiffness the deformation, in rad or m, for 1 rad at the node of the table while the
-        rest is rigid; of an inertia the speed of its first node over that of the node.
+        For a stiffness, the deformation in rad or m for 1 rad at the node of the table with all
+        other parts rigid; for an inertia, the speed ratio of its first node to that node.
     value : float or None
-        Value at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None:
-        there is none (one of several meshes that share a planetary stage's load).
+        Value at that node in N m/rad or kg m2; for a stiffness, `own` times `ratio` squared. None
+        if undefined (one of several meshes that share the load of a planetary stage).
     share : float or None
-        Of the compliance at the node, or of the inertia there; 0 to 1. None where there is none of
-        it: the node is free to turn, or turns no inertia.
+        Share of the compliance or the inertia at the node, 0 to 1. None if the node is free to
+        turn, or turns no inertia.
     """
 
     group: str
@@ -65,7 +65,7 @@ class ReflectedPart:
     share: float | None
 
     def cells(self) -> list[str]:
-        """Return the cells of its row in the table of `Reflected`."""
+        """Return the cells of a row in the table of `Reflected`."""
         nodes = "-".join(map(str, self.nodes))
         share = "-" if self.share is None else f"{100.0 * self.share:.1f} %"
         ratio = _number(self.ratio)
@@ -83,16 +83,16 @@ class Reflected:
     Attributes
     ----------
     node : int
-        Node that all is reflected to.
+        Node to which all quantities are reflected.
     parts : tuple of ReflectedPart
         Stiffnesses and inertias in the order of the train.
     stiffness : float or None
-        Static stiffness at the node in N m/rad; of a plain series of parts 1 / sum(1 / value).
-        None: the train is free to turn.
+        Static stiffness at the node in N m/rad; for a simple series of parts 1 / sum(1 / value).
+        None if the train is free to turn.
     inertia : float
         Sum of J n^2, in kg m2.
     ratios : mapping of int to float
-        Speed of each node over that of the node.
+        Speed ratio of each node to the node.
     """
 
     node: int
@@ -121,7 +121,8 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
     to : int
         The node.
     held : iterable of int
-        Nodes that cannot turn, besides what the parts hold: `[1]` for a locked motor at node 1.
+        Further fixed nodes in addition to those fixed by parts: `[1]` for a locked motor at node
+        1.
 
     Returns
     -------
@@ -131,8 +132,8 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
     Raises
     ------
     ModelError
-        If the node is not there or held, if the ratios to it are not determined (a planetary stage
-        none of whose members is held, separate trains), or as `drivetrain`.
+        If the node is unknown or fixed, if the ratios to it are undetermined (a planetary stage
+        without a fixed member, separate trains), or as `drivetrain`.
     """
     train = _Rigid(assemble(_with_single_shafts(parts), held))
     if whole("reflected", "to", to) not in train.nodes:
@@ -154,7 +155,7 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
 
 
 def _with_single_shafts(parts: Iterable[Part]) -> list[Part]:
-    """Return the parts with one element a shaft: its elements are in series and turn alike."""
+    """Return the parts with one element per shaft: its elements in series turn equally."""
     out = []
     for part in parts:
         if isinstance(part, Shaft):
@@ -193,7 +194,7 @@ def _spring_row(
     if motion is not None:
         ratio = train.deformation(spring, to)
     if ratio is None and len(spring.nodes) <= 2:
-        # One of several paths to the ground, a branch, or a free train: k n^2 of the part itself.
+        # One of several paths to the ground, a branch, or a free train: k n^2 of the part alone.
         ratio = abs(spring.row[0] * speeds[spring.nodes[0]])
     value = None
     if ratio is not None:
@@ -205,7 +206,7 @@ def _spring_row(
 
 
 class _Rigid:
-    """Motions of a train whose parts are rigid, and its static deformation."""
+    """Motions of a train with rigid parts, and its static deformation."""
 
     def __init__(self, train: Train) -> None:
         self.train = train
@@ -213,9 +214,9 @@ class _Rigid:
         self._place = {node: i for i, node in enumerate(train.nodes)}
 
     def deformation(self, spring: Spring, to: int) -> float | None:
-        """Return the deformation of a spring for 1 rad at the node, all other parts being rigid.
+        """Return the deformation of a spring for 1 rad at the node, with all other parts rigid.
 
-        None: then the node cannot turn.
+        None if the node cannot turn.
         """
         others = [self._row(s) for s in self.train.springs if s is not spring and s.stiffness]
         others += [self._row(tie) for tie in self.train.ties]
@@ -229,7 +230,7 @@ class _Rigid:
         return abs(float(self._coefficients(spring) @ theta))
 
     def speeds(self, to: int) -> dict[int, float]:
-        """Return the speed of each node over that of `to`, all parts rigid and all anchors free."""
+        """Return the speed ratio of each node to `to`, with rigid parts and all anchors free."""
         rigid = [self._row(s) for s in self.train.springs if not s.anchor and s.stiffness]
         rigid += [self._row(tie) for tie in self.train.ties if not tie.anchor]
         motions = self._null_space(rigid)
@@ -253,7 +254,7 @@ class _Rigid:
         return dict(zip(self.nodes, ratios.tolist(), strict=True))
 
     def _supports(self) -> list[int]:
-        """Return nodes to hold until the ratios are determined.
+        """Return nodes to fix until the ratios are determined.
 
         Housings come first, then anchored members of planetary stages.
         """
@@ -273,7 +274,7 @@ class _Rigid:
         return housings + [node for node in dict.fromkeys(anchored) if node in members]
 
     def under_torque(self, to: int) -> dict[int, float] | None:
-        """Return the rotations of all nodes in rad per N m at `to`; None where nothing resists."""
+        """Return the rotations of all nodes in rad per N m at `to`; None if nothing resists."""
         T, free = self._transformation()
         load = T[self._place[to]]
         if not load.any():
@@ -285,7 +286,8 @@ class _Rigid:
         R = np.array(rows).reshape(-1, len(self.nodes)) @ T
         size = np.sqrt((R**2).sum(axis=0))
         size[size == 0.0] = 1.0
-        # A motion that no spring resists bears no load: if the load works on one, nothing holds it.
+        # A motion that no spring resists carries no load: if the load does work on one, nothing
+        # resists it.
         loose = np.eye(free)
         if len(R):
             loose = sl.null_space(R / size, rcond=_RIGID)
@@ -315,7 +317,7 @@ class _Rigid:
         return out
 
     def _row(self, piece: Spring | Tie) -> NDArray[np.float64]:
-        """Return the coefficients of a piece, scaled to length 1."""
+        """Return the coefficients of a piece, normalised to length 1."""
         row = self._coefficients(piece)
         return row / np.linalg.norm(row)
 

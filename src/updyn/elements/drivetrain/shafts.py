@@ -39,14 +39,14 @@ class Inertia(Part):
     name : str
         Group name.
     node : int
-        Where it sits.
+        Node of the body.
     value : float, optional
-        Moment of inertia about the shaft, in kg m2. Otherwise from the geometry of a disc or a
+        Moment of inertia about the shaft in kg m2. Alternatively from the geometry of a disc or a
         ring, J = pi rho L (D^4 - d^4) / 32:
     rho : float, optional
         Density, in kg/m3.
     outer_diameter, inner_diameter : float
-        In m.
+        Diameters in m.
     length : float, optional
         Thickness along the shaft, in m.
     """
@@ -72,31 +72,31 @@ class Inertia(Part):
 
 @dataclass(frozen=True, slots=True)
 class Shaft(Part):
-    """A shaft in torsion, by its stiffness or by its geometry, with or without mass of its own.
+    """A shaft in torsion, given by stiffness or geometry, with or without mass.
 
-    From geometry k = G I_p / L and J = rho I_p L, I_p = pi (D^4 - d^4) / 32. Its inertia is spread
-    evenly (linear twist in each element, consistent mass: Cook, Malkus, Plesha & Witt 2002, section
-    11.3). A stepped shaft is a row of shafts.
+    From geometry, k = G I_p / L and J = rho I_p L with I_p = pi (D^4 - d^4) / 32. The inertia is
+    uniform (linear twist in each element, consistent mass: Cook, Malkus, Plesha & Witt 2002,
+    section 11.3). A stepped shaft is a series of shafts.
 
     Parameters
     ----------
     name : str
-        Group name; holds both stiffness and inertia.
+        Name of the group of stiffness and inertia.
     a, b : int
         Nodes at its ends.
     stiffness : float, optional
-        In N m/rad. Otherwise the geometry:
+        Stiffness in N m/rad. Alternatively the geometry:
     G : float, optional
         Shear modulus, in Pa.
     outer_diameter, inner_diameter, length : float
-        In m.
+        Dimensions in m.
     rho : float, optional
-        Density in kg/m3; None: massless.
+        Density in kg/m3; by default massless.
     inertia : float, optional
-        Total moment of inertia in kg m2, spread evenly, of a shaft given by its stiffness; None:
+        Total, uniform moment of inertia in kg m2 of a shaft given by stiffness; by default
         massless.
     n_elements : int
-        Number of equal elements; each adds a node, numbered after all nodes that the train names.
+        Number of equal elements; inner nodes are numbered after all nodes of the train.
     loss_factor : float
         Structural loss factor.
     viscous : float
@@ -174,13 +174,13 @@ class Coupling(Part):
     a, b : int
         Nodes.
     stiffness : float
-        In N m/rad.
+        Stiffness in N m/rad.
     inertia_a, inertia_b : float
-        Of its halves, in kg m2.
+        Inertias of its halves in kg m2.
     loss_factor : float
         Structural loss factor.
     viscous : float
-        In N m s/rad.
+        Damping in N m s/rad.
     """
 
     name: str
@@ -206,9 +206,9 @@ class Coupling(Part):
 
 @dataclass(frozen=True, slots=True)
 class Motor(Part):
-    """A motor: its rotor, free or locked, and the stiffness and damping of its drive.
+    """A motor: its rotor, free or locked, with stiffness and damping of its drive.
 
-    Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs, the
+    Locked-rotor and free-rotor tests are two data sets of one train: only `rotor` differs; the
     groups are the same.
 
     Parameters
@@ -216,19 +216,19 @@ class Motor(Part):
     name : str
         Group name.
     node : int
-        The rotor.
+        Node of the rotor.
     inertia : float
-        Of the rotor, in kg m2.
+        Inertia of the rotor in kg m2.
     rotor : {"free", "locked"}
-        Whether it can turn against its stator.
+        Whether it can turn relative to the stator.
     stiffness : float, optional
-        Between rotor and stator, in N m/rad: detent torque, or a position loop.
+        Stiffness between rotor and stator in N m/rad: detent torque, or a position loop.
     viscous : float
-        Likewise in N m s/rad: back EMF (k_t k_e / R), bearings.
+        Damping between rotor and stator in N m s/rad: back EMF (k_t k_e / R), bearings.
     loss_factor : float
         Structural loss factor of `stiffness`.
     housing : int, optional
-        Node that carries the stator; None: the ground.
+        Node that carries the stator; by default the ground.
     """
 
     name: str
@@ -243,7 +243,7 @@ class Motor(Part):
     node_fields: ClassVar[tuple[str, ...]] = ("node", "housing")
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
-        """Return the rotor, its spring and its hold."""
+        """Return the rotor, its spring and its fixed node."""
         what = f"motor {self.name!r}"
         if self.rotor not in _ROTORS:
             raise ModelError(f"{what}: rotor {self.rotor!r}; {suggest(str(self.rotor), _ROTORS)}")
@@ -264,19 +264,19 @@ class Brake(Part):
     name : str
         Group name.
     node : int
-        The shaft.
+        Node of the shaft.
     stiffness : float, optional
-        Of the closed brake, in N m/rad; None: rigid.
+        Stiffness of the closed brake in N m/rad; by default rigid.
     closed : bool
-        False: released; only inertia and drag remain.
+        Whether the brake is closed; a released brake has only inertia and drag.
     inertia : float
-        Of what turns with the shaft, in kg m2.
+        Inertia of parts that turn with the shaft in kg m2.
     viscous : float
-        Drag, in N m s/rad.
+        Drag in N m s/rad.
     loss_factor : float
         Structural loss factor of `stiffness`.
     housing : int, optional
-        Node that carries the brake; None: the ground.
+        Node that carries the brake; by default the ground.
     """
 
     name: str
@@ -291,7 +291,7 @@ class Brake(Part):
     node_fields: ClassVar[tuple[str, ...]] = ("node", "housing")
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
-        """Return its disc, and its spring or hold where it is closed."""
+        """Return its disc and, if it is closed, its spring or fixed node."""
         what = f"brake {self.name!r}"
         if not isinstance(self.closed, bool):
             raise ModelError(f"{what}: closed {self.closed!r}; expected true or false")
@@ -306,22 +306,22 @@ class Brake(Part):
 
 @dataclass(frozen=True, slots=True)
 class Ground(Part):
-    """A spring and a damper between a shaft and the ground or a housing, such as a bearing's drag.
+    """A spring and a damper between a shaft and the ground or a housing, such as bearing drag.
 
     Parameters
     ----------
     name : str
         Group name.
     node : int
-        The shaft.
+        Node of the shaft.
     stiffness : float, optional
-        In N m/rad; None: none.
+        Stiffness in N m/rad; by default none.
     viscous : float
-        In N m s/rad.
+        Damping in N m s/rad.
     loss_factor : float
         Structural loss factor.
     housing : int, optional
-        Node that it stands on; None: the ground.
+        Node of the housing; by default the ground.
     """
 
     name: str
@@ -345,13 +345,7 @@ class Ground(Part):
 
 
 def halves(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
-    """Return the inertias of the two sides of a part, `inertia_a` and `inertia_b` in kg m2.
-
-    Raises
-    ------
-    ModelError
-        If one is not a number of at least 0.
-    """
+    """Return the inertias `inertia_a` and `inertia_b` of the two sides of a part in kg m2."""
     out: list[Piece] = []
     for node, key in zip(nodes, ("inertia_a", "inertia_b"), strict=False):
         J = not_negative(what, key, getattr(part, key))
@@ -383,7 +377,7 @@ def _anchors(what: str, part: Any, has_spring: bool = True) -> list[Piece]:
 
 
 def _is_from_geometry(what: str, part: Any, name: str, dimensions: Sequence[str]) -> bool:
-    """Return whether a quantity comes from the geometry; one of the two has to be given."""
+    """Return whether a quantity comes from the geometry; exactly one of the two must be given."""
     value = getattr(part, name)
     given = [key for key in dimensions if getattr(part, key) is not None]
     missing = [key for key in dimensions if key not in given]

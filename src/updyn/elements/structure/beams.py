@@ -33,21 +33,21 @@ _PARALLEL = 1e-6  # sine of the angle between a beam and its orientation
 # -- sections
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Cross-section of a beam about its centroid, which is its shear centre too.
+    """Cross-section of a beam about its centroid, which is also its shear centre.
 
     Parameters
     ----------
     A : float
         Area in m2.
     Iyy, Izz : float
-        Second moments of area about the local y and z axes, in m4: the integrals of z^2 and of y^2.
-        Izz bends the beam in its local xy plane (the plane of the orientation vector), Iyy in its
-        xz plane. The mass turns about x with rho (Iyy + Izz) per length.
+        Second moments of area about the local y and z axes, in m4: the integrals of z^2 and of
+        y^2. Izz bends the beam in its local xy plane (the plane of the orientation vector), Iyy in
+        its xz plane. The rotary inertia about x is rho (Iyy + Izz) per length.
     J : float
-        Torsion constant in m4: the torsional stiffness is G J. Only for round sections it is Iyy +
-        Izz.
+        Torsion constant in m4: the torsional stiffness is G J. J = Iyy + Izz only for round
+        sections.
     shear_y, shear_z : float, optional
-        Effective over true shear area along local y and z. None: no shear deformation
+        Effective over true shear area along local y and z; by default no shear deformation
         (Euler-Bernoulli).
 
     Raises
@@ -72,17 +72,17 @@ class Section:
 
     @property
     def is_round(self) -> bool:
-        """Whether both bending planes are alike, so that no orientation is needed."""
+        """Whether both bending planes are equal, so no orientation is needed."""
         return math.isclose(self.Iyy, self.Izz, rel_tol=1e-9) and self.shear_y == self.shear_z
 
     @property
     def exchanged(self) -> Section:
-        """The section turned by 90 degrees about its centroid."""
+        """The section rotated by 90 degrees about its centroid."""
         return Section(self.A, self.Izz, self.Iyy, self.J, self.shear_z, self.shear_y)
 
 
 def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
-    """Return a solid rectangle.
+    """Return a solid rectangular section.
 
     Parameters
     ----------
@@ -116,12 +116,12 @@ def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
 
 
 def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
-    """Return a round tube, or a round bar.
+    """Return the section of a round tube or a round bar.
 
     Parameters
     ----------
     outer, inner : float
-        Diameters in m; inner 0: a solid bar.
+        Diameters in m; inner 0 for a solid bar.
     nu : float
         Poisson's ratio, for the shear coefficient.
 
@@ -157,23 +157,11 @@ _SHAPES: dict[str, tuple[Callable[..., Section], list[str], list[str]]] = {
 
 
 def section_from_table(where: str, given: Any) -> Section:
-    """Build the section of a beam from a table of a job file.
+    """Return the section of a beam from a table of a job file.
 
-    Parameters
-    ----------
-    where : str
-        Place of the table, for messages.
-    given : mapping
-        The fields of `Section`, or ``shape`` (``"rectangle"``, ``"tube"``) and its dimensions in m.
-
-    Returns
-    -------
-    Section
-
-    Raises
-    ------
-    ModelError
-        If a key is missing or unknown; the message begins with `where`.
+    The table has the fields of `Section`, or ``shape`` (``"rectangle"``, ``"tube"``) and
+    dimensions in m. A `ModelError` that begins with `where` is raised for a missing or unknown
+    key.
     """
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: section {given!r}; expected a table")
@@ -193,7 +181,7 @@ def section_from_table(where: str, given: Any) -> Section:
 # -- elements
 @dataclass(frozen=True, slots=True, eq=False)
 class Beam(Element):
-    """Straight two-node beams of one section and material: bending in two planes, axial, torsion.
+    """Straight two-node beams of one section and material, with bending, axial force and torsion.
 
     Parameters
     ----------
@@ -208,10 +196,10 @@ class Beam(Element):
     nu : float
         Poisson's ratio, for G = E / (2 (1 + nu)).
     G : float, optional
-        Shear modulus in Pa, instead of that of `nu`.
+        Shear modulus in Pa, in place of the value from `nu`.
     orientation : array_like of float, shape (3,), optional
-        A vector in the local xy plane, in global components; not parallel to an element. May be
-        left out where both bending planes are alike.
+        A vector in the local xy plane, in global components; not parallel to an element. Optional
+        if both bending planes are equal.
     loss_factor : float
         Structural loss factor.
 
@@ -254,7 +242,7 @@ class Beam(Element):
         return self.E / (2 * (1 + self.nu)) if self.G is None else self.G
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
-        """Compute stiffness and consistent mass of some of the beams."""
+        """Compute stiffness and consistent mass of given beams."""
         _check_length(self.label, numbers, xyz)
         vectors = self._vectors_in_plane(numbers, xyz)
         K, M = pyfe.beam_matrices(self.section, self.E, self.shear_modulus, self.rho, vectors, xyz)
@@ -265,7 +253,8 @@ class Beam(Element):
     ) -> NDArray[np.float64]:
         """Return a vector in the local xy plane of each beam, shape (m, 3).
 
-        Without an orientation both bending planes are alike, and any vector across the beam serves.
+        Without an orientation, both bending planes are equal, and any vector across the beam can
+        be used.
         """
         along = ends[:, 1] - ends[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
@@ -286,14 +275,14 @@ class Beam(Element):
         return np.asarray(self.connectivity)
 
     def with_exchanged_axes(self) -> Self | None:
-        """Return the beams with exchanged section axes; None where both bending planes are alike.
+        """Return the beams with exchanged section axes; None if both bending planes are equal.
 
-        An orientation turned by 90 degrees about the beams gives the same matrices.
+        An orientation rotated by 90 degrees about the beams gives the same matrices.
         """
         return None if self.section.is_round else replace(self, section=self.section.exchanged)
 
     def orientation_turned(self, xyz: NDArray[np.float64]) -> str:
-        """Return the orientation turned by 90 degrees about the beams, in words."""
+        """Return the orientation rotated by 90 degrees about the beams, as text."""
         turned = self._orientation_across(xyz)
         if turned is None:
             return "its orientation by 90 degrees about the beams"
@@ -301,7 +290,7 @@ class Beam(Element):
         return f"its orientation by 90 degrees: {then} in place of {now}"
 
     def _orientation_across(self, xyz: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the orientation turned by 90 degrees about beams that are parallel, else None."""
+        """Return the orientation rotated by 90 degrees about parallel beams, else None."""
         along = xyz[:, 1] - xyz[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)
         if self.orientation is None or (np.abs(along @ along[0]) < 1.0 - _PARALLEL).any():
@@ -320,7 +309,7 @@ class Beam(Element):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truss(Element):
-    """Straight two-node bars that only stretch, one group. Their nodes turn freely.
+    """Straight two-node bars with axial stiffness only. Their nodes have no rotations.
 
     Parameters
     ----------
@@ -357,7 +346,7 @@ class Truss(Element):
         store(self, A=positive(what, "A", self.A))
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
-        """Compute stiffness and consistent mass of some of the bars."""
+        """Compute stiffness and consistent mass of given bars."""
         _check_length(self.label, numbers, xyz)
         K, M = pyfe.truss_matrices(self.A, self.E, self.rho, xyz)
         return ElementMatrices(K, M if self.rho else None)

@@ -23,8 +23,8 @@ from updyn.shapes import as_quadrangles, outer_faces
 
 __all__ = ["structure", "structure_from_table"]
 
-_BATCH = 1_000_000  # entries of element matrices that are computed at once
-_PENDING = 4_000_000  # entries of element matrices that wait to be summed
+_BATCH = 1_000_000  # entries of element matrices computed at once
+_PENDING = 4_000_000  # entries of element matrices kept before summation
 
 
 def structure(
@@ -41,9 +41,9 @@ def structure(
     Parameters
     ----------
     nodes : mapping of int to three floats, array_like of shape (n, 3), or Geometry
-        Positions in m by node number; of an array the nodes are 1, 2, ... n.
+        Positions in m by node number; nodes of an array are numbered 1, 2, ... n.
     parts : iterable of Element
-        What the structure is made of: `Beam`, `Truss`, `Spring`, `Shell`, `Solid`, `PointMass` or
+        Elements of the structure: `Beam`, `Truss`, `Spring`, `Shell`, `Solid`, `PointMass` or
         another `Element`. Parts of the same name form one group.
     links : iterable of RigidLink
         Nodes that move rigidly with another. A master that no part uses gets the DOFs that the
@@ -51,25 +51,25 @@ def structure(
     equations : iterable of Equation
         Further ties (multi-point constraints). A DOF on the right that no part uses is added.
     grounded : iterable of str, Dof or int
-        What is held: a label holds one DOF, a node number all that the node has.
+        Supports: a label fixes one DOF, a node number all DOFs of the node.
     title : str
-        For the record.
+        Title, for documentation.
 
     Returns
     -------
     Model
-        DOFs ``node:X`` to ``node:RZ``, node by node in the order of `nodes`, without those that
-        nothing uses (nodes of solids and trusses have X, Y, Z only) and without those that are
-        held or tied. Its geometry has all nodes, and the edges of the elements as lines.
+        DOFs ``node:X`` to ``node:RZ``, node by node in the order of `nodes`, without unused DOFs
+        (nodes of solids and trusses have X, Y, Z only) and without fixed or tied DOFs. Its
+        geometry has all nodes, and the edges of the elements as lines.
 
     Raises
     ------
     ModelError
-        If a node is not known, an element has no size, loss factors in a group differ, a DOF is
-        held or tied twice, or a DOF is left without stiffness, mass and damping. If a library is
-        missing; the message says how to install it.
+        If a node is unknown, an element has no size, loss factors in a group differ, a DOF is
+        fixed or tied twice, or a DOF has neither stiffness, mass nor damping. Also if a library is
+        missing; the message explains its installation.
     DofError
-        If a DOF that is held or tied is used by nothing.
+        If a fixed or tied DOF is not used by any part.
     """
     with key_path("nodes"):
         table = _read_nodes(nodes)
@@ -83,7 +83,7 @@ def structure(
     dofs = _dofs(table, used)
     with key_path("grounded"):
         held = _held(table, used, dofs, grounded)
-    # A held DOF that is in no tie is never assembled; the transformation removes the others.
+    # A fixed DOF without ties is never assembled; the transformation removes the others.
     tied = {dof for tie in ties for dof in (tie.dof, *tie.terms)}
     left_out = np.zeros(len(dofs), dtype=np.bool_)
     left_out[dofs.match([dof for dof in held if dof not in tied]).index] = True
@@ -101,9 +101,9 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     Parameters
     ----------
     table : mapping
-        ``kind`` (``"structure"``, may be left out); ``nodes``, a table from node number to position
-        in m; an array of tables for each kind of element (`ELEMENTS`: ``beam``, ``truss``,
-        ``shell``, ``solid``, ``spring``, ``mass``), keys as its fields, and ``link``, as those of
+        ``kind`` (``"structure"``, optional); ``nodes``, a table from node number to position in m;
+        an array of tables for each kind of element (`ELEMENTS`: ``beam``, ``truss``, ``shell``,
+        ``solid``, ``spring``, ``mass``), keys as its fields, and ``link``, as those of
         `RigidLink`; ``equation`` with ``dof`` and ``terms``; ``grounded``, an array of DOFs and
         node numbers; ``title``. The ``section`` of a beam is a table with the fields of `Section`,
         or with ``shape`` ``"rectangle"`` or ``"tube"`` and its dimensions.
@@ -115,7 +115,7 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     Raises
     ------
     ModelError
-        If a key is missing or unknown (the nearest is named), or as `structure`.
+        If a key is missing or unknown (the message gives the nearest), or as `structure`.
     """
     data = dict(table)
     kind = data.pop("kind", "structure")
@@ -192,13 +192,7 @@ class _Nodes:
         object.__setattr__(self, "_order", np.argsort(self.numbers))
 
     def find(self, what: str, wanted: NDArray[np.int64]) -> NDArray[np.intp]:
-        """Return the positions in the table of node numbers, of any shape.
-
-        Raises
-        ------
-        ModelError
-            If a node is missing; the nearest numbers are named.
-        """
+        """Return the indices in the table of node numbers of any shape; raise if one is missing."""
         at = np.searchsorted(self.numbers, wanted, sorter=self._order)
         found = self._order[np.minimum(at, len(self._order) - 1)]
         missing = np.asarray(wanted)[self.numbers[found] != wanted]
@@ -262,7 +256,7 @@ def _mark_used(element: Element, table: _Nodes, used: NDArray[np.bool_]) -> None
 
 
 def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
-    """Return the edges of all elements once, shape (n, 2), as node numbers."""
+    """Return the unique edges of all elements as node numbers, shape (n, 2)."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
     for element in elements:
         pairs.append(element.edges())
@@ -270,9 +264,9 @@ def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
 
 
 def _faces(elements: Iterable[Element]) -> NDArray[np.int64]:
-    """Return the faces to draw once, shape (n, 4), as node numbers, the last of a triangle twice.
+    """Return the unique faces to draw as node numbers, shape (n, 4); triangles repeat the last.
 
-    A face that two solids share lies within, and is left out.
+    A face that two solids share is an inner face and omitted.
     """
     found = {True: [np.empty((0, 4), dtype=np.int64)], False: [np.empty((0, 4), dtype=np.int64)]}
     for element in elements:
@@ -288,12 +282,12 @@ def _ties(
     equations: list[Equation],
     used: NDArray[np.bool_],
 ) -> list[Equation]:
-    """Return the equations of links and ties; marks the DOFs on their right in `used`."""
+    """Return the equations of links and ties; mark the DOFs on their right in `used`."""
     for link in links:
         if not isinstance(link, RigidLink):
             raise ModelError(f"structure: {link!r}; expected a RigidLink")
     masters = [link.master for link in links]
-    for link in links:  # a slave that is a master too has all six DOFs, which vanish
+    for link in links:  # a slave that is also a master has all six DOFs, which are eliminated
         table_rows = table.find("rigid link", link.slaves[np.isin(link.slaves, masters)])
         used[table_rows] = True
     ties = list(equations)
@@ -332,7 +326,7 @@ def _dofs(table: _Nodes, used: NDArray[np.bool_]) -> DofSet:
 def _held(
     table: _Nodes, used: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]
 ) -> list[Dof]:
-    """Return the DOFs that are held, each once."""
+    """Return the fixed DOFs, each once."""
     out: list[Dof] = []
     for item in grounded:
         if isinstance(item, str | Dof):
@@ -378,14 +372,14 @@ def _groups(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Assembly:
-    """Where element matrices go: the row of each node and direction, shape (n_nodes, 6), of n."""
+    """Rows of the n assembled DOFs, by node and direction, shape (n_nodes, 6)."""
 
     table: _Nodes
     place: NDArray[np.int32]
     n: int
 
     def sums(self, elements: Iterable[Element]) -> tuple[Any, Any, Any]:
-        """Return stiffness, mass and viscous damping, shape (n, n); None where there is none."""
+        """Return stiffness, mass and viscous damping, shape (n, n); None for missing ones."""
         K, M, C = _Sum(self.n), _Sum(self.n), _Sum(self.n)
         for element in elements:
             directions = np.array(element.directions)
@@ -399,7 +393,7 @@ class _Assembly:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfElements:
-    """The recipe of a group: its elements and where their matrices go."""
+    """Recipe of a group: its elements and their assembly."""
 
     elements: tuple[Element, ...]
     assembly: _Assembly
@@ -411,7 +405,7 @@ class _OfElements:
 
 
 def _exchanged(own: Sequence[Element], assembly: _Assembly) -> Exchanged | None:
-    """Return a group with exchanged section axes; None where that changes none of its elements."""
+    """Return a group with exchanged section axes; None if this changes none of its elements."""
     turned = {i: new for i, one in enumerate(own) if (new := one.with_exchanged_axes()) is not None}
     if not turned:
         return None
@@ -458,20 +452,19 @@ def _loss_factors(elements: Sequence[Element]) -> dict[str, float]:
 
 
 class _Sum:
-    """A sparse sum of symmetric element matrices, merged in pairs of like size.
+    """Sparse sum of symmetric element matrices, merged in pairs of similar size.
 
-    The upper half is summed, with half the diagonal, so that the whole is symmetric to the last
-    bit.
+    The upper half is summed, with half the diagonal, which makes the sum exactly symmetric.
     """
 
     def __init__(self, n: int) -> None:
         self.n = n
         self.pending: list[tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]] = []
-        self.waiting = 0  # entries of these
-        self.merged: list[tuple[int, Any]] = []  # number of batches, and their sum
+        self.waiting = 0  # entries of these batches
+        self.merged: list[tuple[int, Any]] = []  # pairs of number of batches and their sum
 
     def add(self, A: NDArray[np.float64] | None, at: NDArray[np.int32]) -> None:
-        """Add matrices, shape (m, s, s), at rows and columns `at`, shape (m, s); -1: nowhere."""
+        """Add matrices, shape (m, s, s), at rows and columns `at`, shape (m, s); -1 to skip."""
         if A is None:
             return
         s = at.shape[1]
@@ -504,7 +497,7 @@ class _Sum:
         self.merged.append((weight, matrix))
 
     def total(self) -> Any:
-        """Return the sum, a `csr_array` of shape (n, n); None where nothing was added."""
+        """Return the sum, a `csr_array` of shape (n, n); None if nothing was added."""
         self._merge()
         if not self.merged:
             return None

@@ -1,8 +1,9 @@
 """`Element`: finite elements of one kind in one group, and `ELEMENTS`, the registry of kinds.
 
-A further kind, in this package or outside, is a dataclass derived from `Element` and a line
-``ELEMENTS.register("kind", Kind)`` (or an entry point of the group ``updyn.elements``):
-`updyn.elements.structure.structure` takes its objects, and a job file its rows ``[[model.kind]]``.
+To add a kind, in this package or another, define a dataclass derived from `Element` and register
+it with ``ELEMENTS.register("kind", Kind)`` (or an entry point of the group ``updyn.elements``):
+`updyn.elements.structure.structure` then accepts its objects, and a job file its rows
+``[[model.kind]]``.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class ElementMatrices:
     ----------
     K, M, C : ndarray of float, shape (m, k d, k d), or None
         Stiffness (N/m, N, N m), mass (kg, kg m, kg m2) and viscous damping (N s/m, N s, N m s),
-        symmetric; None: the elements have none.
+        symmetric; None if the elements have none.
     """
 
     K: NDArray[np.float64] | None = None
@@ -50,8 +51,8 @@ class Element(ABC):
     """Elements of one kind in one group: base class of `Beam`, `Shell`, `Spring` and the others.
 
     A derived class is a dataclass. Its fields are the keys of a row of its table in a job file.
-    They include ``name``, the group name, and ``loss_factor``, the structural loss factor, where
-    the elements have stiffness. Elements that differ by their nodes only hold them in a field
+    They include ``name``, the group name, and, for elements with stiffness, ``loss_factor``, the
+    structural loss factor. Elements that differ only by their nodes have these in a field
     ``connectivity``; others define `node_numbers`.
     """
 
@@ -59,7 +60,7 @@ class Element(ABC):
 
     #: Directions of the DOFs of each node, d of the positions 0 to 5 in `updyn.dofs.DIRECTIONS`.
     directions: ClassVar[tuple[int, ...]] = ALL_DIRECTIONS
-    #: Whether the faces enclose a volume, so that one that two elements share is an inner one.
+    #: Whether the faces enclose a volume; a face that two elements share is then an inner face.
     encloses: ClassVar[bool] = False
 
     name: str
@@ -77,14 +78,14 @@ class Element(ABC):
 
     @abstractmethod
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
-        """Compute the matrices of some of the elements.
+        """Compute the matrices of given elements.
 
         Parameters
         ----------
         numbers : ndarray of int, shape (m, k)
-            Their rows of `node_numbers`, for messages.
+            Node numbers of the elements, for messages.
         xyz : ndarray of float, shape (m, k, 3)
-            Positions of their nodes in m.
+            Positions of the nodes in m.
 
         Returns
         -------
@@ -97,7 +98,7 @@ class Element(ABC):
         """
 
     def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which DOFs of the nodes the elements use, shape (m, k, d); by default all of them.
+        """Return a mask of the node DOFs that the elements use, shape (m, k, d); by default all.
 
         Parameters
         ----------
@@ -115,16 +116,16 @@ class Element(ABC):
         return np.empty((0, 4), dtype=np.int64)
 
     def with_exchanged_axes(self) -> Self | None:
-        """Return the elements with their section axes exchanged; None where that changes nothing.
+        """Return the elements with exchanged section axes; None if this changes nothing.
 
-        By default the elements have no section axes.
+        By default, elements have no section axes.
         """
         return None
 
     def orientation_turned(self, xyz: NDArray[np.float64]) -> str:
-        """Return the orientation turned by 90 degrees about the elements, in words.
+        """Return the orientation rotated by 90 degrees about the elements, as text.
 
-        By default nothing, as the elements have none.
+        By default empty, as elements have no orientation.
 
         Parameters
         ----------
@@ -135,12 +136,12 @@ class Element(ABC):
 
     @classmethod
     def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Convert the values of a row of a job file to those of the fields; by default unchanged.
+        """Convert the values of a row of a job file to field values; by default unchanged.
 
         Parameters
         ----------
         where : str
-            Row, for messages.
+            Place of the row, for messages.
         row : mapping
             Values by key.
         """

@@ -1,6 +1,6 @@
 """Element matrices of beams, trusses and shells from pyfe3d, which only this module imports.
 
-Properties of pyfe3d 0.11 that matter here (each has a test):
+Relevant properties of pyfe3d 0.11 (each has a test):
 
 - Every property is 0 until it is set: A, Iyy, Izz, the shear modulus, and the densities ``intrho``,
   ``intrhoy2``, ``intrhoz2``.
@@ -24,7 +24,7 @@ from updyn.errors import ModelError
 
 __all__ = ["beam_matrices", "plate_matrices", "truss_matrices"]
 
-_RIGID_IN_SHEAR = 1e10  # shear modulus over E whose flexibility is lost in rounding
+_RIGID_IN_SHEAR = 1e10  # ratio of shear modulus to E above which rounding removes the flexibility
 _INDEX = np.dtype("l")  # C long, the type of indices in pyfe3d
 
 
@@ -48,24 +48,12 @@ def beam_matrices(
     vectors: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of beams, each shape (m, 12, 12).
+    """Return stiffness and consistent mass of beams in global axes, each shape (m, 12, 12).
 
-    In N/m, N, N m and kg, kg m, kg m2, in global axes.
-
-    Timoshenko beams with the displacement functions of static equilibrium (Luo, Adv. Theor. Appl.
-    Mech. 1 (2008) 95; Petyt, Introduction to Finite Element Vibration Analysis, 2nd ed. 2010,
-    section 3.9).
-
-    Parameters
-    ----------
-    section : Section
-        Area, second moments, torsion constant, shear coefficients.
-    E, G, rho : float
-        Young's and shear modulus in Pa, density in kg/m3.
-    vectors : ndarray of float, shape (m, 3)
-        A vector in the local xy plane of each beam.
-    ends : ndarray of float, shape (m, 2, 3)
-        Positions of the nodes in m.
+    Units are N/m, N, N m and kg, kg m, kg m2; E and G are in Pa, rho in kg/m3. `vectors` (m, 3)
+    lie in the local xy planes, `ends` (m, 2, 3) are positions in m. Timoshenko beams with the
+    displacement functions of static equilibrium (Luo, Adv. Theor. Appl. Mech. 1 (2008) 95; Petyt,
+    Introduction to Finite Element Vibration Analysis, 2nd ed. 2010, section 3.9).
     """
     fe = _library()
     prop = fe.beamprop.BeamProp()
@@ -100,12 +88,7 @@ def truss_matrices(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in N/m and kg.
 
-    Parameters
-    ----------
-    A, E, rho : float
-        Area in m2, Young's modulus in Pa, density in kg/m3.
-    ends : ndarray of float, shape (m, 2, 3)
-        Positions of the nodes in m.
+    A is in m2, E in Pa, rho in kg/m3; `ends` (m, 2, 3) are positions in m.
     """
     fe = _library()
     prop = fe.beamprop.BeamProp()
@@ -132,20 +115,8 @@ def plate_matrices(
 
     First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989).
     Triangles have the transverse shear of the discrete shear gap; quadrilaterals have none here.
-
-    Parameters
-    ----------
-    what : str
-        The shell, for messages.
-    thickness, E, nu, rho : float
-        Thickness in m, Young's modulus in Pa, Poisson's ratio, density in kg/m3.
-    local : ndarray of float, shape (m, k, 3)
-        Positions of the 3 or 4 nodes in m, the third coordinate of each 0.
-
-    Raises
-    ------
-    ModelError
-        If pyfe3d refuses the material.
+    The thickness is in m, E in Pa, rho in kg/m3; `local` (m, k, 3) are positions in m with a third
+    coordinate of 0. A `ModelError` is raised if pyfe3d rejects the material.
     """
     fe = _library()
     try:

@@ -1,10 +1,10 @@
 """Flat shells: local axes, warped quadrilaterals, and the transverse shear of four-node shells.
 
-Membrane, bending and drilling come from pyfe3d. The transverse shear of four-node shells is that of
-Dvorkin & Bathe, Engineering Computations 1 (1984) 77-88 (MITC4): sampled at the middles of the
+Membrane, bending and drilling come from pyfe3d. The transverse shear of four-node shells is that
+of Dvorkin & Bathe, Engineering Computations 1 (1984) 77-88 (MITC4): sampled at the middles of the
 edges, free of locking and of spurious modes. A node off the mean plane of its quadrilateral is
-connected to that plane by a rigid arm along the normal, so that a rigid rotation does not strain
-the element (MacNeal, Finite Elements: Their Design and Performance, 1994, ch. 10).
+connected to that plane by a rigid arm along the normal, which keeps rigid rotations free of strain
+(MacNeal, Finite Elements: Their Design and Performance, 1994, ch. 10).
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from updyn.errors import ModelError, UpdynWarning
 
 __all__ = ["Shell"]
 
-_FLAT = 1e-9  # of the size: nodes closer than this to the plane are in it
-_WARPED = 0.1  # of the size: beyond it flat elements are a poor choice
+_FLAT = 1e-9  # relative distance below which a node is in the plane
+_WARPED = 0.1  # relative distance above which flat elements are a poor choice
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shell(Element):
-    """Flat shells of three or four nodes, of one thickness and material, one group.
+    """Flat shells with three or four nodes, of one thickness and material.
 
     Parameters
     ----------
     name : str
         Group name; parts of the same name form one group.
     connectivity : array_like of int, shape (m, 3) or (m, 4)
-        Node numbers of each element, in order around it. Triangles and quadrilaterals go into two
-        parts of one name.
+        Node numbers around each element. Triangles and quadrilaterals are two parts, possibly with
+        the same name.
     E, rho : float
         Young's modulus in Pa and density in kg/m3 (0: without mass).
     thickness : float
@@ -69,7 +69,7 @@ class Shell(Element):
         store(self, thickness=positive(what, "thickness", self.thickness))
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
-        """Compute stiffness and consistent mass of some of the shells.
+        """Compute stiffness and consistent mass of given shells.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Shell(Element):
         return np.stack([self.connectivity, following], axis=2).reshape(-1, 2)
 
     def faces(self) -> NDArray[np.int64]:
-        """Return the shells themselves."""
+        """Return the node numbers of the shells."""
         return np.asarray(self.connectivity)
 
     def _axes(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -167,7 +167,7 @@ class Shell(Element):
             )
 
     def _element(self, numbers: NDArray[np.int64], chosen: Any) -> str:
-        """Return how messages call the first of the chosen elements."""
+        """Return the name of the first of given elements for messages."""
         return f"{self.label}: the element of nodes {numbers[int(np.argmax(chosen))].tolist()}"
 
     def _shear_stiffness(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -197,7 +197,7 @@ def _transformation(axes: NDArray[np.float64], height: NDArray[np.float64]) -> N
     for i in range(k):
         T[:, i, :3, i, :3] = axes
         T[:, i, 3:, i, 3:] = axes
-        # The point in the plane stands -h along the normal: u + theta x (0, 0, -h).
+        # The point in the plane is at -h along the normal: u + theta x (0, 0, -h).
         T[:, i, 0, i, 3:] -= height[:, i, None] * axes[:, 1]
         T[:, i, 1, i, 3:] += height[:, i, None] * axes[:, 0]
     return T.reshape(m, 6 * k, 6 * k)

@@ -1,9 +1,9 @@
 """Solid elements: hexahedra of 8 and 20 nodes, tetrahedra of 4 and 10, computed in batches.
 
-Shape functions and quadrature points are those of scikit-fem. Matrices follow Zienkiewicz, Taylor &
-Zhu, The Finite Element Method, 6th ed. 2005, chapters 5 and 6. Eight-node hexahedra have the
+Shape functions and quadrature points are those of scikit-fem. Matrices follow Zienkiewicz, Taylor
+& Zhu, The Finite Element Method, 6th ed. 2005, chapters 5 and 6. Eight-node hexahedra have the
 incompatible modes of Taylor, Beresford & Wilson, Int. J. Numer. Methods Eng. 10 (1976) 1211-1219,
-so that they bend; four-node tetrahedra are stiff and are best kept for filling.
+which improve bending; four-node tetrahedra are too stiff and best used for filling only.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _ORDERS = {4: (1, 2), 8: (2, 2), 10: (2, 4), 20: (4, 4)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid(Element):
-    """Solid elements of one material, one group. Their nodes have X, Y, Z only.
+    """Solid elements of one material. Their nodes have X, Y, Z only.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ class Solid(Element):
         Group name; parts of the same name form one group.
     connectivity : array_like of int, shape (m, 4), (m, 8), (m, 10) or (m, 20)
         Node numbers of tetrahedra (4, 10) or hexahedra (8, 20), in the order of VTK and meshio:
-        corners, then the middles of the edges (of hexahedra those of the first face, of the second,
-        and between them).
+        corners, then midpoints of edges (for hexahedra: of the first face, of the second face, and
+        between them).
     E, rho : float
         Young's modulus in Pa and density in kg/m3 (0: without mass).
     nu : float
@@ -67,7 +67,7 @@ class Solid(Element):
     loss_factor : float
         Structural loss factor.
     lumped : bool
-        A diagonal mass instead of the consistent one.
+        Whether to use a diagonal mass instead of the consistent one.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class Solid(Element):
             raise ModelError(f"{what}: lumped {self.lumped!r}; expected True or False")
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
-        """Compute stiffness and mass of some of the elements."""
+        """Compute stiffness and mass of given elements."""
         bad = inside_out(xyz)
         if bad is not None:
             raise ModelError(
@@ -107,12 +107,12 @@ class Solid(Element):
         return ElementMatrices(K, M if self.rho else None)
 
     def edges(self) -> NDArray[np.int64]:
-        """Return the edges, corner to corner, of the faces that belong to one element only."""
+        """Return the edges, corner to corner, of the outer faces."""
         outer = self.faces()
         return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)
 
     def faces(self) -> NDArray[np.int64]:
-        """Return the corners of the faces that belong to one element only."""
+        """Return the corners of the outer faces, which belong to one element only."""
         corners = np.array(_SHAPES[_CORNERS[self.connectivity.shape[1]]].faces)
         faces = self.connectivity[:, corners].reshape(-1, corners.shape[1])
         _, first, count = np.unique(
@@ -136,22 +136,10 @@ def solid_matrices(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and mass of solid elements, each shape (m, 3 k, 3 k), in N/m and kg.
 
-    Parameters
-    ----------
-    xyz : ndarray of float, shape (m, k, 3)
-        Positions in m of the k = 4, 8, 10 or 20 nodes of m elements, none of them inside out
-        (`inside_out`), in the order of VTK: corners, then the middles of the edges (of hexahedra
-        those of the first face, of the second, and between them).
-    E, nu, rho : float
-        Young's modulus in Pa, Poisson's ratio (below 0.5), density in kg/m3.
-    lumped : bool
-        A diagonal mass, scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz,
-        Earthquake Eng. Struct. Dyn. 4 (1976) 245-249).
-
-    Raises
-    ------
-    ModelError
-        If scikit-fem is missing.
+    `xyz` (m, k, 3) are positions in m of k = 4, 8, 10 or 20 nodes in the order of VTK, none of the
+    elements inside out (`inside_out`); E is in Pa, nu below 0.5, rho in kg/m3. A lumped mass is
+    scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake Eng.
+    Struct. Dyn. 4 (1976) 245-249). A `ModelError` is raised if scikit-fem is missing.
     """
     k = xyz.shape[1]
     at_stiffness = _shape(k, mass=False)
@@ -173,9 +161,9 @@ def solid_matrices(
 
 
 def inside_out(xyz: NDArray[np.float64]) -> int | None:
-    """Return the index of the first element without positive volume at some point, or None.
+    """Return the index of the first element with a point of non-positive volume, or None.
 
-    `xyz` holds the positions of the nodes in m, shape (m, k, 3).
+    `xyz` has the positions of the nodes in m, shape (m, k, 3).
     """
     k = xyz.shape[1]
     good = np.ones(len(xyz), dtype=np.bool_)
@@ -223,7 +211,7 @@ def _with_bending(
 ) -> NDArray[np.float64]:
     """Add the three incompatible modes 1 - r^2 of each direction and condense them."""
     centre = _shape_at(8, np.array([[0.5], [0.5], [0.5]]))
-    # The Jacobian of the centre, shape (m, 1, 3, 3), for all points: so the patch test holds.
+    # The Jacobian of the centre, shape (m, 1, 3, 3), at all points, for the patch test to hold.
     J = centre.slopes @ xyz[:, None]
     r = 2 * shape.points - 1  # (3, q)
     slopes = np.zeros((shape.w.size, 3, 3))
@@ -260,7 +248,7 @@ def _shape_at(k: int, points: NDArray[np.float64]) -> _Shape:
     N = np.empty((k, q))
     slopes = np.empty((k, 3, q))
     for i, node in enumerate(nodes):
-        # scikit-fem has its own order of nodes: the function is found by its place.
+        # scikit-fem has another node order: the function is identified by its position.
         own = int(np.argmin(np.abs(element.doflocs - node).sum(axis=1)))
         N[i], slopes[i] = element.lbasis(points, own)
     return _Shape(np.ones(q), N.T, slopes.transpose(2, 1, 0), points)

@@ -22,8 +22,7 @@ _ROTATION_ROUNDING = 1e-12  # of the largest entry: zeros after a rotation
 class Spring(Element):
     """A spring (and damper) between two nodes, or from a node to ground.
 
-    Between nodes apart from each other it acts half-way, on rigid arms, so that a rigid rotation
-    does not strain it.
+    Between distant nodes it acts half-way, on rigid arms, and is not strained by rigid rotations.
 
     Parameters
     ----------
@@ -32,15 +31,15 @@ class Spring(Element):
     first : int
         Node number.
     second : int, optional
-        Node number; None: ground, at the place of `first`.
+        Node number; by default ground, at the place of `first`.
     stiffness : array_like of float, shape (6,)
-        Along and about the axes: three in N/m, three in N m/rad.
+        Stiffness along and about the axes: three in N/m, three in N m/rad.
     viscous : array_like of float, shape (6,)
-        Dampers likewise: three in N s/m, three in N m s/rad.
+        Damping along and about the axes: three in N s/m, three in N m s/rad.
     axes : array_like of float, shape (2, 3), or "line", optional
-        Local x, and a vector in the local xy plane, in global components. None: the global axes.
-        ``"line"``: x from the first to the second node; then only the first and fourth of the six
-        may differ from 0.
+        Local x, and a vector in the local xy plane, in global components; by default the global
+        axes. ``"line"``: x from the first to the second node; then only the first and fourth of
+        the six values may differ from 0.
     loss_factor : float
         Structural loss factor.
 
@@ -131,11 +130,11 @@ class Spring(Element):
         return ElementMatrices(_quadratic(self.stiffness, G), C=_quadratic(self.viscous, G))
 
     def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which DOFs of the ends have stiffness or damping, shape (1, k, 6)."""
+        """Return a mask of the end DOFs with stiffness or damping, shape (1, k, 6)."""
         return self.matrices(self.node_numbers, xyz).nonzero.reshape(1, -1, 6)
 
     def edges(self) -> NDArray[np.int64]:
-        """Return the line between the ends; of a spring to ground none."""
+        """Return the line between the ends; empty for a spring to ground."""
         if self.second is None:
             return np.empty((0, 2), dtype=np.int64)
         return self.node_numbers
@@ -168,12 +167,12 @@ class PointMass(Element):
     node : int
         Node number.
     mass : float
-        In kg.
+        Mass in kg.
     inertia : array_like of float, shape (3,) or (3, 3)
-        About the centre of the mass, along global axes, in kg m2: the three moments, or the tensor
-        (its off-diagonal entries are minus the products of inertia).
+        Inertia about the centre of mass along global axes in kg m2: the three moments, or the
+        tensor (its off-diagonal entries are minus the products of inertia).
     offset : array_like of float, shape (3,)
-        From the node to the centre of the mass, in global components, in m.
+        Vector from the node to the centre of mass, in global components in m.
 
     Raises
     ------
@@ -220,7 +219,7 @@ class PointMass(Element):
         return np.array([[self.node]])
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
-        """Compute the mass at the node from that at the centre of the mass."""
+        """Compute the mass at the node from that at the centre of mass."""
         centre = np.zeros((6, 6))
         centre[:3, :3] = self.mass * np.eye(3)
         centre[3:, 3:] = self.inertia
@@ -228,12 +227,12 @@ class PointMass(Element):
         return ElementMatrices(M=(T.T @ centre @ T)[None])
 
     def used_dofs(self, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which DOFs of the node have mass or inertia, shape (1, 1, 6)."""
+        """Return a mask of the node DOFs with mass or inertia, shape (1, 1, 6)."""
         return self.matrices(self.node_numbers, xyz).nonzero.reshape(1, 1, 6)
 
 
 def _quadratic(diagonal: NDArray[np.float64], G: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return G^T diag G with a leading axis of 1; None where the diagonal is 0."""
+    """Return G^T diag G with a leading axis of 1; None if the diagonal is 0."""
     if not diagonal.any():
         return None
     return np.asarray((G.T @ (diagonal[:, None] * G))[None])
@@ -242,7 +241,7 @@ def _quadratic(diagonal: NDArray[np.float64], G: NDArray[np.float64]) -> NDArray
 def _rigid_arm(arm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the motion of the end of a rigid arm from that of its start, shape (6, 6).
 
-    The end moves by u + theta x arm and turns by theta.
+    The end moves by u + theta x arm and rotates by theta.
     """
     x, y, z = arm
     out = np.eye(6)
