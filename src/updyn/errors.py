@@ -13,7 +13,7 @@ Errors caused by user input derive from `UpdynError`::
     │   ├── ParameterError    an unknown, its bounds or its group
     │   ├── OptionError       an option, a method or a keyword
     │   └── JobError          the job file: gives file and line
-    ├── SolverError           a frequency line without a solution: undamped resonance, singular model
+    ├── SolverError           a line without a solution: undamped resonance, singular model
     ├── StoppedError          the caller stopped work that has no partial result
     └── EngineError           worker processes or the cluster were lost
 
