@@ -1,8 +1,8 @@
-"""Matching: the DOF of the model for each sensor and each force of a test, by label or by position.
+"""Matching of sensors and forces of a test to DOFs of a model, by label or by position.
 
-- `sensors`: `match`, and the user's input on the test.
+- `sensors`: `match`, and the user's input about the test.
 - `placement`: positions, units and alignment.
-- `directions`: sensors that point along no DOF.
+- `directions`: sensors that are not along a DOF.
 - `result`: the matching, its table and its error.
 """
 

@@ -1,12 +1,12 @@
-"""Sensors that point along no DOF: the DOFs of their node are turned so that each is one.
+"""Sensors that are not along a DOF: rotate the DOFs of their node along the sensors.
 
-At a node with the translations u, sensors and forces along a_1, a_2, a_3 (of length 1, independent)
-get the DOFs q_k = a_k . u, so that u = B q with B the inverse of the matrix A whose rows are a_k. A
-force f along a_k does the work f q_k, so that it is a force on q_k alone, whether or not the
-directions are at right angles. All groups follow as T^T K T with T = B at that node and the
-identity elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element
-Analysis, 4th ed. 2002, chapter 8). This is exact: nothing is interpolated, and the model stays a
-sum of its groups.
+At a node with the translations u, sensors and forces along a_1, a_2, a_3 (independent unit
+vectors) get the DOFs q_k = a_k . u. Then u = B q, where B is the inverse of the matrix A with rows
+a_k. A force f along a_k does the work f q_k, so it acts on q_k alone, whether or not the
+directions are at right angles. Each matrix of a group becomes T^T K T, with T = B at that node and
+the identity elsewhere (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element
+Analysis, 4th ed. 2002, chapter 8). This is exact: nothing is interpolated, and the model remains a
+sum of groups.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from updyn.model import Group, Matrix, Model
 
 __all__ = ["AssignedDof", "Target", "assign_dofs"]
 
-_NEARLY_ALONG = 10.0  # degrees off a DOF up to which a message suggests the option `angle`
-_SMALLEST_ANGLE = 1.0  # degrees between two directions that are two DOFs
+_NEARLY_ALONG = 10.0  # degrees from a DOF up to which a message suggests the option `angle`
+_SMALLEST_ANGLE = 1.0  # smallest angle in degrees between the directions of two DOFs
 _INDEPENDENT = 0.01  # smallest singular value of the directions at a node
 _ORTHONORMAL = 5e-5  # tolerance of `Geometry` on its axes
-_TIE = 1e-6  # weight of the label's own direction where axes are equally near
+_TIE = 1e-6  # weight of the label's direction if axes are equally near
 
 _TRANSLATION = 0  # first direction of the translations and of the rotations of a node
 _ROTATION = 3
@@ -39,18 +39,18 @@ _ROTATION = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """Node of the model at which a sensor is, and its direction there.
+    """Node of the model for a sensor, and its direction there.
 
     Attributes
     ----------
     sensor : Dof
-        Its label in the measurement, positive.
+        Label of the sensor in the measurement, positive.
     role : str
         Its role in the measurement.
     dof : Dof
-        Node in the model, with the direction and the sense of the label.
+        Node in the model, with direction and sign of the label.
     vector : ndarray of float, shape (3,), or None
-        Direction in the global system of the model, of length 1; None: that of `dof`.
+        Unit direction in the global system of the model; None for that of `dof`.
     """
 
     sensor: Dof
@@ -66,11 +66,11 @@ class AssignedDof:
     Attributes
     ----------
     dof : Dof
-        In the model that `assign_dofs` returns, with the sense of the sensor.
+        DOF in the model returned by `assign_dofs`, with the sign of the sensor.
     angle : float
-        Degrees between the sensor and that DOF before it was turned.
+        Angle in degrees between the sensor and that DOF before any rotation.
     turned : bool
-        Whether it was turned.
+        Whether the DOF was rotated.
     """
 
     dof: Dof
@@ -80,7 +80,7 @@ class AssignedDof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Local:
-    """A target in the directions of its node: `part` 0 for translations, 3 for rotations."""
+    """A target in the directions of its node; `part` is 0 for translations, 3 for rotations."""
 
     target: Target
     part: int
@@ -103,31 +103,13 @@ class _Local:
 def assign_dofs(
     model: Model, targets: Sequence[Target], angle: float = EXACT
 ) -> tuple[Model, list[AssignedDof], list[str]]:
-    """Assign a DOF to each sensor, turning the DOFs of nodes with oblique sensors.
+    """Assign a DOF to each sensor, rotating the DOFs of nodes with oblique sensors.
 
-    Parameters
-    ----------
-    model : Model
-        The structure.
-    targets : sequence of Target
-        The sensors and forces.
-    angle : float
-        Degrees within which a sensor is taken to point along a DOF.
-
-    Returns
-    -------
-    model : Model
-        With turned DOFs where needed, else the same object. Labels stay. `Geometry.axes` holds the
-        directions of turned nodes that are at right angles; the title states the others.
-    assigned : list of AssignedDof
-        In the order of `targets`.
-    notes : list of str
-        On DOFs whose directions the geometry cannot hold.
-
-    Raises
-    ------
-    MatchError
-        If the model lacks a DOF, or the directions at one node are too many or too close.
+    A sensor within `angle` degrees of a DOF is taken to be along it. The model (the same object if
+    nothing was rotated), the DOFs in the order of `targets`, and notes are returned. Labels are
+    unchanged. `Geometry.axes` has the orthogonal directions of rotated nodes; the title and the
+    notes give other directions. A `MatchError` is raised if the model lacks a DOF, or the
+    directions at one node are too many or too close.
     """
     nodes = {target.dof.node for target in targets}
     frames = _frames(model, nodes)
@@ -158,7 +140,7 @@ def _frames(model: Model, nodes: Iterable[int]) -> dict[int, NDArray[np.float64]
 
 
 def _directions_of(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, ...]]:
-    """Return which of the six directions nodes have, ascending."""
+    """Return the existing ones of the six directions of nodes, ascending."""
     out: dict[int, list[int]] = {node: [] for node in nodes}
     for row in np.flatnonzero(np.isin(model.dofs.nodes, list(out))):
         out[int(model.dofs.nodes[row])].append(int(model.dofs.axes[row]))
@@ -166,7 +148,7 @@ def _directions_of(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, .
 
 
 def _mask(directions: Iterable[int], part: int) -> NDArray[np.bool_]:
-    """Return which of the three directions of a part (translations, rotations) a node has."""
+    """Return a mask of the three directions of a part (translations, rotations) that a node has."""
     return np.isin(part + np.arange(3), list(directions))
 
 
@@ -202,7 +184,7 @@ def _local(
     directions: tuple[int, ...],
     angle: float,
 ) -> _Local | str:
-    """Return the target in the directions of its node, or why it is no DOF there."""
+    """Return the target in the directions of its node, or why it is not a DOF there."""
     axis = DIRECTIONS.index(target.dof.direction)
     part = _ROTATION if axis >= _ROTATION else _TRANSLATION
     present = _mask(directions, part)
@@ -241,7 +223,7 @@ def _angle_off(vector: NDArray[np.float64], axis: int) -> float:
 
 
 def _missing_dof(model: Model, target: Target) -> str:
-    """Return the message on a DOF that the model lacks."""
+    """Return the message about a DOF that the model lacks."""
     dof = abs(target.dof)
     try:
         model.dofs.match([dof], target.role)
@@ -254,9 +236,9 @@ def _missing_dof(model: Model, target: Target) -> str:
 # -- one node
 @dataclass(frozen=True, slots=True, eq=False)
 class _Basis:
-    """New directions of a node, as rows in its old ones.
+    """New directions of a node, as rows in its old directions.
 
-    `same` says whether translations and rotations have the same three directions at right angles.
+    `same` is True if translations and rotations have the same three orthogonal directions.
     """
 
     translations: NDArray[np.float64]
@@ -298,9 +280,9 @@ def _any_oblique(found: Sequence[_Local]) -> bool:
 
 
 def _mixes(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
-    """Return whether new directions combine directions that a node has with others that it lacks.
+    """Return whether new directions combine directions that a node has with directions it lacks.
 
-    They must not: a planar model stays planar.
+    Such a combination is not allowed: a planar model remains planar.
     """
     if not mask.any():
         return False
@@ -314,7 +296,7 @@ def _turned_rows(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np
 
 
 def _distinct(found: Sequence[_Local]) -> list[_Local]:
-    """Return one of those that are parallel; first those along a DOF, which stay as they are."""
+    """Return one of each set of parallel targets, preferably one along an unchanged DOF."""
     kept: list[_Local] = []
     for local in sorted(found, key=lambda x: x.oblique):
         if all(_angle_between(local.vector, other.vector) > EXACT for other in kept):
@@ -369,9 +351,9 @@ def _check_angles(node: int, found: Sequence[_Local]) -> None:
 
 
 def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return three directions as rows: those of the sensors, then others at right angles to them.
+    """Return three directions as rows: those of the sensors, then others orthogonal to them.
 
-    Each is in the row of the axis that is nearest to it.
+    Each direction is in the row of the axis nearest to it.
     """
     vectors = list(_vectors(found))
     labels = [DIRECTIONS.index(local.target.dof.direction) % 3 for local in found]
@@ -379,7 +361,7 @@ def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.f
     span = np.linalg.qr(_vectors(found).T)[0]
     while len(vectors) < len(axes):
         rest = np.eye(3)[axes] - (np.eye(3)[axes] @ span) @ span.T
-        size = np.round(np.linalg.norm(rest, axis=1), 12)  # a tie goes to the first
+        size = np.round(np.linalg.norm(rest, axis=1), 12)  # the first of equal values is taken
         largest = rest[int(np.argmax(size))]
         new = largest / np.linalg.norm(largest)
         new[np.abs(new) < 1e-14] = 0.0
@@ -395,7 +377,7 @@ def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.f
 def _label_score(
     vectors: Sequence[NDArray[np.float64]], labels: Sequence[int], order: Sequence[int]
 ) -> float:
-    """Return how near vectors are to the axes of an order; labels of the sensors break ties."""
+    """Return the closeness of vectors to the axes in an order; sensor labels break ties."""
     near = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
     same = sum(label == axis for label, axis in zip(labels, order, strict=False))
     return round(near, 9) + _TIE * same
@@ -419,7 +401,7 @@ def _turned(
     frames: Mapping[int, NDArray[np.float64]],
     directions: Mapping[int, tuple[int, ...]],
 ) -> tuple[Model, list[str]]:
-    """Return the model in the new DOFs, and notes on those that its geometry cannot hold."""
+    """Return the model in the new DOFs, and notes on those that its geometry cannot represent."""
     T, changed = _transformation(model, bases, directions)
     groups = {name: _transformed(group, T, changed) for name, group in model.groups.items()}
     geometry, others = _with_axes(model.geometry, bases, frames)
@@ -437,7 +419,7 @@ def _turned(
 def _transformation(
     model: Model, bases: Mapping[int, _Basis], directions: Mapping[int, tuple[int, ...]]
 ) -> tuple[Matrix, NDArray[np.bool_]]:
-    """Return T of u = T q, shape (N, N), and the DOFs that it changes, shape (N,)."""
+    """Return T of u = T q, shape (N, N), and a mask of the DOFs that it changes, shape (N,)."""
     n = model.n_dofs
     place = {}
     for row in np.flatnonzero(np.isin(model.dofs.nodes, list(bases))):
@@ -466,7 +448,7 @@ def _transformation(
 
 
 def _transformed(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
-    """Return T^T A T of the matrices of a group; the group itself where no DOF of it changes."""
+    """Return T^T A T of the matrices of a group; the group itself if its DOFs are unchanged."""
 
     def touches(A: Matrix | None) -> bool:
         return A is not None and bool(changed[A.indices].any())
@@ -475,7 +457,7 @@ def _transformed(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
         if not touches(A):
             return A
         B = T.T @ A @ T
-        return 0.5 * (B + B.T)  # the products round the two halves differently
+        return 0.5 * (B + B.T)  # rounding makes the two halves of the products differ
 
     if not any(map(touches, (group.stiffness, group.mass, group.viscous))):
         return group
@@ -487,7 +469,7 @@ def _with_axes(
     bases: Mapping[int, _Basis],
     frames: Mapping[int, NDArray[np.float64]],
 ) -> tuple[Geometry | None, list[int]]:
-    """Return the geometry with the new directions, and the nodes that it cannot hold them of."""
+    """Return the geometry with the new directions, and the nodes that it cannot represent."""
     if geometry is None:
         return None, list(bases)
     known = set(geometry.nodes.tolist())
@@ -507,7 +489,7 @@ def _with_axes(
 def _described(
     node: int, basis: _Basis, frame: NDArray[np.float64], directions: tuple[int, ...]
 ) -> str:
-    """Return the turned DOFs of a node with their directions in the global system."""
+    """Return the rotated DOFs of a node with their directions in the global system, as text."""
     texts = []
     for axis in directions:
         row = basis.row(axis)

@@ -1,6 +1,6 @@
-"""Test nodes to model nodes by position: units, rigid alignment, tolerance.
+"""Match test nodes to model nodes by position: units, rigid alignment, tolerance.
 
-An alignment is a rotation and a shift, never a scaling or a reflection.
+An alignment is a rotation and a shift, without scaling or reflection.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _MAX_ITERATIONS = 200  # of the fit to nearest nodes
 _ORTHOGONAL = 1e-6  # largest deviation of a rotation matrix
 _DEFAULT_TOLERANCE = 0.01  # of the model's size
 _EQUALLY_NEAR = 1e-6  # of the model's size
-_NEARLY_AS_NEAR = 2.0  # distance of a second node over the first, up to which it is noted
-_WRONG_SCALE = 0.02  # stretch between pairs beyond which the message states it
+_NEARLY_AS_NEAR = 2.0  # distance ratio of a second node to the nearest, up to which it is noted
+_WRONG_SCALE = 0.02  # relative scale difference between pairs that a message mentions
 _ALIGNMENT = ("alignment",)
 
 Points = NDArray[np.float64]
@@ -35,30 +35,11 @@ Points = NDArray[np.float64]
 
 # -- rigid alignment
 def fit_rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
-    """Fit a rotation and a shift that move points onto others, by least squares.
+    """Fit a rotation and a shift of points x (n, 3) to points y (n, 3), by least squares.
 
-    Parameters
-    ----------
-    x, y : ndarray of float, shape (n, 3)
-        Points, and their targets.
-
-    Returns
-    -------
-    rotation : ndarray of float, shape (3, 3)
-    shift : ndarray of float, shape (3,)
-        y is about ``x @ rotation.T + shift``.
-    residual : float
-        Root mean square distance that remains.
-
-    Raises
-    ------
-    MatchError
-        If there are fewer than three points, or they lie in a line, which leaves the rotation about
-        it undetermined.
-
-    See Also
-    --------
-    updyn.positions.rigid_motion
+    Then y is about ``x @ rotation.T + shift``; the root mean square of the remaining distances is
+    also returned. A `MatchError` is raised for fewer than three points, or points in a line, which
+    leave the rotation about it undetermined. See `updyn.positions.rigid_motion`.
     """
     if len(x) < 3:
         raise MatchError(
@@ -81,7 +62,7 @@ def _check_not_in_line(centred: Points, what: str) -> None:
 
 
 def _read_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
-    """Return the alignment of a 4 x 4 matrix: rotation, and in the last column the shift in m."""
+    """Return the alignment of a 4 x 4 matrix: rotation, and the shift in m in the last column."""
     try:
         matrix = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -124,7 +105,7 @@ def _points_of_pairs(
 def _fit_to_pairs(
     pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, unit: str | None
 ) -> Alignment:
-    """Fit nodes of the test on nodes of the model."""
+    """Return the alignment of given test nodes with model nodes."""
     x, y = _points_of_pairs(pairs, test, model, factor)
     R, shift, residual = fit_rigid(x, y)
     return Alignment(f"aligned on {len(pairs)} pairs of nodes", R, shift, factor, unit, residual)
@@ -133,7 +114,7 @@ def _fit_to_pairs(
 def _check_pairs(
     pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, tolerance: float
 ) -> None:
-    """Raise an error for pairs farther apart than `tolerance` in m, with a likely cause."""
+    """Raise an error with a likely cause for pairs farther apart than `tolerance` in m."""
     x, y = _points_of_pairs(pairs, test, model, factor)
     R, shift, residual = fit_rigid(x, y)
     distances = np.linalg.norm(x @ R.T + shift - y, axis=1)
@@ -165,29 +146,17 @@ def _fit_to_nearest(
     unit: str | None,
     tolerance: float,
 ) -> Alignment:
-    """Fit points to the nearest of the model by iterated closest points (Besl & McKay 1992).
+    """Fit points (n, 3) to the nearest points of the model by iterated closest points.
 
-    It starts from the positions themselves, and if the points do not come within the tolerance,
-    once more with the centres of both sets on each other. It finds a local minimum.
-
-    Parameters
-    ----------
-    x : ndarray of float, shape (n, 3)
-        Points in m.
-    nearest : callable
-        From points (n, 3) to the nearest points of the model (n, 3).
-    centre : ndarray of float, shape (3,)
-        Of the model's points.
-    factor, unit
-        For the record.
-    tolerance : float
-        In m.
+    Besl & McKay 1992; it finds a local minimum. The fit starts from the given positions and, if
+    the points are not within the tolerance, once more with the centres of both sets aligned.
+    `nearest` returns the nearest points of the model; the tolerance is in m.
     """
     starts: Sequence[tuple[str, Points]] = (
         ("as the positions stand", np.zeros(3)),
         ("with the centres on each other", centre - x.mean(axis=0)),
     )
-    fit_rigid(x, x)  # refuses points that do not determine a rotation
+    fit_rigid(x, x)  # raises for points that do not determine a rotation
     fits = []
     for words, start in starts:
         R, shift = _iterate_nearest(x, nearest, start)
@@ -205,7 +174,7 @@ def _fit_to_nearest(
 def _iterate_nearest(
     x: Points, nearest: Callable[[Points], Points], start: Points
 ) -> tuple[Points, Points]:
-    """Return rotation and shift at which the nearest points stay the same, or fall into a line."""
+    """Return rotation and shift when the nearest points no longer change, or fall into a line."""
     R = np.eye(3)
     shift = start
     before: Points | None = None
@@ -229,11 +198,11 @@ class NodeMatch:
     Attributes
     ----------
     node : int
-        Of the model.
+        Node of the model.
     distance : float
-        Between the two, in m.
+        Distance of the two in m.
     note : str
-        Another node that is nearly as near.
+        Remark on another node at a similar distance.
     """
 
     node: int
@@ -242,7 +211,7 @@ class NodeMatch:
 
 
 class _Candidates:
-    """Nodes of a model with a position and translations (0), rotations (1) or both, as needed."""
+    """Model nodes with a position and translations (0), rotations (1) or both, as needed."""
 
     def __init__(self, model: Model, geometry: Geometry, needs: Sequence[frozenset[int]]) -> None:
         translating = np.isin(geometry.nodes, model.dofs.nodes[model.dofs.axes < 3])
@@ -271,9 +240,9 @@ class _Candidates:
             self._trees[need] = rows, KDTree(geometry.xyz[rows])
 
     def nearest(self, points: Points, n: int) -> tuple[NDArray[np.intp], Points]:
-        """Return rows of the geometry and distances in m of the n nearest, shape (len(points), n).
+        """Return geometry rows and distances in m of the n nearest nodes, shape (len(points), n).
 
-        A distance is infinite where there are fewer than n.
+        Missing nodes have an infinite distance.
         """
         rows = np.zeros((len(points), n), dtype=np.intp)
         distances = np.full((len(points), n), np.inf)
@@ -287,7 +256,7 @@ class _Candidates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Attempt:
-    """The test's nodes, moved to the model with one unit; `distinct`: no two fall on one node."""
+    """Test nodes moved to the model with one unit; `distinct` if no two share a nearest node."""
 
     alignment: Alignment
     points: Points
@@ -305,7 +274,7 @@ class _Attempt:
 
 
 class _Placement:
-    """Nodes of a test to place in a model, and the way to align them."""
+    """Nodes of a test to place in a model, and their alignment."""
 
     def __init__(
         self,
@@ -328,7 +297,7 @@ class _Placement:
         self.tolerance = 0.0
 
     def attempt(self, unit: str | None, factor: float) -> _Attempt:
-        """Align the nodes with one factor of length and find the nearest nodes of the model."""
+        """Align the nodes with one length factor and find the nearest nodes of the model."""
         found = self._align(unit, factor)
         points = found.apply(self.raw)
         rows, distances = self.candidates.nearest(points, 1)
@@ -364,37 +333,12 @@ def match_nodes(
     unit: str | None,
     alignment: Any,
 ) -> tuple[dict[int, NodeMatch], Alignment, list[str]]:
-    """Find the node of the model that is nearest to each node of the test.
+    """Find the nearest node of the model for each node of the test.
 
-    Parameters
-    ----------
-    model : Model
-        With a geometry.
-    test : Geometry
-        Of the test.
-    needs : mapping of int to frozenset of int
-        Nodes of the test; each needs a node of the model with translations (0), rotations (1) or
-        both.
-    tolerance : float, str or None
-        Largest distance in m, or a share of the model's size such as "1 %".
-    unit : str or None
-        Of the positions of the test.
-    alignment : None, "fit", mapping of int to int, or array_like (4, 4)
-        As for `match`.
-
-    Returns
-    -------
-    matches : dict of int to NodeMatch
-        By node of the test.
-    alignment : Alignment
-        Motion of the positions.
-    notes : list of str
-
-    Raises
-    ------
-    MatchError
-        If a node is not within the tolerance of one, or two are equally near, or the unit has to be
-        stated.
+    `needs` maps nodes of the test to the required DOFs of the model node: translations (0),
+    rotations (1) or both. The other arguments are as for `match`. The matches by node of the test,
+    the alignment and notes are returned. A `MatchError` is raised if no node is within the
+    tolerance, two nodes are equally near, or the unit must be given.
     """
     if model.geometry is None:
         raise MatchError(
@@ -437,9 +381,9 @@ def _some(numbers: Sequence[int]) -> str:
 
 
 def read_tolerance(given: float | str | None, size: float, *others: str) -> float:
-    """Return a tolerance in m; a share such as "1 %" is of `size` in m.
+    """Return a tolerance in m; a share such as "1 %" is relative to `size` in m.
 
-    A message lists the other values that are valid.
+    Messages also list the valid values in `others`.
     """
     if given is None:
         return _DEFAULT_TOLERANCE * size
@@ -461,7 +405,7 @@ def read_tolerance(given: float | str | None, size: float, *others: str) -> floa
 
 
 def _check_unit(placement: _Placement, attempt: _Attempt, unit: str | None) -> None:
-    """Raise an error where the positions fit in another unit only; nothing is converted unasked."""
+    """Raise an error if the positions fit only in another unit; nothing is converted silently."""
     size = placement.candidates.size
     shrunk = unit is None and not attempt.distinct and 10.0 * attempt.span < size
     if attempt.fits(placement.tolerance) and not shrunk:
@@ -494,7 +438,7 @@ def _check_unit(placement: _Placement, attempt: _Attempt, unit: str | None) -> N
 def _fits_in_other_units(
     placement: _Placement, stated: str
 ) -> list[tuple[str, str | None, _Attempt]]:
-    """Return the other units in which all nodes fit: in words, unit to state, attempt."""
+    """Return other units in which all nodes fit: description, unit to give, attempt."""
     others: list[tuple[str, str | None, float]] = []
     for name, factor in UNITS.items():
         if name != stated:
@@ -515,7 +459,7 @@ def _fits_in_other_units(
 
 
 def _too_far(placement: _Placement, attempt: _Attempt) -> str:
-    """Return the message on nodes without a node of the model within the tolerance."""
+    """Return the message about test nodes without a model node within the tolerance."""
     rows, distances = placement.candidates.nearest(attempt.points, 3)
     lost = np.flatnonzero(attempt.distance > placement.tolerance)
     texts = []
@@ -534,7 +478,7 @@ def _too_far(placement: _Placement, attempt: _Attempt) -> str:
 
 
 def _warn_of_far_fit(placement: _Placement, attempt: _Attempt) -> None:
-    """Warn of a fit to nearest nodes that moved far enough to have found the wrong ones."""
+    """Warn if a fit to nearest nodes moved the sensors so far that nodes may be wrong."""
     if not isinstance(placement.alignment, str):
         return
     start = attempt.alignment.factor * placement.raw

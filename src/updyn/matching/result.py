@@ -26,9 +26,9 @@ __all__ = [
     "vector_text",
 ]
 
-#: Degrees within which a direction counts as along a DOF, and two directions as one.
+#: Angle in degrees within which a direction is along a DOF, or two directions are equal.
 EXACT = 0.1
-#: Items that a message lists.
+#: Number of items that a message lists.
 SHOWN = 8
 
 
@@ -38,13 +38,13 @@ class MatchError(DofError):
     Parameters
     ----------
     message : str
-        What was found, what was expected, and the nearest candidates.
+        The content found, the expectation, and the nearest candidates.
     key : tuple of str
-        Argument of `match`, and key in it, that the error is about; empty: the measurement.
+        Argument of `match` and key in it that the error concerns; empty for the measurement.
     lost : sequence of str
-        The sensors, as the test labels them, that are no DOFs of the model.
+        Test labels of the sensors that are not DOFs of the model.
     proposal : mapping of str to object
-        Options of `match` with which nodes are found by their positions; empty if unknown.
+        Options of `match` that find nodes by position; empty if unknown.
     """
 
     def __init__(
@@ -68,18 +68,17 @@ class Alignment:
     Attributes
     ----------
     how : str
-        How it was found, in words.
+        Description of its origin.
     rotation : ndarray of float, shape (3, 3)
-        A rotation, no reflection.
+        Rotation matrix, without reflection.
     shift : ndarray of float, shape (3,)
-        In m.
+        Shift in m.
     factor : float
-        Metres of the unit of the test's positions.
+        Length unit of the test's positions in metres.
     unit : str or None
-        Its name, as stated; None: nothing was stated and m is assumed.
+        Given name of the unit; None if m was assumed.
     residual : float or None
-        Root mean square distance in m of the points that were fitted on each other; None where
-        nothing was fitted.
+        Root mean square distance in m of fitted points; None without a fit.
     """
 
     how: str
@@ -122,7 +121,7 @@ class Alignment:
 
 @dataclass(frozen=True, slots=True)
 class SensorMatch:
-    """One sensor, force, or both at one place.
+    """A sensor, a force, or both at one DOF.
 
     Attributes
     ----------
@@ -133,15 +132,15 @@ class SensorMatch:
     dof : str
         Label in the model, with the sign of the sensor's direction.
     distance : float
-        Between the two nodes, in m; nan where positions are not known.
+        Distance of the two nodes in m; nan if positions are unknown.
     angle : float
-        Degrees between the sensor and the DOF of that name in the model before the matching.
+        Angle in degrees between the sensor and the DOF of that name before the matching.
     turned : bool
-        Whether that DOF has been turned, so that it now lies along the sensor.
+        Whether that DOF was rotated to be along the sensor.
     direction : tuple of three float or None
-        The sensor's direction, of length 1, in the axes of the model; None: as its label says.
+        Unit direction of the sensor in the axes of the model; None for that of its label.
     note : str
-        Remark, such as another node that is nearly as near.
+        Remark, such as another node at a similar distance.
     """
 
     sensor: str
@@ -161,15 +160,15 @@ class Matching:
     Attributes
     ----------
     model : Model
-        The model; at nodes with oblique sensors its DOFs have been turned along them.
+        The model; at nodes with oblique sensors, DOFs are rotated along these.
     data : FRF or ModeSet
-        The measurement, named as the model names its DOFs.
+        The measurement with the DOF labels of the model.
     table : tuple of SensorMatch
-        One entry a sensor or force, in the order of the measurement.
+        One entry per sensor or force, in the order of the measurement.
     by : {"label", "coordinates"}
-        How nodes were found.
+        Way of finding the nodes.
     alignment : Alignment or None
-        How positions were moved onto the model; by label None, unless the positions of equal labels
+        Motion of the positions onto the model; None by label, unless the positions of equal labels
         agree only in another unit or after a motion.
     notes : tuple of str
         Remarks on the matching as a whole.
@@ -197,7 +196,7 @@ class Matching:
 
     @property
     def plain(self) -> bool:
-        """Whether every label is that of the model, no DOF was turned, and there is no note."""
+        """Whether all labels are those of the model, no DOF was rotated, and there is no note."""
         same = all(m.sensor == m.dof and not m.turned and not m.note for m in self.table)
         return same and self.by == "label" and not self.notes
 
@@ -241,7 +240,7 @@ def _metres(distance: float) -> str:
 
 
 def listed(items: Sequence[str], indent: str = "\n  ") -> str:
-    """Return up to `SHOWN` items, each on a line, and how many more there are."""
+    """Return up to `SHOWN` items, each on a line, and the number of others."""
     lines = list(items[:SHOWN])
     if len(items) > SHOWN:
         lines.append(f"... and {len(items) - SHOWN} more")
@@ -249,7 +248,7 @@ def listed(items: Sequence[str], indent: str = "\n  ") -> str:
 
 
 def vector_text(vector: Sequence[float] | NDArray[np.float64]) -> str:
-    """Return three numbers as text; rounding errors of 0 are 0."""
+    """Return three numbers as text; rounding errors of 0 become 0."""
     v = np.asarray(vector, dtype=np.float64)
     v = np.where(np.abs(v) < 5e-13, 0.0, v)
     return "(" + ", ".join(f"{x:.4g}" for x in v) + ")"

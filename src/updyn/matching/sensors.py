@@ -1,7 +1,6 @@
-"""`match`: sensors and forces of a test to DOFs of a model, by label or by position.
+"""`match`: match sensors and forces of a test to DOFs of a model, by label or by position.
 
-The user's input is the table of labels, the directions of sensors, and the geometries that know
-the nodes of the test.
+The user's input is the table of labels, the directions of sensors, and the geometries of the test.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ from updyn.positions import System, check_labels, model_size
 __all__ = ["match"]
 
 _WAYS = ("label", "coordinates")
-_ANY = "any"  # the tolerance with which positions are not compared
-_NODE = re.compile(r"-?[0-9]{1,18}")  # what has more digits is no number of a node
-_FITTED = 1.0  # degrees: the accuracy of a rotation that was fitted to positions
+_ANY = "any"  # tolerance without a comparison of positions
+_NODE = re.compile(r"-?[0-9]{1,18}")  # longer numbers are not node numbers
+_FITTED = 1.0  # accuracy in degrees of a rotation fitted to positions
 _SAME_AXES = 1e-9
 
 
@@ -48,11 +47,11 @@ def match(
     table: Mapping[str, str] | None = None,
     directions: Mapping[str, ArrayLike] | None = None,
 ) -> Matching:
-    """Match sensors and forces to the model, and name the measurement as the model names its DOFs.
+    """Match sensors and forces to the model, and label the measurement with its DOFs.
 
-    A sensor that points along no DOF of its node becomes one: the DOFs of that node are turned,
-    exactly, in a copy of the model. Nothing is interpolated between nodes, and every unit,
-    alignment or direction that is assumed is stated.
+    If a sensor is not along a DOF of its node, the DOFs of that node are rotated, exactly, in a
+    copy of the model. Nothing is interpolated between nodes, and every assumed unit, alignment or
+    direction is reported.
 
     Parameters
     ----------
@@ -61,37 +60,37 @@ def match(
     data : FRF or ModeSet
         The measurement, with the labels of the test.
     geometry : Geometry, optional
-        Positions of the nodes of the test, and their directions; None: as the FRFs' own geometry
-        says. Where both know the directions of a node, those of the FRFs hold: their labels refer
-        to them.
+        Positions of the nodes of the test, and their directions; by default from the geometry of
+        the FRFs. If both give directions of a node, those of the FRFs are used, as their labels
+        refer to them.
     by : {"label", "coordinates"}
-        By label, test and model have the same labels; where both have positions, these are
-        compared. By coordinates, each sensor belongs to the nearest node of the model that has
-        translations, or rotations, as it measures them.
+        By label, test and model have the same labels; if both have positions, these are compared.
+        By coordinates, each sensor is matched to the nearest node of the model with translations
+        or rotations, whichever it measures.
     tolerance : float or str, optional
         Largest distance between a sensor and its node in m, or a share of the diagonal of the box
-        around the model, such as "0.5 %". By coordinates 1 % by default. By label 5 %, and 25 %
-        to a node that is the nearest of the model; the positions may be in another unit or, as a
-        whole, moved and turned. "any": labels count whatever the positions are.
+        around the model, such as "0.5 %". Default by coordinates 1 %; by label 5 %, or 25 % if the
+        node is the nearest of the model, after a change of unit or a rigid motion of the positions
+        if needed. "any" matches by label without a comparison of positions.
     unit : {"m", "cm", "mm", "in", "ft"}, optional
-        Of the positions of the test. By default m is assumed, and it is an error if they fit only
-        in another unit; a stated unit is used as it is.
+        Unit of the positions of the test. By default m is assumed, and it is an error if they fit
+        only in another unit; a given unit is always used.
     alignment : "fit", mapping of int to int, or array_like of float, shape (4, 4), optional
-        How to move the positions of the test onto the model. "fit": rotated and shifted until the
-        distances to the nearest nodes are smallest, starting from the positions themselves; for
-        small corrections. A mapping: nodes of the test, and nodes of the model on which they lie;
-        three or more, not in a line. A matrix: the rotation, and in the last column the shift in m.
-        By default the two systems are one.
+        Motion of the positions of the test onto the model. "fit": rotation and shift with the
+        smallest distances to the nearest nodes, starting from the given positions; for small
+        corrections. A mapping: from nodes of the test to the nodes of the model at the same place;
+        three or more, not in a line. A matrix: the rotation, and the shift in m in the last
+        column. By default, both systems are the same.
     angle : float, optional
-        Degrees within which a direction is taken to be along a DOF; above 0.1 with a warning that
-        says which. By default 0.1, and 1 where the alignment was fitted.
+        Angle in degrees within which a direction is taken to be along a DOF; above 0.1, a warning
+        gives the sensors. By default 0.1, or 1 for a fitted alignment.
     table : mapping of str to str, optional
-        Label in the test = label in the model, whatever `by` is; signs multiply: ``{"3:Z":
-        "17:-Z"}``. A node alone, ``{"3": "17"}``, stands for all sensors at it. The positions of
-        these are not compared.
+        Labels in the model by label in the test, for any `by`; signs multiply: ``{"3:Z":
+        "17:-Z"}``. A node alone, ``{"3": "17"}``, applies to all its sensors. Their positions are
+        not compared.
     directions : mapping of str to array_like of float, shape (3,), optional
-        By label in the test, where a sensor or force points, in the axes of the test; any length.
-        For rotations the axis of rotation. It replaces what the label and the geometry say.
+        Directions of sensors or forces by label in the test, in the axes of the test; any length.
+        For rotations, the axis of rotation. They replace the directions from label and geometry.
 
     Returns
     -------
@@ -101,17 +100,17 @@ def match(
     Raises
     ------
     MatchError
-        If a sensor is not matched (the nearest candidates are listed), two are one DOF, positions
-        fit in another unit only, labels and positions contradict each other, or directions at a
-        node cannot all be DOFs.
+        If a sensor is not matched (the message lists the nearest candidates), two sensors have the
+        same DOF, positions fit only in another unit, labels and positions contradict each other,
+        or the directions at a node cannot all be DOFs.
     OptionError
-        If an option is not known or does not belong to this way of matching.
+        If an option is unknown or does not apply to this way of matching.
 
     Warns
     -----
     UpdynWarning
-        If sensors are taken along DOFs that they are up to `angle` off, a fit to nearest nodes
-        moved the sensors far, or positions of equal labels agree in other axes only.
+        If sensors deviate from their DOFs by an angle up to `angle`, a fit to nearest nodes moved
+        the sensors far, or positions of equal labels agree only in other axes.
 
     Examples
     --------
@@ -204,7 +203,7 @@ def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: An
 
 # -- user input
 def _roles(data: FRF | ModeSet) -> dict[Dof, str]:
-    """Return the role of each sensor and force, by label without sign, in order."""
+    """Return the role of each sensor and force, by unsigned label, in order."""
     if isinstance(data, ModeSet):
         return dict.fromkeys(map(abs, data.dofs), "DOF of the modes")
     frf = data
@@ -218,7 +217,7 @@ def _roles(data: FRF | ModeSet) -> dict[Dof, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """Labels and nodes of the test, and those of the model.
+    """Model labels and nodes by those of the test.
 
     Attributes
     ----------
@@ -227,7 +226,7 @@ class _Table:
     nodes : mapping of int to int
         Nodes of the model by node of the test.
     written : mapping of Dof or int to str
-        The entries of both as they were given, for messages.
+        The original entries of both, for messages.
     """
 
     dofs: Mapping[Dof, Dof] = field(default_factory=dict)
@@ -235,13 +234,13 @@ class _Table:
     written: Mapping[Dof | int, str] = field(default_factory=dict)
 
     def places(self, sensors: Iterable[Dof]) -> list[tuple[str, ...]]:
-        """Return the key paths of the entries that place sensors, in the order of the table."""
+        """Return the key paths of the entries for given sensors, in the order of the table."""
         used = {sensor if sensor in self.dofs else sensor.node for sensor in map(abs, sensors)}
         return [("table", text) for entry, text in self.written.items() if entry in used]
 
 
 def _read_table(given: Mapping[str, str], sensors: Mapping[Dof, str]) -> _Table:
-    """Read labels and nodes of the model by those of the test; errors carry the entry."""
+    """Read model labels and nodes by those of the test; errors have the key of the entry."""
     if not isinstance(given, Mapping):
         raise MatchError(
             f"table: expected labels by label, found {type(given).__name__}", ("table",)
@@ -282,7 +281,7 @@ def _read_node(old: Any, new: Any, sensors: Mapping[Dof, str], at: tuple[str, ..
 def _read_directions(
     given: Mapping[str, ArrayLike], sensors: Mapping[Dof, str]
 ) -> dict[Dof, NDArray[np.float64]]:
-    """Return directions of length 1 by sensor, in the axes of the test."""
+    """Return unit directions by sensor, in the axes of the test."""
     if not isinstance(given, Mapping):
         raise MatchError(
             f"directions: expected vectors by label, found {type(given).__name__}", ("directions",)
@@ -307,7 +306,7 @@ def _read_directions(
                 f"direction of {label}: expected three finite numbers, not all 0, found {vector!r}",
                 at,
             )
-        a = a / np.abs(a).max()  # the square of a length of 1e-200 is 0
+        a = a / np.abs(a).max()  # the square of a length of 1e-200 would be 0
         out[abs(dof)] = dof.sign * a / np.linalg.norm(a)
     return out
 
@@ -338,11 +337,11 @@ class _UserInput:
     sensors : mapping of Dof to str
         Roles by label.
     table : _Table
-        Labels and nodes of the model by those of the test.
+        Model labels and nodes by those of the test.
     vectors : mapping of Dof to ndarray, shape (3,)
         Directions by label.
     measured, given : Geometry or None
-        Of the measurement, and as the argument of `match`.
+        Geometry of the measurement, and argument of `match`.
     """
 
     sensors: Mapping[Dof, str]
@@ -353,18 +352,18 @@ class _UserInput:
 
     @property
     def geometry(self) -> Geometry | None:
-        """Geometry that positions are taken from."""
+        """Geometry used for positions."""
         return self.measured if self.given is None else self.given
 
     def _source_of(self, node: int) -> Geometry | None:
-        """Return the geometry that directions of a node are taken from."""
+        """Return the geometry used for directions of a node."""
         for source in (self.measured, self.given):
             if source is not None and node in source.nodes:
                 return source
         return None
 
     def axes(self, node: int) -> NDArray[np.float64] | None:
-        """Return the directions of a node of the test, as rows; None where no geometry knows it."""
+        """Return the directions of a node of the test as rows; None if no geometry has the node."""
         source = self._source_of(node)
         if source is None:
             return None
@@ -373,7 +372,7 @@ class _UserInput:
         return np.asarray(source.axes[int(np.argmax(source.nodes == node))])
 
     def nodes_by_label(self, model: Model, aligned: Alignment | None) -> dict[int, NodeMatch]:
-        """Return the node of the model for each node of the test: as numbered, or by table."""
+        """Return the model node for each node of the test: the same number, or from the table."""
         out = {}
         for node in {sensor.node for sensor in self.sensors}:
             new = self.table.nodes.get(node, node)
@@ -386,11 +385,8 @@ class _UserInput:
     ) -> tuple[Alignment | None, list[str]]:
         """Compare the positions of nodes that are not in the table, and warn of other axes.
 
-        Returns
-        -------
-        alignment : Alignment or None
-            In which labels and positions agree; None if they agree as they are.
-        notes : list of str
+        The alignment in which labels and positions agree (None if they agree directly) and notes
+        are returned.
         """
         if tolerance == _ANY:
             return None, ["By label whatever the positions are (tolerance = any)"]
@@ -447,7 +443,7 @@ class _UserInput:
         model: Model,
         aligned: Alignment | None,
     ) -> NodeMatch:
-        """Return the node of the model at which a sensor is, and the distance between the two."""
+        """Return the model node of a sensor, and the distance between the two."""
         found = nodes.get(target.sensor.node)
         if found is not None and found.node == target.dof.node:
             return found
@@ -490,7 +486,7 @@ class _UserInput:
         return Target(sensor, role, dof, R @ vector)
 
     def warn_of_unused(self, model: Model, by: str) -> list[str]:
-        """Warn of directions in the input that are not used; return the texts."""
+        """Warn of given directions that are not used; return the texts."""
         out = []
         nodes = list(dict.fromkeys(sensor.node for sensor in self.sensors))
         if by == "label" and model.geometry is None:
@@ -526,7 +522,7 @@ def _distance(
     new: int,
     aligned: Alignment | None = None,
 ) -> float:
-    """Return the distance of a node of the test from one of the model in m; nan where unknown."""
+    """Return the distance of a test node from a model node in m; nan if unknown."""
     if test is None or model is None or node not in test.nodes or new not in model.nodes:
         return float("nan")
     at = test.position([node])
@@ -536,7 +532,7 @@ def _distance(
 
 
 def _alignment_of(system: System) -> Alignment | None:
-    """Return the system in which labels and positions agree; None if it is the model's."""
+    """Return the system in which labels and positions agree; None if it is that of the model."""
     if system.factor == 1.0 and system.residual is None:
         return None
     how = "not moved" if system.residual is None else "moved onto the nodes of the same labels"
@@ -571,7 +567,7 @@ def _renamed(frf: FRF, new: Mapping[Dof, Dof], table: _Table) -> FRF:
 
 
 def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) -> DofSet:
-    """Return DOFs with the labels of the model; the sign of each goes with it."""
+    """Return DOFs with the labels of the model, with their signs."""
     renamed = []
     taken: dict[Dof, Dof] = {}
     for old in dofs:
