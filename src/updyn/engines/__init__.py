@@ -1,7 +1,8 @@
-"""Engines map a function over items: in this process, in several on this machine, or on a cluster.
+"""Engines map a function over items: in this process, in several processes, or on a cluster.
 
-An engine knows no physics. Another package adds one by registering a class in `KINDS` (see
-`EngineKind`). The modules of the built-in engines load joblib and Dask when an engine is made.
+An engine is independent of physics. Another package adds one by registering a class in `KINDS`
+(see `EngineKind`). The modules of the built-in engines load joblib and Dask when an engine is
+created.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["KINDS", "Engine", "EngineKind", "Serial", "choose_engine", "opened_engine"]
 
-#: Kinds of engines by name, in the order in which they are asked.
+#: Kinds of engines by name, in the order in which they are tried.
 KINDS: Registry[EngineKind] = Registry(
     "engine",
     "updyn.engines",
@@ -37,19 +38,19 @@ def choose_engine(engine: int | str | distributed.Client | Engine | None) -> Eng
     Parameters
     ----------
     engine : None, int, str, dask.distributed Client or Engine
-        None: this process. A number: so many processes on this machine (1: this one). A Client: the
-        workers of its cluster. An engine: itself. A text, or another object: the engine of a
-        registered kind that is made from it.
+        None: this process. A number: number of processes on this machine (1: this process). A
+        Client: the workers of its cluster. An engine: itself. A text, or another object: the
+        engine of a registered kind that accepts it.
 
     Returns
     -------
     Engine
-        The caller closes it if it was made here.
+        The engine; the caller closes it if it was created here.
 
     Raises
     ------
     OptionError
-        If no kind of engine is made from it.
+        If no kind of engine accepts the option.
     """
     if engine is None:
         return Serial()
@@ -67,7 +68,7 @@ def choose_engine(engine: int | str | distributed.Client | Engine | None) -> Eng
 
 @contextmanager
 def opened_engine(engine: int | str | distributed.Client | Engine | None) -> Iterator[Engine]:
-    """Give the engine for an option ``engine=``, and close it afterwards if it was made here.
+    """Yield the engine for an option ``engine=``, and close it afterwards if it was created here.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def opened_engine(engine: int | str | distributed.Client | Engine | None) -> Ite
     Raises
     ------
     OptionError
-        If no kind of engine is made from it.
+        If no kind of engine accepts the option.
     """
     chosen = choose_engine(engine)
     try:

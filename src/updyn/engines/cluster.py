@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Cluster"]
 
-#: Seconds without a worker or an answer after which a cluster counts as lost.
+#: Time in s without a worker or an answer after which a cluster counts as lost.
 PATIENCE_S = 60.0
 
 
 class Cluster(Remote):
-    """The engine of the workers of a Dask cluster, those that join later included.
+    """The engine of the workers of a Dask cluster, including workers that join later.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Cluster(Remote):
 
     @classmethod
     def from_option(cls, option: object) -> Engine | None:
-        """Return the engine for a Client; None for anything else.
+        """Return the engine for a Client; None for other options.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Cluster(Remote):
         EngineError
             If its workers cannot be used.
         """
-        distributed = sys.modules.get("distributed")  # whoever has a Client has loaded it
+        distributed = sys.modules.get("distributed")  # a Client implies that the module is loaded
         if distributed is None or not isinstance(option, distributed.Client):
             return None
         if option.asynchronous:
@@ -85,7 +85,7 @@ class Cluster(Remote):
 
     @property
     def workers(self) -> int:
-        """Items that are worked on at the same time."""
+        """Number of items processed at the same time."""
         return self._workers
 
     @property
@@ -94,7 +94,7 @@ class Cluster(Remote):
         return f"dask, {self._workers} worker{'s' * (self._workers != 1)}"
 
     def close(self) -> None:
-        """Free what the workers hold; client, scheduler and workers keep running."""
+        """Free the data on the workers; client, scheduler and workers keep running."""
         self._sent = []
         if self._managed and self._client.status == "running":
             self._client.amm.start()
@@ -102,7 +102,7 @@ class Cluster(Remote):
 
     # -- abstract methods of `Remote` ----------------------------------------------------------
     def _send(self, shared: Any) -> Future:
-        # Every worker gets a copy, so that any other can take over from one that dies. The list
+        # Every worker gets a copy, which allows others to replace a worker that dies. The list
         # keeps Dask from scattering the elements of `shared`; a hash would read every byte.
         self._check_connection()
         try:
@@ -151,7 +151,7 @@ class Cluster(Remote):
             raise self._lost(ConnectionError("the scheduler was out of reach"))
 
     def _lost(self, error: BaseException) -> LostError:
-        """Wait for a scheduler and a worker, forget objects that are gone, return the loss."""
+        """Wait for a scheduler and a worker, forget lost objects, and return the error."""
         until = time.monotonic() + PATIENCE_S
         while self._client.status == "connecting" and time.monotonic() < until:
             time.sleep(0.1)
@@ -174,7 +174,7 @@ class Cluster(Remote):
         return len(self._client.nthreads())
 
     def _check_versions(self) -> None:
-        """Refuse workers with another version, whose numbers would differ."""
+        """Reject workers with another version, whose results would differ."""
         found = self._client.run(_version, on_error="return")
         try:
             found["the scheduler"] = self._client.run_on_scheduler(_version)
@@ -190,8 +190,7 @@ class Cluster(Remote):
 
 
 # -- in the worker -----------------------------------------------------------------------------
-#: One item at a time, however many threads the worker has: caches in a shared object are not
-#: thread-safe.
+#: One item at a time for any number of threads: caches in a shared object are not thread-safe.
 _ONE = threading.Lock()
 
 

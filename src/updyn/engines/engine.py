@@ -18,14 +18,14 @@ R = TypeVar("R")
 
 @runtime_checkable
 class Engine(Protocol):
-    """Maps a function over many items, in one process or in many.
+    """Engine that maps a function over many items, in one or several processes.
 
-    The results, their order and their bits do not depend on the engine.
+    The results and their order are identical, bit by bit, for all engines.
     """
 
     @property
     def workers(self) -> int:
-        """Items that are worked on at the same time."""
+        """Number of items processed at the same time."""
 
     @property
     def name(self) -> str:
@@ -34,19 +34,19 @@ class Engine(Protocol):
     def map(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> Iterator[R]:
         """Yield ``function(shared, item)`` for every item, in the order of the items.
 
-        A result is yielded as soon as it and those before it are there. Closing the iterator early
-        cancels the items that have not started; the engine can be used again at once.
+        A result is yielded as soon as it and its predecessors are available. Closing the iterator
+        early cancels items that have not started; the engine can be used again at once.
 
         Parameters
         ----------
         function : callable
-            A function of a module (not a lambda: it may run in another process).
+            Module-level function (not a lambda, as it may run in another process).
         shared : object
-            Data that all items need, however large: sent once to each worker, which keeps it, with
-            whatever `function` caches in it, for later maps with the same object. It must not be
-            changed afterwards.
+            Data that all items need, of any size: sent once to each worker, which keeps it,
+            including data cached in it by `function`, for later maps with the same object. It must
+            not be changed afterwards.
         items : sequence
-            Arguments that differ; small, as the results should be.
+            Arguments that differ. Items and results should be small.
 
         Yields
         ------
@@ -56,19 +56,19 @@ class Engine(Protocol):
         Raises
         ------
         Exception
-            Raised by `function`; it is raised here when the result of its item is due.
+            Error of `function`, raised here when the result of its item is due.
         EngineError
-            If the workers are lost repeatedly, or for good.
+            If the workers are lost repeatedly or permanently.
         """
 
     def close(self) -> None:
-        """Release what the engine has started itself; a client that was given stays open."""
+        """Release resources that the engine created; a given client stays open."""
 
 
 class EngineKind(Protocol):
-    """A class of engines to register, with the values of ``engine=`` it is made from."""
+    """A class of engines to register, with the accepted values of ``engine=``."""
 
-    #: These values in words, for messages.
+    #: Description of the accepted values, for messages.
     expects: str
 
     def from_option(self, option: object) -> Engine | None:
@@ -86,18 +86,18 @@ class EngineKind(Protocol):
         Raises
         ------
         OptionError
-            If the value is of this kind but not usable.
+            If the value is of this kind but invalid.
         """
 
 
 class Serial:
-    """The engine of one process: this one."""
+    """The engine that uses only this process."""
 
     expects = "None"
 
     @classmethod
     def from_option(cls, option: object) -> Engine | None:
-        """Return the engine where none is asked for; None for anything else.
+        """Return the engine for the option None; None for other options.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class Serial:
 
     @property
     def workers(self) -> int:
-        """Items that are worked on at the same time: one."""
+        """Number of items processed at the same time: one."""
         return 1
 
     @property
@@ -126,7 +126,7 @@ class Serial:
         Parameters
         ----------
         function : callable
-            Function of a module.
+            Module-level function.
         shared : object
             Data that all items need.
         items : sequence

@@ -1,4 +1,4 @@
-"""`interrupts_blocked`: Ctrl-C while a process is started is for the one that starts it."""
+"""`interrupts_blocked`: only the parent process handles Ctrl-C while a process starts."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["interrupts_blocked"]
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block SIGINT in this thread, and in a process that is started meanwhile until it unblocks it.
+    """Block SIGINT in this thread, and in processes started meanwhile until they unblock it.
 
-    One that comes while a process still imports would end it with a traceback.
+    A SIGINT while a process imports its modules would end it with a traceback.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield

@@ -1,7 +1,7 @@
-"""Worker processes on this machine, and the file through which they share an object.
+"""Worker processes on this machine, and the file for their shared object.
 
-The processes are those of joblib's loky, started afresh on every platform, so that scripts need no
-``__main__`` guard.
+The processes are those of joblib's loky, started afresh on every platform; scripts therefore need
+no ``__main__`` guard.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ __all__ = [
     "open_parcel",
 ]
 
-#: Items submitted for each process: one that runs, and some waiting while results are used.
+#: Items submitted per process: one that runs, and some that wait while results are used.
 _AHEAD = 3
-#: Variables that limit the threads of BLAS libraries, which read them when they are loaded.
+#: Environment variables that limit the threads of BLAS libraries, which read them when loaded.
 _THREADS = (
     "OMP_NUM_THREADS",
     "MKL_NUM_THREADS",
@@ -47,18 +47,18 @@ _THREADS = (
     "BLIS_NUM_THREADS",
 )
 #: By default the C library of Linux returns large blocks to the system after every item and maps
-#: them anew, which takes a fifth of the time.
+#: them again, which takes a fifth of the time.
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "134217728"}
 
-#: Largest number of processes for each core: more only share it, and each takes 100 MB or more.
+#: Largest number of processes per core: more would only share it, and each takes 100 MB or more.
 _EACH_CORE = 8
-#: Seconds between two checks whether the parent process of a worker is still alive.
+#: Interval in s of the checks whether the parent process of a worker is alive.
 _PARENT_CHECK_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Call:
-    """A submitted item: its pool, its future, its shared object and the file that cancels it."""
+    """A submitted item: its pool, future and shared object, and the file that cancels it."""
 
     pool: Any
     future: Any
@@ -101,7 +101,7 @@ class Processes(Remote):
         Raises
         ------
         OptionError
-            If the number is below 1, or far above that of the cores.
+            If the number is below 1, or far above the number of cores.
         """
         if isinstance(option, bool) or not isinstance(option, int):
             return None
@@ -112,7 +112,7 @@ class Processes(Remote):
 
     @property
     def workers(self) -> int:
-        """Items that are worked on at the same time."""
+        """Number of items processed at the same time."""
         return self._workers
 
     @property
@@ -121,7 +121,7 @@ class Processes(Remote):
         return f"{self._workers} processes"
 
     def close(self) -> None:
-        """End the processes, whatever they are doing, and remove what was written for them."""
+        """Terminate the processes immediately, and remove their files."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, kill_workers=True)
         self._sent = []
@@ -131,7 +131,8 @@ class Processes(Remote):
 
     # -- abstract methods of `Remote` ----------------------------------------------------------
     def _send(self, shared: Any) -> Parcel:
-        # A worker opens the file when an item names it, so workers that start later find it too.
+        # Workers open the file when an item refers to it, so workers that start later find it,
+        # too.
         return Parcel(shared, self._new_path("shared"))
 
     def _submit(self, function: Callable[..., Any], handle: Parcel, item: Any) -> _Call:
@@ -164,12 +165,12 @@ class Processes(Remote):
     def _drop(self, calls: list[_Call]) -> None:
         for call in calls:
             if not call.future.cancel() and not call.future.done():
-                # It is in the queue of the workers, which `cancel` does not reach; the worker that
-                # takes it finds this file.
+                # The item is in the queue of the workers, which `cancel` does not reach; the
+                # worker that takes it finds this file.
                 call.called_off.touch()
 
     def _lost(self, pool: Any, error: Exception) -> LostError:
-        """Shut down a broken pool, which settles all of its calls, and return the loss."""
+        """Shut down a broken pool, which settles all of its calls, and return the error."""
         pool.shutdown(wait=True)
         if pool is self._pool:
             self._pool = None
@@ -183,7 +184,7 @@ class Processes(Remote):
 
 
 def _check_cores(workers: int) -> None:
-    """Refuse more processes than the cores of this machine can serve."""
+    """Reject more processes than the cores of this machine can serve."""
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -208,13 +209,13 @@ def _new_pool(workers: int, folder: Path) -> Any:
 
 
 def _limit(name: str, otherwise: int) -> int:
-    """Return the number of threads that the user has set; a list such as ``"4,2"`` is ignored."""
+    """Return the number of threads set by the user; a list such as ``"4,2"`` is ignored."""
     value = os.environ.get(name) or os.environ.get("OMP_NUM_THREADS", "")
     return int(value) if value.isdecimal() and int(value) else otherwise
 
 
 # -- in the worker -----------------------------------------------------------------------------
-#: The shared objects of this worker by their files, with what functions have cached in them.
+#: Shared objects of this worker by file, including data cached in them.
 _HELD: dict[Path, Any] = {}
 
 
@@ -223,14 +224,14 @@ def _start_worker(parent: int, folder: Path) -> None:
 
     # Ctrl-C in a terminal reaches every process of the job; only the parent acts on it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # loky ends a worker that has grown by 300 MB, taking it for a leak; ours cache factors.
+    # loky ends a worker that has grown by 300 MB, assuming a leak; these workers cache factors.
     process_executor._USE_PSUTIL = False
     if os.name == "posix":
         threading.Thread(target=_end_with, args=(parent, folder), daemon=True).start()
 
 
 def _end_with(parent: int, folder: Path) -> None:
-    """End this worker and remove its files when the parent process has been killed."""
+    """End this worker and remove its files if the parent process was killed."""
     while os.getppid() == parent:
         time.sleep(_PARENT_CHECK_S)
     shutil.rmtree(folder, ignore_errors=True)
@@ -262,14 +263,15 @@ class Parcel:
     read the same pages. The file is removed with the last reference to this object. It is written
     and read by one run in its own temporary folder; files of users are never read this way.
 
-    One mapping serves all arrays. `joblib.load` with ``mmap_mode`` maps each array by itself and
-    keeps a file descriptor for each, so that a model of 250 groups exceeds the usual limit of 1024;
-    it also takes 3.5 times as long to open one of 100 groups, and 1.3 to 2 times as long to write.
+    One mapping serves all arrays. `joblib.load` with ``mmap_mode`` maps each array separately and
+    keeps a file descriptor for each: a model of 250 groups exceeds the usual limit of 1024. It
+    also takes 3.5 times as long to open a model of 100 groups, and 1.3 to 2 times as long to write
+    it.
 
     Parameters
     ----------
     thing : object
-        What workers share.
+        Object that workers share.
     path : path
         The file, which does not exist yet.
 
@@ -303,17 +305,7 @@ class Parcel:
 
 
 def open_parcel(path: Path) -> Any:
-    """Return the object in a file; changes to its arrays stay in this process (copy on write).
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Returns
-    -------
-    object
-    """
+    """Return the object in a file; changes to its arrays stay in this process (copy on write)."""
     with path.open("rb") as file:
         memory = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY))
     (count,) = np.frombuffer(memory, dtype=np.int64, count=1)
@@ -330,6 +322,6 @@ def _padded(size: int) -> int:
 
 
 def _remove(path: Path) -> None:
-    # Windows keeps a file that a worker still has open; it is removed with its folder.
+    # Windows keeps a file that a worker has open; it is removed with its folder.
     with contextlib.suppress(OSError):
         path.unlink()

@@ -1,4 +1,4 @@
-"""Base class of engines whose workers may die: ordered results, and restart of lost work."""
+"""Base class of engines with workers that may die: ordered results, and restart of lost work."""
 
 from __future__ import annotations
 
@@ -16,32 +16,33 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: Losses without a result in between after which the work itself is taken to kill the workers.
+#: Number of losses without a result in between after which the work itself is assumed to kill
+#: workers.
 MOST_LOSSES = 3
-#: Shared objects that workers keep, the latest ones; more would only hold memory in every worker.
+#: Number of latest shared objects that workers keep; more would only use memory in every worker.
 REMEMBERED = 2
 
 
 class LostError(Exception):
-    """A call, or the data it needs, was lost with its worker; never raised outside this room."""
+    """A call, or its data, was lost with its worker; never raised outside this package."""
 
 
 @dataclass(slots=True, eq=False)
 class _Pending:
-    """An item whose result is pending; without a call it is yet to be submitted."""
+    """An item with a pending result; without a call it is not yet submitted."""
 
     item: Any
     call: Any = None
 
 
 class Remote(ABC):
-    """Maps over workers that may die.
+    """Engine that maps over workers that may die.
 
-    A subclass sends objects and submits, awaits and drops calls, which are objects of its own. When
-    it finds that a call is lost, it makes itself ready for calls again and raises `LostError`.
+    A subclass sends objects and submits, awaits and drops calls, whose type it chooses. When it
+    finds that a call is lost, it prepares for new calls and raises `LostError`.
     """
 
-    #: Most items that are pending at a time; None for all.
+    #: Largest number of items pending at a time; None for all.
     window: int | None = None
 
     def __init__(self) -> None:
@@ -53,7 +54,7 @@ class Remote(ABC):
         Parameters
         ----------
         function : callable
-            Function of a module.
+            Module-level function.
         shared : object
             Data that all items need.
         items : sequence
@@ -98,7 +99,7 @@ class Remote(ABC):
             self._drop([p.call for p in pending if p.call is not None])
 
     def _handle(self, shared: Any) -> Any:
-        """Return the handle of a shared object; send it if it is not among the latest."""
+        """Return the handle of a shared object; send it if it is not among the latest objects."""
         for known, handle in self._sent:
             if known is shared:
                 return handle
@@ -108,19 +109,19 @@ class Remote(ABC):
 
     @abstractmethod
     def _send(self, shared: Any) -> Any:
-        """Send an object to all workers, later ones included; return a handle for it."""
+        """Send an object to all present and later workers; return its handle."""
 
     @abstractmethod
     def _submit(self, function: Callable[..., Any], handle: Any, item: Any) -> Any:
-        """Submit a call without waiting for it. Raises LostError."""
+        """Submit a call without waiting for it; may raise `LostError`."""
 
     @abstractmethod
     def _result(self, call: Any) -> Any:
-        """Return the result of a call, or raise its error. Raises LostError and EngineError."""
+        """Return the result of a call, or raise its error, `LostError` or `EngineError`."""
 
     @abstractmethod
     def _is_lost(self, call: Any) -> bool:
-        """Return, without waiting, whether a call will never have a result."""
+        """Return immediately whether a call will never have a result."""
 
     @abstractmethod
     def _drop(self, calls: list[Any]) -> None:
