@@ -353,7 +353,7 @@ class DofSet(Sequence[Dof]):
         Raises
         ------
         DofError
-            If a DOF of `other` is not in this set; the message lists the nearest ones.
+            If a DOF of `other` is not in this set; the message gives the nearest ones.
         """
         keep = np.ones(len(self), dtype=np.bool_)
         keep[self.match(other).index] = False
