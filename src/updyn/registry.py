@@ -2,7 +2,7 @@
 
 Each kind of extension (reader, element, residual, method, backend, engine, report section, job
 table, command) has one `Registry`. An entry is an object, or a text ``"module:attribute"`` that is
-imported when the entry is first used, so that listing the names loads nothing.
+imported when the entry is first used; listing the names imports nothing.
 
 Another package adds an entry by `Registry.register`, or by an entry point in its metadata::
 

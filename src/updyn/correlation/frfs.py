@@ -218,7 +218,7 @@ def _span(freq: Array) -> str:
 
 
 def _counted(channels: NDArray[np.bool_], heard: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the selected channels that are heard; all selected ones if none is heard."""
+    """Return the selected channels that are heard, or all selected ones if none are heard."""
     both = channels & heard
     return both if both.any() else channels
 

@@ -1,7 +1,7 @@
 """Builders of models: beams, drive trains, structures in space and meshes, and constraints.
 
-`MODEL_KINDS` holds the builders that a job file asks for by ``[model] kind = "..."``.
-`MODEL_QUESTIONS` holds functions that check such a table against the band of the test.
+`MODEL_KINDS` has the builders for ``[model] kind = "..."`` of a job file. `MODEL_QUESTIONS` has
+functions that check such a table against the band of the test.
 """
 
 from __future__ import annotations

@@ -354,7 +354,7 @@ def _unmirrored(cells: _Cells, xyz: NDArray[np.float64]) -> _Cells:
 
 
 def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
-    """Return the indices of members, each of which must exist."""
+    """Return the indices of members, after a check that each is below `size`."""
     if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
         raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
     if members.size and not 0 <= members.min() <= members.max() < size:

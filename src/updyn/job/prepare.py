@@ -270,9 +270,9 @@ def _key_of_option(options: Mapping[str, Any]) -> Iterator[None]:
         raise
 
 
-# -- what is fitted --------------------------------------------------------------------------------
+# -- fitted data -----------------------------------------------------------------------------------
 def _fitted(job: Job, frf: FRF) -> FRF:
-    """Return the data without those that are held out for validation."""
+    """Return the data without the validation set."""
     held = job.validation
     if held is None:
         return frf
@@ -291,7 +291,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
 
 
 def _fitted_modes(job: Job, modes: ModeSet) -> ModeSet:
-    """Return the modes without those that are held out for validation."""
+    """Return the modes without the validation set."""
     held = job.validation
     if held is None:
         return modes

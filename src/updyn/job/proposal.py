@@ -398,7 +398,7 @@ def _method(inputs: Inputs) -> list[str]:
 
 
 def _responses_of_model(inputs: Inputs) -> list[str]:
-    """Return the response labels in the model, as far as they are known."""
+    """Return the known response labels in the model."""
     if inputs.matching is not None:
         return inputs.matching.frf.responses.labels
     responses = inputs.frf.responses if inputs.lost else []

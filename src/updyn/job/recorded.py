@@ -31,9 +31,9 @@ class RecordedSetup:
     Attributes
     ----------
     files : tuple of str
-        As the job names them.
+        File names in the job.
     records : Records
-        All of them.
+        All records.
     rejected : mapping of int to str
         Rejected records (counted from 1) and the reasons.
     findings : tuple of RecordFinding
@@ -63,7 +63,7 @@ class Recorded:
     Attributes
     ----------
     frf : FRF
-        Of all setups.
+        FRFs of all setups.
     setups : tuple of RecordedSetup
         In the order of the job.
     """

@@ -132,7 +132,7 @@ def run_job(
     prepared : Prepared, optional
         From `prepare`, if already called.
     engine : None, int, dask.distributed Client or Engine
-        Where computations run, as for `updyn.update`.
+        Engine of the computations, as for `updyn.update`.
     resume : bool
         Resume the run in `out` that was stopped or interrupted, or ended at the largest number of
         steps. The result equals that of an uninterrupted run. A further table that was stopped is
