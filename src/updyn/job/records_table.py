@@ -115,9 +115,7 @@ class RecordsTable(SetupTable):
             if setup.file is None:
                 raise ValueError(f"missing key 'file' in [[records.setup]] {number}")
         if self.impact is not None and (self.window, self.segment) != (None, None):
-            raise ValueError(
-                "impact: windows for hits need whole records; omit window and segment"
-            )
+            raise ValueError("impact: windows for hits need whole records; omit window and segment")
         if self.cut is not None and self.segment is not None:
             raise ValueError("cut: it is for hits, segment for a force that lasts; give one")
         for setup in self.setups:
