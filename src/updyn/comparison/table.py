@@ -182,8 +182,8 @@ class Comparison(Sequence[Row]):
     truth : mapping of str to float
         Known true values.
     tolerance : float
-        Error below which an unknown counts as recovered, relative to the truth or to the method's
-        estimate with all lines.
+        Error from the truth, or from the method's estimate with all lines, below which an unknown
+        counts as recovered.
     rule : str
         Description of the search for the fewest lines; empty if they were not sought.
     stopped : bool

@@ -52,7 +52,7 @@ _ELEMENTS: Mapping[str, type[Any]] = {
     "hexahedron": Solid,
     "hexahedron20": Solid,
 }
-#: Node order that mirrors a solid, in the numbering of VTK.
+#: Node order of VTK for the nodes of a mirrored solid.
 _MIRRORED = {
     "tetra": [0, 2, 1, 3],
     "tetra10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],

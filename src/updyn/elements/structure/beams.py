@@ -309,7 +309,7 @@ class Beam(Element):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truss(Element):
-    """Straight two-node bars with axial stiffness only. Their nodes have no rotations.
+    """Straight two-node bars with axial stiffness only, hinged at their nodes.
 
     Parameters
     ----------
