@@ -198,7 +198,7 @@ def test_reference_step_ends_within_the_band_of_friction():
             two_inertias,
             "gap",
             OptionError,
-            "CoulombFriction reads velocities, and output 'gap' .* make the plant with 'mob",
+            "CoulombFriction acts on velocities, but output 'gap' .* make the plant with 'mob",
         ),
         (two_inertias, ("speed", "wind"), ModelError, "does not accelerate 'speed'"),
     ],

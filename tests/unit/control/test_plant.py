@@ -374,7 +374,7 @@ class TestPorts:
             )
 
     def test_one_name_twice(self) -> None:
-        with pytest.raises(OptionError, match=r"two outputs are called '1:X'"):
+        with pytest.raises(OptionError, match=r"two outputs are named '1:X'"):
             updyn.plant(springs([1e3], [3.0], [0.02]), ["1:X"], ["1:X", "1:X"], (1.0, 5.0))
 
 

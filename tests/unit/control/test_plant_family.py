@@ -336,7 +336,7 @@ def test_one_basis_serves_all_members(long_fit, monkeypatch, error) -> None:
 
 
 def test_a_member_at_which_the_basis_does_not_hold_is_made_alone(long_fit, monkeypatch) -> None:
-    plain = Reduction.lacking
+    plain = Reduction.residual_errors
 
     def bad(reduction, states, freq):
         return np.maximum(plain(reduction, states, freq), [0.0, 1.0])

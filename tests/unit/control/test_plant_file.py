@@ -432,7 +432,7 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
         (lambda p: p["inputs"][0].update(weights={"1:Q": 1.0}), "inputs, number 1:.*1:Q"),
         (lambda p: p["outputs"][1].update(rotation=1), "outputs, number 2: rotation is 1"),
         (lambda p: p["outputs"][1].update(quantity="receptence"), "did you mean 'receptance'"),
-        (lambda p: p["outputs"][1].update(name="1:RZ"), "two outputs are called '1:RZ'"),
+        (lambda p: p["outputs"][1].update(name="1:RZ"), "two outputs are named '1:RZ'"),
         (lambda p: p.update(outputs={}), "outputs: expected a list of ports"),
     ],
 )

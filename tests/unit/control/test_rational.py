@@ -210,7 +210,7 @@ class TestALikeResponse:
         nominal = self.approximation(SHAFTS, ["1:RZ", "3:RZ"])
         like = fewest_states(nominal, 0.03).conversion
         other = self.approximation(self.shafts, ["1:RZ", "3:RZ"])
-        monkeypatch.setattr(Approximation, "fitted", None)  # no search from the beginning
+        monkeypatch.setattr(Approximation, "fit", None)  # no search from the beginning
         found = with_poles_of(other, like, 0.03)
         assert found.holds
         moved = self.damped_poles(self.shafts) - self.damped_poles(SHAFTS)

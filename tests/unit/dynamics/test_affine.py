@@ -127,7 +127,7 @@ def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
     }
     full = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 5)])
     system, omega = AffineSystem.compile(full), np.array([0.5, 2.0, 7.0])[:n_lines]
-    assert (system.beside is not None) == (beside > 0)
+    assert (system.columns is not None) == (beside > 0)
     Z = dense(system, system.values(system.coefficients(system.start, omega)))
     for z, w in zip(Z, omega, strict=True):
         assert z == pytest.approx(by_hand(full, w), rel=1e-14, abs=1e-14)

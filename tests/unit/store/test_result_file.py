@@ -290,6 +290,7 @@ def test_no_field_is_forgotten():
         ),
         Counterparts: (
             "n_measured n_paired pairs statement known n_sensors by_chance source doubtful factor"
+            " mistake remedy"
         ),
         Pair: "measured computed mac",
         Finding: "kind channels value odds explains statement remedy written also test of_misfit",

@@ -11,7 +11,6 @@ from updyn.job.prepare import prepare
 
 #: What fits to the data as they were measured say of the masses, as factors.
 MASS = {"beam": {"mass": 1.04}, "accelerometers": {"mass": 0.61}}
-TORSION = "missing-mode"
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +24,8 @@ def found(measured, factor, **off):
     start = model.scaled({name: {"stiffness": value} for name, value in off.items()})
     sought = updyn.parameters(model, stiffness=["beam", "pads"], loss_factor=["beam", "pads"])
     faulty = replace(frf, values=factor * frf.values)
-    return [one for one in updyn.diagnose(start, faulty, sought) if one.kind != TORSION]
+    # The model lacks the torsion of the beam, and the loss of its foam falls with frequency.
+    return [one for one in updyn.diagnose(start, faulty, sought) if not one.concerns_model]
 
 
 def test_a_common_calibration_is_told_by_known_masses_that_would_have_to_be_wrong(measured):
