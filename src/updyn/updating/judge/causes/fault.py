@@ -160,7 +160,9 @@ class Fault(ABC):
         Whether its value has to be the same in both halves of the band; otherwise it is not
         reported.
     is_of_model : bool
-        Whether it is an error of the model, with correct data.
+        Whether it is an error of the model, with correct data, and a trial alters the model.
+    concerns_model : bool
+        Whether it is an error of the model although a trial alters the data.
     told_by : str
         How to distinguish it from other faults that explain the same data: a sentence, or empty.
     """
@@ -179,6 +181,7 @@ class Fault(ABC):
     adapts: ClassVar[bool] = False
     constant: ClassVar[bool] = False
     is_of_model: ClassVar[bool] = False
+    concerns_model: ClassVar[bool] = False
     told_by: ClassVar[str] = ""
 
     @property

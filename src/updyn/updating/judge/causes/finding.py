@@ -19,8 +19,6 @@ _LOCAL = ("mains", "missing-mode")
 #: Kinds that make an answer implausible even with few channels, because a fit takes their values
 #: for responses.
 _SPOILING = ("dead-channel",)
-#: Kinds that are errors of the model, besides those whose fit alters it (`Fault.is_of_model`).
-_OF_MODEL = ("missing-mode", "model-unit", "no-support", "support")
 #: Logarithm of the calibration factor up to which an answer may be used with care.
 _MILD = 0.3
 
@@ -101,7 +99,8 @@ class Finding:
     @property
     def concerns_model(self) -> bool:
         """Whether the model has the fault, and not the data."""
-        return self.kind in _OF_MODEL or CAUSES.find(self.kind).is_of_model
+        cause = CAUSES.find(self.kind)
+        return cause.is_of_model or cause.concerns_model
 
     @property
     def overruling(self) -> bool:

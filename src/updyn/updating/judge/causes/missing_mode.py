@@ -68,6 +68,7 @@ class MissingMode(Fault):
     shape: tuple[tuple[str, complex], ...] = ()
 
     kind: ClassVar[str] = "missing-mode"
+    concerns_model: ClassVar[bool] = True
     unit: ClassVar[str] = "Hz"
     odds: ClassVar[float] = 5e-3
     adapts: ClassVar[bool] = True

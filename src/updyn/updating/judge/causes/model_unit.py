@@ -44,6 +44,7 @@ class ModelUnit(Irreparable):
     mistake: str = ""
 
     kind: ClassVar[str] = "model-unit"
+    concerns_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
 
     @classmethod

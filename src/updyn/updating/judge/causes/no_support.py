@@ -37,6 +37,7 @@ class NoSupport(Irreparable):
     __slots__ = ()
 
     kind: ClassVar[str] = "no-support"
+    concerns_model: ClassVar[bool] = True
     tunes: ClassVar[bool] = True
     adapts: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3

@@ -31,6 +31,7 @@ class Support(Irreparable):
     __slots__ = ()
 
     kind: ClassVar[str] = "support"
+    concerns_model: ClassVar[bool] = True
     unit: ClassVar[str] = "Hz"
     tunes: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
