@@ -86,7 +86,7 @@ class Measured:
 
 
 def drawn(*, turned: bool = False) -> tuple[Model, FRF]:
-    """The beam of the demo, perhaps with width and height exchanged, and what was measured."""
+    """The beam of the demo, optionally with exchanged width and height, and its measured FRFs."""
     with tempfile.TemporaryDirectory() as name:
         path = beam.write_inputs(Path(name))
         if turned:

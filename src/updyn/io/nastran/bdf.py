@@ -364,7 +364,7 @@ class _Bars:
         return cls(deck.path.resolve(), ignore, program, units, dofs, turned, digest)
 
     def exchanged(self, name: str) -> Exchanged | None:
-        """Return a group with exchanged section axes; None where it has none."""
+        """Return a group with exchanged section axes; None without any to exchange."""
         if name not in self.turned:
             return None
         turn = "the orientation vectors of its CBAR by 90 degrees about the bars"
@@ -376,7 +376,7 @@ class _Bars:
         Raises
         ------
         ModelError
-            If the deck is not what it was when the model was read.
+            If the deck has changed since the model was read.
         """
         deck = read_deck(self.path, self.ignore)
         if _digest(deck) != self.digest:
