@@ -50,7 +50,7 @@ _ONCE = {
     "test_statistics.py",
     "test_uncertainty_doc.py",
 }
-#: Folders of `tests` whose tests stand on what Python itself does: files, processes, text, imports.
+#: Folders of `tests` whose tests depend on Python itself: files, processes, text, imports.
 _OF_PYTHON = ("contract", "io", "unit/cli", "unit/web")
 
 
@@ -74,9 +74,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("python")
         if slow.is_slow(item.path, item.nodeid):
             item.add_marker("slow")
-    if hasattr(
-        config, "workerinput"
-    ):  # one of several processes: a long file begun last runs alone
+    if hasattr(config, "workerinput"):  # a worker: a long file that begins last would run alone
         slow.sort_longest_first(items)
 
 

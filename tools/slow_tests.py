@@ -3,7 +3,7 @@
     make test PYTEST_ARGS="--durations=0 --durations-min=1" | tee LOG
     python tools/slow_tests.py LOG
 
-A setup is counted for the whole file: its fixture belongs to any test that runs first.
+A setup counts for the whole file, because the first test that runs pays for the fixture.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections import defaultdict
 from pathlib import Path
 
 PAGE = Path(__file__).parents[1] / "tests" / "data" / "seconds.txt"
-#: Shorter ones change neither the mark nor the order.
+#: Seconds below which a test is not recorded: it changes neither the mark nor the order.
 LEAST = 2.0
 _ROW = re.compile(r"^([\d.]+)s (setup|call) +(tests/\S+?\.py)::(\w+(?:::\w+)*)")
 HEAD = """\
