@@ -8,15 +8,17 @@ response the sensor moves, and its mass lowers the frequencies by up to 0.3 % (f
 mass times the squared shape there); the frequencies looked for are the means.
 
 A mode counts as found where one that is returned lies within 0.3 % of its frequency and 10 % of its
-loss factor, one for each; what is returned beside is spurious, a mode outside these limits counts
-as one as well. Coverage: true frequencies, loss factors, and components of the shapes of unit
-length, within 1.96 standard deviations of those found. Seconds are those of the processor.
+loss factor, one for each. The other modes returned are spurious. Coverage: true frequencies, loss
+factors, and components of the shapes of unit length, within 1.96 standard deviations of those
+found. Seconds are those of the processor.
 
-Beside it stands sdypy-EMA (least-squares complex frequency method, order 100), if it is installed
-(`--peer`). It asks the user to pick the poles; here it is told the true frequencies and gives the
-nearest stable poles, so that spurious ones cannot be counted.
+Two other programs, for comparison (`--peer sdypy` or `--peer pyoma2`; each must be installed): the
+least-squares complex frequency method of sdypy-EMA with a common denominator (order 100) and that
+of pyOMA2 with a matrix of denominators (200 poles, stable from the order below to the highest).
+Both expect the user to pick poles. Here the stable pole next to each true frequency is picked, so
+spurious ones cannot be counted.
 
-    python benchmarks/identify.py [--cases "few;few, 5 %"] [--draws 10] [--peer]
+    python benchmarks/identify.py [--cases "few;few, 5 %"] [--draws 10] [--peer sdypy]
 """
 
 from __future__ import annotations
@@ -46,6 +48,7 @@ class Case:
     roving: bool = False
     pairs: bool = True
     real: Real | None = None
+    lines: int = LINES
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,9 @@ CASES = {
     "directions": Case(10, 6, 20, 0.01, pairs=False, real=Real(20.0, 1e-3, hits=0.02, turn=5.0)),
     "leaning 0.1": Case(8, 8, 1, 0.005, pairs=False, real=Real(flat=1e-3, leaning=0.1)),
     "leaning 0.3": Case(8, 8, 1, 0.005, pairs=False, real=Real(flat=1e-3, leaning=0.3)),
+    "15,000 lines": Case(12, 12, 1, 0.01, pairs=False, lines=15_000),
+    "222 channels": Case(13, 3, 74, 0.01, pairs=False, lines=1_601),
+    "1,000 channels": Case(25, 250, 4, 0.01, pairs=False, lines=2_000),
 }
 
 
@@ -146,12 +152,12 @@ def drawn(case: Case, seed: int) -> Truth:
     points = rng.uniform(0.05, 0.95, (n, 2))
     shapes = 2.0 * np.prod(np.sin(np.pi * points[:, None, :] * orders), axis=2)
     at, driven = shapes[: case.responses], shapes[case.responses :]
-    freq = np.linspace(*BAND, LINES)
+    freq = np.linspace(*BAND, case.lines)
     omega = 2 * np.pi * freq
     shift = np.zeros((case.responses, len(natural)))
     if case.roving:
         shift = -0.003 * at**2 / 4.0
-    H = np.empty((LINES, case.responses, case.references), complex)
+    H = np.empty((case.lines, case.responses, case.references), complex)
     for i in range(case.responses):
         squared = (2 * np.pi * natural * (1 + shift[i])) ** 2 * (1 + 1j * loss)
         below = squared - omega[:, None] ** 2
@@ -184,9 +190,9 @@ def measured(case: Case, real: Real, rng, natural, loss, shapes) -> Truth:
         middle = 2 + case.modes // 2
         at[:, middle], at[-1] = 0.0, 0.01 * at[-1]
         at[-1, middle] = 0.01
-    freq = np.linspace(*BAND, LINES)
+    freq = np.linspace(*BAND, case.lines)
     omega = 2 * np.pi * freq
-    H = np.empty((LINES, case.responses, case.references), complex)
+    H = np.empty((case.lines, case.responses, case.references), complex)
     shifts: list[np.ndarray] = []
     for j in range(case.references):
         shift, gain = 1.0 + real.hits / 50.0 * rng.standard_normal(), rng.normal(1.0, real.hits)
@@ -259,11 +265,12 @@ def complex_normal(rng, shape: tuple[int, ...]) -> np.ndarray:
 
 def coloured(rng, shape: tuple[int, ...], decay: float) -> np.ndarray:
     """Return noise of records with an exponential window of this decay (1/s), of unit variance."""
-    step = (BAND[1] - BAND[0]) / (LINES - 1)
-    time = np.arange(2 * LINES) / (2 * LINES * step)
+    lines = shape[0]
+    step = (BAND[1] - BAND[0]) / (lines - 1)
+    time = np.arange(2 * lines) / (2 * lines * step)
     envelope = np.exp(-decay * time).reshape(-1, *(1,) * (len(shape) - 1))
     record = envelope * rng.standard_normal((len(time), *shape[1:]))
-    spectrum = np.fft.fft(record, axis=0)[1 : LINES + 1]
+    spectrum = np.fft.fft(record, axis=0)[1 : lines + 1]
     return spectrum / np.sqrt(np.mean(np.abs(spectrum) ** 2))
 
 
@@ -364,19 +371,49 @@ def covering(found: updyn.ModeSet, truth: Truth) -> np.ndarray:
     return np.mean(off <= 1.96 * std[:, :, None], axis=0)
 
 
-def peer(truth: Truth) -> Score:
-    """Return the score of sdypy-EMA, told the true frequencies."""
+def sdypy(truth: Truth) -> Score:
+    """Return the score of sdypy-EMA with picks at the true frequencies."""
     from sdypy import EMA
 
     begin = time.process_time()
-    values = truth.frf.values.reshape(LINES, -1).T
+    values = truth.frf.values.reshape(len(truth.frf.freq), -1).T
     low, high = BAND
     model = EMA.Model(values, truth.frf.freq, lower=low, upper=high, pol_order_high=100)
     model.get_poles(show_progress=False)
     model.select_closest_poles(truth.frequency)
-    seconds = time.process_time() - begin
-    missing = np.full(len(model.nat_freq), np.nan)
-    frequency, loss = np.array(model.nat_freq), 2.0 * np.array(model.nat_xi)
+    poles = np.array(model.nat_freq), 2.0 * np.array(model.nat_xi)
+    return score_picked(truth, *poles, time.process_time() - begin)
+
+
+def pyoma2(truth: Truth) -> Score:
+    """Return the score of pyOMA2's pLSCF with picks at the true frequencies."""
+    from pyoma2.functions import gen, plscf
+
+    begin = time.process_time()
+    values, freq = truth.frf.values, truth.frf.freq
+    if values.shape[2] > values.shape[1]:  # by reciprocity; the denominator is the smaller matrix
+        values = values.transpose(0, 2, 1)
+    order = -(-200 // values.shape[2])
+    # Only the two highest orders are used: those below, each a fit of its own, are left out.
+    plscf.trange = lambda *_: range(order - 1, order + 1)
+    spectra = np.ascontiguousarray(values.transpose(1, 2, 0))
+    # It takes the first line as 0 Hz, so its poles are shifted by that line.
+    step = 0.5 / (freq[-1] - freq[0])
+    _, _, shapes, poles = plscf.pLSCF_poles(*plscf.pLSCF(spectra, step, order, 1), step, "per", 1)
+    poles = poles + 2j * np.pi * freq[0] * np.sign(poles.imag)
+    natural = np.abs(poles) / (2 * np.pi)
+    loss = -2.0 * poles.real / np.abs(poles)
+    stable = gen.SC_apply(natural, loss, shapes, 1, 1, 1, 0.01, 0.05, 0.03)[:, 1] == 1
+    stable &= poles.imag[:, 1] > 0
+    natural, loss = natural[stable, 1], loss[stable, 1]
+    off = np.abs(natural[:, None] / truth.frequency - 1.0)
+    rows, _ = scipy.optimize.linear_sum_assignment(off)
+    return score_picked(truth, natural[rows], loss[rows], time.process_time() - begin)
+
+
+def score_picked(truth: Truth, frequency, loss, seconds: float) -> Score:
+    """Return the score of poles without standard deviations."""
+    missing = np.full(len(frequency), np.nan)
     within = np.zeros((len(frequency), len(truth.frequency)))
     return score(truth, frequency, loss, missing, missing, within, seconds)
 
@@ -405,10 +442,10 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     asked.add_argument("--cases", default=";".join(CASES))
     asked.add_argument("--draws", type=int, default=10)
-    asked.add_argument("--peer", action="store_true")
+    asked.add_argument("--peer", choices=["sdypy", "pyoma2"])
     asked.add_argument("--bands", action="store_true", help="compare three random bands")
     options = asked.parse_args()
-    identify = peer if options.peer else ours
+    identify = {None: ours, "sdypy": sdypy, "pyoma2": pyoma2}[options.peer]
     print(
         "| case | modes | found | spurious | coverage, frequency | loss factor | shape | seconds |"
     )

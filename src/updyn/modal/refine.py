@@ -50,6 +50,8 @@ _ALIKE = 2
 _LEFT = 0.05
 #: Iterations of the estimation of proportional noise and floor.
 _LIKELIER = 20
+#: Values of channels that fit into the second-level cache of a processor with their temporaries.
+_CACHED = 1 << 14
 #: Noise below this share of the largest value of a channel is rounding error.
 _ROUNDING = 1e-12
 _TINY = 1e-300
@@ -199,19 +201,40 @@ class Noise:
         The multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu,
         Neural Comput. 21 (2009) 793-830, equation 4.2).
         """
-        least = _ROUNDING**2 * size.max(axis=1) + _TINY
-        floor = 0.5 * np.mean(squares, axis=1) + least
-        share = floor / (np.mean(size, axis=1) + _TINY)
-        for _ in range(_LIKELIER):
-            u = 1.0 / (share[:, None] * size + floor[:, None])
-            told = squares * u * u
-            share = share * np.sum(size * told, axis=1) / (np.sum(size * u, axis=1) + _TINY)
-            floor = np.maximum(floor * np.sum(told, axis=1) / np.sum(u, axis=1), least)
+        # Channels are independent: groups of them stay in the processor's cache over all updates.
+        together = max(1, _CACHED // size.shape[1])
+        parts = [
+            _likeliest(squares[start : start + together], size[start : start + together])
+            for start in range(0, len(size), together)
+        ]
+        share, floor = (np.concatenate(values) for values in zip(*parts, strict=True))
         return cls(share, floor)
 
     def deviation(self, size: _Real) -> _Real:
         """Return the standard deviations for squared values `size`, shape (p, n_f)."""
         return np.asarray(np.sqrt(self.share[:, None] * size + self.floor[:, None]))
+
+
+def _likeliest(squares: _Real, size: _Real) -> tuple[_Real, _Real]:
+    """Return the most likely share and floor of the noise of each channel, see `Noise.of`."""
+    least = _ROUNDING**2 * size.max(axis=1) + _TINY
+    floor = 0.5 * np.mean(squares, axis=1) + least
+    share = floor / (np.mean(size, axis=1) + _TINY)
+    inverse, ratio = np.empty_like(size), np.empty_like(size)
+    for _ in range(_LIKELIER):
+        np.multiply(size, share[:, None], out=inverse)
+        inverse += floor[:, None]
+        np.reciprocal(inverse, out=inverse)
+        np.multiply(squares, inverse, out=ratio)
+        ratio *= inverse
+        share = share * _dot_rows(size, ratio) / (_dot_rows(size, inverse) + _TINY)
+        floor = np.maximum(floor * np.sum(ratio, axis=1) / np.sum(inverse, axis=1), least)
+    return share, floor
+
+
+def _dot_rows(a: _Real, b: _Real) -> _Real:
+    """Return the inner products of the rows of two matrices, shape (p,)."""
+    return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
