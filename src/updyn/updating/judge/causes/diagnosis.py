@@ -39,7 +39,7 @@ from updyn.updating.judge.causes.ranking import (
 )
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.shown import LIKELY
-from updyn.updating.judge.causes.trial import MOST_ALIKE, Trial, damped, tried, widened
+from updyn.updating.judge.causes.trial import MOST_ALIKE, Trial, adapt_losses, damped, tried, widened
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
@@ -335,7 +335,7 @@ def _likeliest(
             return []
         here, without = _settled(part, here, stage, without)
         if is_small(without):
-            part = part.with_data(weighed(here, without, noise).frf)
+            part = adapt_losses(part.with_data(weighed(here, without, noise).frf), without.x)
             here = stage.near(part, [without.x])
             without = tried(here, None, [without.x]) or without
         fresh = candidates(here, without, start, stated, others)

@@ -22,7 +22,16 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LineResidual, LogError, OutputError
 
-__all__ = ["MOST_ALIKE", "NOISY", "Trial", "damped", "robust_point", "tried", "widened"]
+__all__ = [
+    "MOST_ALIKE",
+    "NOISY",
+    "Trial",
+    "adapt_losses",
+    "damped",
+    "robust_point",
+    "tried",
+    "widened",
+]
 
 _Real = NDArray[np.float64]
 
@@ -318,3 +327,20 @@ def widened(part: Part) -> tuple[Part, _Real]:
     coordinates = replace(part.coordinates, parameters=wide, box=None)
     whole = replace(part, unknowns=Unknowns.find(system, wide), coordinates=coordinates)
     return whole, coordinates.home[len(own) :]
+
+
+def adapt_losses(part: Part, x: _Real) -> Part:
+    """Return the part with prior deviations of held loss factors not below their distances at x.
+
+    A held loss factor is often only a guess, or 0. The deviation with the largest prior density of
+    a value is its distance from the held one (MacKay, Neural Comput. 4 (1992) 415, section 3).
+    """
+    coordinates = part.coordinates
+    off = np.abs(x - coordinates.home)
+    items = [
+        replace(p, prior_std=max(float(p.prior_std or 0.0), float(d)))
+        if isinstance(p, Held) and p.quantity == "loss_factor"
+        else p
+        for p, d in zip(coordinates.parameters, off, strict=True)
+    ]
+    return replace(part, coordinates=replace(coordinates, parameters=ParameterSet(tuple(items))))

@@ -300,3 +300,18 @@ def test_a_mass_acts_in_all_measured_translations_of_a_node():
     found = [labels for labels, _ in MissingMass.places_in(frf)]
     assert found == [("1:X", "1:Y"), ("2:X",), ("2:RZ",)]
     assert MissingMass(("2:RZ",), 0.1).statement() == "The model lacks a mass of 0.1 kg m2 at 2:RZ."
+
+
+@pytest.mark.parametrize("seed", [0, 6])
+def test_a_wrong_held_loss_factor_is_no_missing_dashpot(gear_train, add_noise, seed):
+    """Unit 3 of the paper's gear train has a loss factor of 0.6, and the model none."""
+    rng = np.random.default_rng(seed)
+    off = {
+        name: {"stiffness": 1.0 + rng.uniform(-0.3, 0.3), "mass": 1.0 + rng.uniform(-0.13, 0.13)}
+        for name in gear_train.groups
+    }
+    off["unit 3"]["loss_factor"] = 0.0
+    lines = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
+    frf = updyn.response(gear_train, lines, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
+    sought = updyn.parameters(gear_train, stiffness="all", mass="all")
+    assert not updyn.diagnose(gear_train.scaled(off), add_noise(frf, rng, 0.01, 1e-3), sought)
