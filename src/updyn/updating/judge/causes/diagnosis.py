@@ -39,7 +39,14 @@ from updyn.updating.judge.causes.ranking import (
 )
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.shown import LIKELY
-from updyn.updating.judge.causes.trial import MOST_ALIKE, Trial, adapt_losses, damped, tried, widened
+from updyn.updating.judge.causes.trial import (
+    MOST_ALIKE,
+    Trial,
+    adapt_losses,
+    damped,
+    tried,
+    widened,
+)
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
