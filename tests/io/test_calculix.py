@@ -11,7 +11,7 @@ from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequenci
 from updyn.cli.describe import describe_model
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix import read_model, write_properties
-from updyn.io.calculix.program import Program
+from updyn.io.calculix.program import CalculixProgram
 
 pytestmark = pytest.mark.kernels
 
@@ -540,7 +540,7 @@ def test_matrices_of_a_full_disk_are_refused(tmp_path, name):
     files["job.mas"] = "1 1 0.5\n2 2 0.25\n"
     for file, text in files.items():
         (tmp_path / file).write_text(text)
-    program = Program("ccx", 1.0, tmp_path / "bar.inp")
+    program = CalculixProgram("ccx", 1.0, tmp_path / "bar.inp")
     found = program._read_matrices(tmp_path)
     assert found.stiffness.toarray().tolist() == [[2.0, -1.0], [-1.0, 3.0]]
     whole = files[name].splitlines(keepends=True)

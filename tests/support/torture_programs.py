@@ -323,7 +323,7 @@ def _table_of_records() -> Sample:
 # -- what CalculiX and MYSTRAN leave --------------------------------------------------------------
 @sample("CalculiX, matrices")
 def _ccx() -> Sample:
-    from updyn.io.calculix.program import Program
+    from updyn.io.calculix.program import CalculixProgram
 
     def triangle(matrix: np.ndarray) -> bytes:
         lines = []
@@ -333,7 +333,7 @@ def _ccx() -> Sample:
 
     def read(folder: Path) -> Content:
         with guard_reader(folder / "job.sti", "calculix"):
-            found = Program("ccx", 1.0, folder / "job.inp")._read(folder)
+            found = CalculixProgram("ccx", 1.0, folder / "job.inp")._read_matrices(folder)
             return content_of(
                 Model.from_groups({"a": updyn.Group(found.stiffness, found.mass)}, found.dofs)
             )

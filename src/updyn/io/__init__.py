@@ -41,18 +41,18 @@ __all__ = [
 ]
 
 
-class Changes(Protocol):
+class UpdateParameters(Protocol):
     """Unknowns of an update, as used by `write_properties`."""
 
     def changes(self, values: Sequence[float]) -> Mapping[str, dict[str, float]]:
         """Return the changes by group for values of the unknowns."""
 
 
-class Updated(Protocol):
+class UpdateOutcome(Protocol):
     """The outcome of an update, as used by `write_properties`."""
 
     @property
-    def parameters(self) -> Changes:
+    def parameters(self) -> UpdateParameters:
         """The unknowns."""
 
     @property
@@ -409,7 +409,7 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
 
 
 def write_properties(
-    result: Updated | Mapping[str, Mapping[str, float]],
+    result: UpdateOutcome | Mapping[str, Mapping[str, float]],
     deck: str | Path,
     path: str | Path,
     *,

@@ -19,11 +19,11 @@ from updyn.dofs import DofSet
 from updyn.errors import OptionError, UpdynWarning, suggest
 from updyn.model import Matrix
 
-__all__ = ["UNITS", "System", "check_materials", "system"]
+__all__ = ["UNITS", "UnitSystem", "check_materials", "system"]
 
 
 @dataclass(frozen=True, slots=True)
-class System:
+class UnitSystem:
     """A consistent system of units, always with seconds and radians.
 
     Parameters
@@ -71,14 +71,14 @@ _POUND_FORCE = (
 UNITS = {
     s.name: s
     for s in (
-        System("m", 1.0, 1.0, "m, N, kg"),
-        System("mm", 1e-3, 1e-3, "mm, N, t"),
-        System("in", 0.0254, 0.0254 * _POUND_FORCE, "in, lbf, lbf s2/in"),
+        UnitSystem("m", 1.0, 1.0, "m, N, kg"),
+        UnitSystem("mm", 1e-3, 1e-3, "mm, N, t"),
+        UnitSystem("in", 0.0254, 0.0254 * _POUND_FORCE, "in, lbf, lbf s2/in"),
     )
 }
 
 
-def system(name: str) -> System:
+def system(name: str) -> UnitSystem:
     """Return a system of units by its unit of length; raise an OptionError if it is unknown."""
     if name not in UNITS:
         known = "; ".join(f"{s.name!r} ({s.described})" for s in UNITS.values())
@@ -93,7 +93,9 @@ _MODULUS, _DENSITY, _SPEED = (1e4, 2e12), (1.0, 3e4), (10.0, 3e4)
 
 
 def check_materials(
-    materials: Iterable[tuple[str, float | None, float | None]], chosen: System, path: str | Path
+    materials: Iterable[tuple[str, float | None, float | None]],
+    chosen: UnitSystem,
+    path: str | Path,
 ) -> None:
     """Warn if moduli and densities are not those of a solid in the given units.
 
@@ -101,7 +103,7 @@ def check_materials(
     ----------
     materials : iterable of (str, float or None, float or None)
         Name, Young's modulus and density in `chosen`; None if not given.
-    chosen : System
+    chosen : UnitSystem
         The units.
     path : path
         The deck, for the message.
@@ -139,7 +141,7 @@ def check_materials(
         return
 
 
-def _plausible(modulus: float | None, density: float | None, chosen: System) -> bool:
+def _plausible(modulus: float | None, density: float | None, chosen: UnitSystem) -> bool:
     E = None if not modulus else modulus * chosen.pressure
     rho = None if not density else density * chosen.density
     fits = [

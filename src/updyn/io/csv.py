@@ -67,7 +67,7 @@ _Pair = tuple[Dof, Dof]
 
 
 @dataclass(frozen=True, slots=True)
-class _Column:
+class _FRFColumn:
     """A column after the first: its pair, its kind, its unit (empty if not stated) and its name."""
 
     pair: _Pair
@@ -86,13 +86,13 @@ class _Header:
         Separator of cells.
     frequency : float
         Factor of the first column to Hz.
-    columns : list of _Column
+    columns : list of _FRFColumn
         The other columns.
     """
 
     separator: str
     frequency: float
-    columns: list[_Column]
+    columns: list[_FRFColumn]
 
 
 def read_frf(
@@ -205,7 +205,7 @@ def _header(header: str, path: str | Path, line: int) -> _Header:
         raise FormatError(
             "header: no column after 'freq_Hz'; expected names such as 'H(3:Z/1:X) re'", path, line
         )
-    columns: dict[tuple[_Pair, str], _Column] = {}
+    columns: dict[tuple[_Pair, str], _FRFColumn] = {}
     for cell in cells[1:]:
         column = _column(cell, path, line)
         if (column.pair, column.kind) in columns:
@@ -214,7 +214,7 @@ def _header(header: str, path: str | Path, line: int) -> _Header:
     return _Header(separator, unit.factor, list(columns.values()))
 
 
-def _column(cell: str, path: str | Path, line: int) -> _Column:
+def _column(cell: str, path: str | Path, line: int) -> _FRFColumn:
     """Return a column from its cell in the header."""
     found = _COLUMN.fullmatch(cell)
     if found is None:
@@ -231,7 +231,7 @@ def _column(cell: str, path: str | Path, line: int) -> _Column:
         pair = (Dof.parse(found[1].strip()), Dof.parse(found[2].strip()))
     except DofError as error:
         raise FormatError(f"header: column {cell!r}: {error}", path, line) from error
-    return _Column(pair, found[3], (found[4] or found[5] or "").strip(), cell)
+    return _FRFColumn(pair, found[3], (found[4] or found[5] or "").strip(), cell)
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +292,7 @@ def _unit(head: _Head, path: str | Path) -> _Ratio | None:
 
 
 def _units(
-    columns: Sequence[_Column], general: _Ratio | None, path: str | Path, line: int
+    columns: Sequence[_FRFColumn], general: _Ratio | None, path: str | Path, line: int
 ) -> _Units:
     """Return the units of the columns, all of one quantity; None for a column without unit."""
     out: _Units = {}
@@ -317,7 +317,7 @@ def _units(
     return out
 
 
-def _own_unit(column: _Column, path: str | Path, line: int) -> _Ratio | None:
+def _own_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | None:
     """Return the unit that a column states; None if it states none, or its kind defines it."""
     where, label = f"header: column {column.name!r}: ", column.unit
     if not label:
@@ -339,7 +339,7 @@ def _own_unit(column: _Column, path: str | Path, line: int) -> _Ratio | None:
     return _Ratio.of(square[1], where, path, line)
 
 
-def _sides(columns: Sequence[_Column], path: str | Path, line: int) -> tuple[DofSet, DofSet]:
+def _sides(columns: Sequence[_FRFColumn], path: str | Path, line: int) -> tuple[DofSet, DofSet]:
     """Return the responses and the references, each in the order of the columns."""
     responses = {column.pair[0]: None for column in columns}
     references = {column.pair[1]: None for column in columns}
@@ -387,7 +387,7 @@ def _number(cell: str, column: int, path: str | Path, line: int) -> float:
 
 
 def _check_complete(
-    columns: Sequence[_Column],
+    columns: Sequence[_FRFColumn],
     rows: DofSet,
     references: DofSet,
     real_valued: bool,
@@ -431,7 +431,7 @@ def _incomplete(name: str, found: Sequence[str], path: str | Path, line: int) ->
 
 
 def _arrays(
-    columns: Sequence[_Column],
+    columns: Sequence[_FRFColumn],
     units: _Units,
     table: NDArray[np.float64],
     rows: DofSet,

@@ -43,7 +43,7 @@ _TIME, _TIMES = "time", ("time", "t")
 
 
 @dataclass(frozen=True, slots=True)
-class _Column:
+class _RecordColumn:
     """A column: its cell of the header, and the name and unit in it (empty if not stated)."""
 
     cell: str
@@ -129,9 +129,9 @@ def _split(text: str, path: str | Path) -> tuple[int, str, str]:
     raise FormatError("no header: expected names such as 'time,hammer [N],3:Z [g]'", path)
 
 
-def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_Column]:
+def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_RecordColumn]:
     """Return the columns; refuse repeated names."""
-    found: dict[str, _Column] = {}
+    found: dict[str, _RecordColumn] = {}
     for number, cell in enumerate(header.split(separator), 1):
         column = _column(cell.strip().strip('"').strip())
         if not column.name:
@@ -147,20 +147,20 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_
     return list(found.values())
 
 
-def _column(cell: str) -> _Column:
+def _column(cell: str) -> _RecordColumn:
     """Return a column from its cell in the header, with an empty name if the cell is not valid."""
     axis = split_axis(cell, _TIMES, "time")
     if axis is not None:
-        return _Column(cell, *axis)
+        return _RecordColumn(cell, *axis)
     square = _SQUARE.fullmatch(cell)
     if square is not None:
-        return _Column(cell, square[1], square[2].strip())
+        return _RecordColumn(cell, square[1], square[2].strip())
     if "[" in cell or "]" in cell:
-        return _Column(cell, "", "")
+        return _RecordColumn(cell, "", "")
     bracket = _ROUND.fullmatch(cell)
     if bracket is not None and _known_unit(bracket[2]):
-        return _Column(cell, bracket[1], bracket[2].strip())
-    return _Column(cell, cell, "")
+        return _RecordColumn(cell, bracket[1], bracket[2].strip())
+    return _RecordColumn(cell, cell, "")
 
 
 def _known_unit(label: str) -> Unit | None:
@@ -169,8 +169,8 @@ def _known_unit(label: str) -> Unit | None:
 
 
 def _with_units_below(
-    columns: list[_Column], body: str, separator: str, path: str | Path, line: int
-) -> tuple[list[_Column], str]:
+    columns: list[_RecordColumn], body: str, separator: str, path: str | Path, line: int
+) -> tuple[list[_RecordColumn], str]:
     """Return the columns with units from the line below their names, and the rows without it.
 
     Each cell of that line is a known unit or empty.
@@ -193,12 +193,12 @@ def _with_units_below(
 
 
 def _time_column(
-    columns: Sequence[_Column],
+    columns: Sequence[_RecordColumn],
     time: str | None,
     rate: float | None,
     path: str | Path,
     line: int,
-) -> _Column | None:
+) -> _RecordColumn | None:
     """Return the time column; None if a rate is given instead."""
     if rate is not None and not (np.isfinite(rate) and rate > 0.0):
         raise OptionError(f"rate {rate!r}: expected samples per second, above 0", key=("rate",))
@@ -229,7 +229,7 @@ def _time_column(
     return found[0]
 
 
-def _factor(clock: _Column, path: str | Path, line: int) -> float:
+def _factor(clock: _RecordColumn, path: str | Path, line: int) -> float:
     """Return the factor that converts times to s."""
     unit = find_unit(clock.unit or "s", "time")
     if unit is None:

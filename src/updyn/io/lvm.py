@@ -86,7 +86,7 @@ def read_records(path: str | Path) -> Records:
     ends = list(_END.finditer(text))
     if not text.startswith("LabVIEW Measurement") or not ends:
         raise FormatError("no header of a LabVIEW measurement file", path, 1)
-    head = _Head.of(text[: ends[0].start()], path)
+    head = _LVMHeader.of(text[: ends[0].start()], path)
     if len(ends) < 2:
         raise FormatError("a header without records", path)
     segments = list(_segments(text, ends, head, path))
@@ -105,7 +105,7 @@ def read_records(path: str | Path) -> Records:
 
 
 @dataclass(frozen=True, slots=True)
-class _Head:
+class _LVMHeader:
     """The header of the file: the format of its rows."""
 
     separator: str
@@ -114,7 +114,7 @@ class _Head:
     has_headings: bool
 
     @classmethod
-    def of(cls, text: str, path: str | Path) -> _Head:
+    def of(cls, text: str, path: str | Path) -> _LVMHeader:
         found: dict[str, str] = {}
         for number, line in enumerate(text.split("\n")[1:], 2):
             name, *value = _SPLIT.split(line, maxsplit=1)
@@ -194,7 +194,7 @@ def _warn(segment: _Segment, path: str | Path) -> None:
 
 
 def _segments(
-    text: str, ends: list[re.Match[str]], head: _Head, path: str | Path
+    text: str, ends: list[re.Match[str]], head: _LVMHeader, path: str | Path
 ) -> Iterator[_Segment]:
     """Yield the records, each from the start of its header to the start of the next."""
     begins = [ends[0].end()]
@@ -243,7 +243,7 @@ def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[
 
 
 @dataclass(frozen=True, slots=True)
-class _Axis:
+class _LVMAxis:
     """The header of a record: its channels, and the times of their samples.
 
     Attributes
@@ -271,7 +271,9 @@ class _Axis:
     units: tuple[str, ...]
 
     @classmethod
-    def of(cls, fields: Mapping[str, list[str]], head: _Head, path: str | Path, line: int) -> _Axis:
+    def of(
+        cls, fields: Mapping[str, list[str]], head: _LVMHeader, path: str | Path, line: int
+    ) -> _LVMAxis:
         """Return the axis defined by the tags of a header."""
         tags = _Tags(fields, (0,), path, line)
         (n,) = tags.each("Channels", whole_of)
@@ -365,13 +367,13 @@ def _check_seconds(label: str, path: str | Path, line: int) -> None:
 def _packets(
     fields: Mapping[str, list[str]],
     body: str,
-    head: _Head,
+    head: _LVMHeader,
     path: str | Path,
     lines: Sequence[int],
 ) -> Iterator[_Segment]:
     """Yield the records of a header and its rows; `lines` are their first lines."""
     first, of_names = lines
-    axis = _Axis.of(fields, head, path, first)
+    axis = _LVMAxis.of(fields, head, path, first)
     n, count = axis.n_channels, axis.count
 
     def format_error(why: str, line: int = first) -> FormatError:
@@ -432,7 +434,7 @@ def _without_empty(
     rows: str,
     names: Sequence[str],
     empty: Sequence[int],
-    head: _Head,
+    head: _LVMHeader,
     path: str | Path,
     first: int,
 ) -> str:
@@ -453,7 +455,7 @@ def _without_empty(
     return "\n".join(out)
 
 
-def _step(times: NDArray[np.float64], axis: _Axis) -> float:
+def _step(times: NDArray[np.float64], axis: _LVMAxis) -> float:
     """Return Delta_X, or the mean step of the times if Delta_X has too few digits."""
     steps = times.shape[1] - 1
     if not len(times) or not steps:
@@ -462,7 +464,9 @@ def _step(times: NDArray[np.float64], axis: _Axis) -> float:
     return axis.step if abs(span - steps * axis.step) <= _ROUNDED * axis.step else span / steps
 
 
-def _is_continuous(times: NDArray[np.float64], axis: _Axis, path: str | Path, first: int) -> bool:
+def _is_continuous(
+    times: NDArray[np.float64], axis: _LVMAxis, path: str | Path, first: int
+) -> bool:
     """Return whether the times of consecutive packets are continuous.
 
     Raises

@@ -41,7 +41,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import locate_errors
 from updyn.io.matrix_market_file import has_banner, read_matrix
-from updyn.io.model_table import GENERAL, ModelTable, write_tables
+from updyn.io.model_table import GENERAL, ModelFile, write_tables
 from updyn.io.nastran.matrices import names_nastran_files
 from updyn.io.nastran.matrices import read_table as read_nastran_table
 from updyn.model import Group, Matrix, Model
@@ -86,7 +86,7 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
             " them itself"
         )
     _refuse_matrix(path)
-    table = ModelTable.read_file(path)
+    table = ModelFile.read_file(path)
     if table.has_groups and names_nastran_files(table):
         return read_nastran_table(table)
     if table.has_groups and names_abaqus_files(table):
@@ -112,7 +112,7 @@ def _refuse_matrix(path: Path) -> None:
         )
 
 
-def _model(table: ModelTable) -> Model:
+def _model(table: ModelFile) -> Model:
     """Build the model of a TOML file that refers to Matrix Market files."""
     path, content = table.path, table.content
     table.only_known(content, GENERAL)
@@ -145,7 +145,7 @@ def _model(table: ModelTable) -> Model:
         return Model.from_groups(groups, dofs, geometry=geometry, title=title)
 
 
-def _group(table: ModelTable, parts: Mapping[str, Any], number: int, n: int) -> tuple[str, Group]:
+def _group(table: ModelFile, parts: Mapping[str, Any], number: int, n: int) -> tuple[str, Group]:
     table.only_known(parts, _GROUP, "group", number)
     name = table.group_name(parts, number)
     matrices = {}

@@ -38,7 +38,7 @@ _SIZE = re.compile(r"[0-9]{1,15}")
 
 
 @dataclass(frozen=True, slots=True)
-class _Head:
+class _MatrixMarketHeader:
     """The lines before the entries."""
 
     layout: str
@@ -87,7 +87,7 @@ def read_matrix(path: Path, n: int) -> Matrix:
     return sp.csr_array(sp.coo_array((values, (row, column)), shape=(n, n)))
 
 
-def _head(raw: bytes, path: Path) -> _Head:
+def _head(raw: bytes, path: Path) -> _MatrixMarketHeader:
     """Split the header, the comments and the line of the size from the text."""
     at = len(_MARK) if raw.startswith(_MARK) else 0
     number = 0
@@ -103,7 +103,7 @@ def _head(raw: bytes, path: Path) -> _Head:
         elif line.strip() and not line.startswith(b"%"):
             check_last_line(line, path, number)
             size = _size(line, words[0], path, number)
-            return _Head(words[0], words[1], words[2], size, raw[at:], number + 1)
+            return _MatrixMarketHeader(words[0], words[1], words[2], size, raw[at:], number + 1)
     raise FormatError("the file ends before the line of the size: it is truncated", path, number)
 
 
@@ -138,7 +138,7 @@ def _size(line: bytes, layout: str, path: Path, number: int) -> tuple[int, ...]:
 _Entries = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
 
-def _coordinate_entries(head: _Head, n: int, path: Path) -> _Entries:
+def _coordinate_entries(head: _MatrixMarketHeader, n: int, path: Path) -> _Entries:
     """Return rows and columns (from 0) and entries of the coordinate layout."""
     table = number_rows(
         head.body, f"ii{_letter(head)}", f"row, column, {_noun(head)}", path, head.line
@@ -152,7 +152,7 @@ def _coordinate_entries(head: _Head, n: int, path: Path) -> _Entries:
     return at[:, 0], at[:, 1], table[:, 2]
 
 
-def _array_entries(head: _Head, n: int, path: Path) -> _Entries:
+def _array_entries(head: _MatrixMarketHeader, n: int, path: Path) -> _Entries:
     """Return rows and columns (from 0) and entries of the array layout, column by column."""
     values = number_rows(head.body, _letter(head), _noun(head), path, head.line)[:, 0]
     is_triangle = head.symmetry == "symmetric"
@@ -165,11 +165,11 @@ def _array_entries(head: _Head, n: int, path: Path) -> _Entries:
     return row.astype(np.int64), column.astype(np.int64), values
 
 
-def _letter(head: _Head) -> str:
+def _letter(head: _MatrixMarketHeader) -> str:
     return "i" if "integer" in head.field else "r"
 
 
-def _noun(head: _Head) -> str:
+def _noun(head: _MatrixMarketHeader) -> str:
     return "a whole number of at most 15 digits" if "integer" in head.field else "a number"
 
 

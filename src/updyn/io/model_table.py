@@ -29,7 +29,7 @@ from updyn.io.items import is_file, locate_errors, nearest, utf8_text
 from updyn.io.toml_text import parse_toml
 from updyn.model import Model
 
-__all__ = ["GENERAL", "ModelTable", "write_tables"]
+__all__ = ["GENERAL", "ModelFile", "write_tables"]
 
 #: Keys of every such file.
 GENERAL = ("title", "dofs", "geometry", "group")
@@ -37,7 +37,7 @@ _JOB = ("model", "test", "parameter")  # tables of a job file, the other kind of
 _DRAWN = ("lines", "faces")
 
 
-class ModelTable:
+class ModelFile:
     """A TOML file of a model: its content, and checks of its keys with their lines.
 
     Parameters
@@ -56,7 +56,7 @@ class ModelTable:
         self._lines = text.splitlines()
 
     @classmethod
-    def read_file(cls, path: Path) -> ModelTable:
+    def read_file(cls, path: Path) -> ModelFile:
         """Read the file; refuse files other than TOML in UTF-8, and job files."""
         text = utf8_text(path)
         try:

@@ -129,7 +129,7 @@ def from_opensees(
             " groups of elements, of masses and 'damping'"
         )
     _check_free(ops)
-    assembly = _Assembly(ops)
+    assembly = _OpenSeesAssembly(ops)
     dofs = _labels(ops, assembly.size)
     parts = _split_groups(ops, assembly, dofs, elements, at_nodes, rayleigh)
     out: dict[str, Group] = {}
@@ -285,7 +285,7 @@ def _geometry(ops: Any, length: float) -> Geometry:
 
 
 # -- matrices -----------------------------------------------------------------------------------
-class _Assembly:
+class _OpenSeesAssembly:
     """K, M and C as formed by OpenSees."""
 
     def __init__(self, ops: Any) -> None:
@@ -332,7 +332,7 @@ class _Totals:
 
 def _split_groups(
     ops: Any,
-    assembly: _Assembly,
+    assembly: _OpenSeesAssembly,
     dofs: DofSet,
     elements: Mapping[str, list[int]],
     at_nodes: Mapping[str, list[int]],
@@ -385,7 +385,9 @@ def _without_masses(ops: Any, at_nodes: Mapping[str, list[int]]) -> Iterator[Cal
         set_masses(before)
 
 
-def _part(ops: Any, assembly: _Assembly, total: _Totals, tags: Iterable[int]) -> dict[str, _Array]:
+def _part(
+    ops: Any, assembly: _OpenSeesAssembly, total: _Totals, tags: Iterable[int]
+) -> dict[str, _Array]:
     """Return the contribution of elements to K and M, by means of their Rayleigh damping."""
     out = {}
     for what, factors in (("stiffness", (0.0, 1.0)), ("mass", (1.0, 0.0))):
@@ -400,7 +402,7 @@ def _part(ops: Any, assembly: _Assembly, total: _Totals, tags: Iterable[int]) ->
 
 def _undamped_group(
     ops: Any,
-    assembly: _Assembly,
+    assembly: _OpenSeesAssembly,
     total: _Totals,
     elements: Mapping[str, list[int]],
     what: str,

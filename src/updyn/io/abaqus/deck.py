@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.io.consistent_units import System, check_materials
+from updyn.io.consistent_units import UnitSystem, check_materials
 from updyn.io.items import locate_errors
-from updyn.io.keyword_deck.cards import Card, Row, number, whole
+from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, whole
 from updyn.io.keyword_deck.sets import Sets, concatenate
 from updyn.io.keyword_deck.structure import (
-    Property,
+    KeywordProperty,
     heading_of,
     read_nodes,
     read_properties,
@@ -50,11 +50,11 @@ class DeckFacts:
         The deck.
     title : str
         Its heading.
-    cards : tuple of Card
+    cards : tuple of KeywordCard
         Cards of the model.
-    steps : tuple of tuple of Card
+    steps : tuple of tuple of KeywordCard
         Cards of each step.
-    properties : mapping of str to Property
+    properties : mapping of str to KeywordProperty
         Materials, springs and masses.
     sections : mapping of str to str
         Material by element set.
@@ -62,13 +62,13 @@ class DeckFacts:
 
     path: Path
     title: str
-    cards: tuple[Card, ...]
-    steps: tuple[tuple[Card, ...], ...]
-    properties: Mapping[str, Property]
+    cards: tuple[KeywordCard, ...]
+    steps: tuple[tuple[KeywordCard, ...], ...]
+    properties: Mapping[str, KeywordProperty]
     sections: Mapping[str, str]
 
     @property
-    def assemblies(self) -> list[Card]:
+    def assemblies(self) -> list[KeywordCard]:
         """The ``*MATRIX ASSEMBLE`` cards."""
         return [card for card in self.cards if card.name == "MATRIX ASSEMBLE"]
 
@@ -77,7 +77,7 @@ class DeckFacts:
         """Whether the deck has no parts; only then its node numbers are those of the matrices."""
         return not any(card.name in _PARTS for card in self.cards)
 
-    def read_geometry(self, units: System) -> Geometry | None:
+    def read_geometry(self, units: UnitSystem) -> Geometry | None:
         """Return the node positions in m, or None if the deck has none; refuse repeated nodes."""
         own = [card for card in self.cards if card.name == "NODE"]
         materials = []
@@ -171,12 +171,12 @@ class DeckFacts:
         return out
 
 
-def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
+def read_facts(path: Path, cards: Sequence[KeywordCard]) -> DeckFacts:
     """Read the parts of a deck that its matrices need."""
     model, steps = split_steps(cards)
     types: dict[str, str] = {}
     sections: dict[str, str] = {}
-    made_of: list[tuple[Card, str]] = []
+    made_of: list[tuple[KeywordCard, str]] = []
     for card in model:
         elset = card.get("ELSET")
         if elset and card.name == "ELEMENT":
@@ -196,7 +196,7 @@ def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 
-def _support_dofs(card: Card, row: Row, sets: Sets) -> NDArray[np.int64]:
+def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> NDArray[np.int64]:
     """Return node and dof of the supports of a line, shape (n, 2)."""
     fields = row.fields
     if fields[0].upper() in sets:
@@ -227,7 +227,7 @@ def _support_dofs(card: Card, row: Row, sets: Sets) -> NDArray[np.int64]:
     return np.stack(both, axis=1).astype(np.int64)
 
 
-def _element_numbers(card: Card) -> NDArray[np.int64]:
+def _element_numbers(card: KeywordCard) -> NDArray[np.int64]:
     """Return the numbers of the elements; a trailing comma continues the line."""
     numbers, continues = [], False
     for row in card.rows:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.io.consistent_units import System
+from updyn.io.consistent_units import UnitSystem
 from updyn.io.items import locate_errors, unreadable
 from updyn.io.keyword_deck.sets import distinct
 from updyn.io.text_numbers import number_rows, real_of
@@ -43,9 +43,9 @@ __all__ = [
     "HELD",
     "MATRICES",
     "NAME",
-    "Entries",
+    "AbaqusEntries",
+    "AbaqusGroup",
     "Labels",
-    "Part",
     "assemble",
     "coordinate_matrix",
     "entries_of",
@@ -67,7 +67,7 @@ _OTHER_DOFS = {"7": "warping", "8": "pressure", "9": "electric potential"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Entries:
+class AbaqusEntries:
     """The rows of a matrix file.
 
     Parameters
@@ -92,11 +92,11 @@ class Entries:
         """Whether the rows contain node labels."""
         return int(self.labels.shape[1]) == 4
 
-    def of(self, elements: NDArray[np.int64]) -> Entries:
+    def of(self, elements: NDArray[np.int64]) -> AbaqusEntries:
         """Return the rows of some elements."""
         assert self.elements is not None
         own = np.isin(self.elements, elements)
-        return Entries(self.path, self.labels[own], self.values[own], self.elements[own])
+        return AbaqusEntries(self.path, self.labels[own], self.values[own], self.elements[own])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ class Labels:
     keys: NDArray[np.int64]
 
     @classmethod
-    def union(cls, files: Sequence[Entries]) -> Labels:
+    def union(cls, files: Sequence[AbaqusEntries]) -> Labels:
         """Return the labels in the rows of all files."""
         pairs = np.unique(np.concatenate([f.labels.reshape(-1, 2) for f in files]), axis=0)
         internal = pairs[:, 0] < 0
@@ -130,7 +130,7 @@ class Labels:
         largest = int(nodes.max(initial=0))
         return DofSet.from_arrays(np.where(nodes < 0, largest - nodes, nodes), self.keys[:, 1] - 1)
 
-    def matrix(self, file: Entries) -> Matrix:
+    def matrix(self, file: AbaqusEntries) -> Matrix:
         """Return the entries of a file as a symmetric matrix, in the order of the labels.
 
         Raises
@@ -180,7 +180,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def read_entries(path: Path) -> Entries:
+def read_entries(path: Path) -> AbaqusEntries:
     """Read a matrix file.
 
     Raises
@@ -196,7 +196,7 @@ def read_entries(path: Path) -> Entries:
     return entries_of(raw, path)
 
 
-def entries_of(raw: bytes, path: Path, first_line: int = 1) -> Entries:
+def entries_of(raw: bytes, path: Path, first_line: int = 1) -> AbaqusEntries:
     """Read the rows of a matrix; `first_line` is the line of the first row in the file."""
     first = list(islice(_rows(raw, first_line), _FIRST_ROWS))
     if not first:
@@ -219,7 +219,7 @@ def entries_of(raw: bytes, path: Path, first_line: int = 1) -> Entries:
     if wrong.any():
         raise _bad_label(raw, int(np.flatnonzero(wrong)[0]), path, first_line)
     elements = labels[:, 0] if columns == 6 else None
-    return Entries(path, own, table[:, -1], elements)
+    return AbaqusEntries(path, own, table[:, -1], elements)
 
 
 def _rows(raw: bytes, first_line: int) -> Iterator[tuple[int, str]]:
@@ -247,7 +247,7 @@ def _bad_label(raw: bytes, at: int, path: Path, first_line: int) -> FormatError:
     )
 
 
-def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
+def coordinate_matrix(file: AbaqusEntries, dofs: DofSet) -> Matrix:
     """Return a file of rows and columns as a symmetric matrix, in the order of `dofs`.
 
     Raises
@@ -264,7 +264,7 @@ def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
 
 
 def _symmetric(
-    row: NDArray[np.int64], column: NDArray[np.int64], file: Entries, n: int, dofs: DofSet
+    row: NDArray[np.int64], column: NDArray[np.int64], file: AbaqusEntries, n: int, dofs: DofSet
 ) -> Matrix:
     """Return the symmetric matrix of one triangle, each entry in either of them, or of both."""
     low = np.minimum(row, column)
@@ -323,27 +323,27 @@ _INTERNAL = ("keep", "condense")
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class AbaqusGroup:
     """A group and the files of its matrices.
 
     Parameters
     ----------
     name : str
         Group name.
-    files : mapping of str to Entries
+    files : mapping of str to AbaqusEntries
         By "stiffness", "mass", "viscous" and "structural" (the imaginary part of the stiffness).
     loss_factor : float, optional
         Structural loss factor; by default that of the structural matrix.
     """
 
     name: str
-    files: Mapping[str, Entries]
+    files: Mapping[str, AbaqusEntries]
     loss_factor: float | None = None
 
 
 def assemble(
-    parts: Sequence[Part],
-    units: System,
+    parts: Sequence[AbaqusGroup],
+    units: UnitSystem,
     path: Path,
     *,
     dofs: DofSet | None = None,
@@ -356,9 +356,9 @@ def assemble(
 
     Parameters
     ----------
-    parts : sequence of Part
+    parts : sequence of AbaqusGroup
         The groups.
-    units : System
+    units : UnitSystem
         Units of the files.
     path : Path
         The file that lists them, for messages.
@@ -441,9 +441,11 @@ def _restrict(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str,
     return {what: A[keep][:, keep] for what, A in matrices.items()}
 
 
-def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Labels | None, DofSet]:
+def _labels(
+    parts: Sequence[AbaqusGroup], dofs: DofSet | None, path: Path
+) -> tuple[Labels | None, DofSet]:
     """Return the labels of the files, None if they have none, and the degrees of freedom."""
-    files: list[Entries] = []
+    files: list[AbaqusEntries] = []
     for part in parts:
         files += part.files.values()
     bare = [file for file in files if not file.has_labels]
@@ -502,7 +504,7 @@ def _free(
     return free
 
 
-def _group(part: Part, matrices: Mapping[str, Matrix], path: Path) -> Group:
+def _group(part: AbaqusGroup, matrices: Mapping[str, Matrix], path: Path) -> Group:
     K = matrices.get("stiffness")
     D = matrices.get("structural")
     gamma = part.loss_factor or 0.0
@@ -517,7 +519,7 @@ def _group(part: Part, matrices: Mapping[str, Matrix], path: Path) -> Group:
         return Group(K, matrices.get("mass"), loss_factor=gamma, viscous=matrices.get("viscous"))
 
 
-def _ratio(D: Matrix, K: Matrix | None, part: Part, path: Path) -> float:
+def _ratio(D: Matrix, K: Matrix | None, part: AbaqusGroup, path: Path) -> float:
     if K is None or not abs(K).max() > 0.0:
         raise FormatError(f"group {part.name!r}: structural damping without stiffness", path)
     gamma = float((D.multiply(K)).sum() / (K.multiply(K)).sum())
@@ -532,7 +534,7 @@ def _ratio(D: Matrix, K: Matrix | None, part: Part, path: Path) -> float:
 
 def _condense(
     matrices: list[dict[str, Any]],
-    parts: Sequence[Part],
+    parts: Sequence[AbaqusGroup],
     dofs: DofSet,
     inner: NDArray[np.bool_],
     path: Path,
@@ -579,7 +581,7 @@ def _condense(
 
 
 def _schur(
-    K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: Part, dofs: DofSet, path: Path
+    K: Any, r: NDArray[np.intp], i: NDArray[np.intp], part: AbaqusGroup, dofs: DofSet, path: Path
 ) -> Any:
     from scipy.sparse.linalg import splu
 

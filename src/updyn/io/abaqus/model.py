@@ -32,18 +32,18 @@ from updyn.io.abaqus.deck import DeckFacts, read_facts
 from updyn.io.abaqus.matrices import (
     MATRICES,
     NAME,
-    Entries,
+    AbaqusEntries,
+    AbaqusGroup,
     Labels,
-    Part,
     assemble,
     entries_of,
     read_entries,
 )
 from updyn.io.atomic import atomic_path
-from updyn.io.consistent_units import System, system
+from updyn.io.consistent_units import UnitSystem, system
 from updyn.io.damping import refuse_damping
 from updyn.io.items import is_file, nearest
-from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, short_number
+from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, read_cards, short_number
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.model import Group, Matrix, Model
 
@@ -122,10 +122,10 @@ def read_model(
                 path,
             )
     geometry = _geometry_of_deck(path.parent / f"{name}.inp", units)
-    return assemble([Part(name, entries)], units, path, geometry=geometry, internal=internal)
+    return assemble([AbaqusGroup(name, entries)], units, path, geometry=geometry, internal=internal)
 
 
-def _geometry_of_deck(deck: Path, units: System) -> Geometry | None:
+def _geometry_of_deck(deck: Path, units: UnitSystem) -> Geometry | None:
     if not is_file(deck):
         return None
     return read_facts(deck, read_cards(deck)).read_geometry(units)
@@ -171,7 +171,7 @@ _TOLERANCE = 1e-10
 
 
 # -- *MATRIX GENERATE ---------------------------------------------------------------------------
-def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
+def generated_parts(facts: DeckFacts, job: str) -> list[AbaqusGroup]:
     """Return the groups whose matrices were written by the steps of a deck.
 
     `job` is the name in the files, which are in the folder of the deck.
@@ -181,8 +181,8 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
     FormatError
         If no step writes matrices, a file is missing, or the groups do not add up to the whole.
     """
-    whole: dict[str, Entries] = {}
-    parts: list[Part] = []
+    whole: dict[str, AbaqusEntries] = {}
+    parts: list[AbaqusGroup] = []
     for at, step in enumerate(facts.steps, 1):
         cards = [card for card in step if card.name == "MATRIX GENERATE"]
         if not cards:
@@ -194,7 +194,7 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
             parts += _by_material(facts, card, files)
         elif elset:
             # A set of an instance is named "instance.set"; group names have no dots.
-            parts.append(Part(elset.rpartition(".")[2], files))
+            parts.append(AbaqusGroup(elset.rpartition(".")[2], files))
         else:
             whole = files
     if not parts and not whole:
@@ -205,13 +205,15 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
             facts.path,
         )
     if not parts:
-        return [Part(job, whole)]
+        return [AbaqusGroup(job, whole)]
     for what, total in whole.items():
         _check_sum(what, total, [part.files[what] for part in parts if what in part.files])
     return parts
 
 
-def _read_step(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Entries]:
+def _read_step(
+    facts: DeckFacts, card: KeywordCard, job: str, step: int
+) -> dict[str, AbaqusEntries]:
     """Read the matrices that a step wrote."""
     by_element = "ELEMENT BY ELEMENT" in card.parameters
     files = {}
@@ -240,7 +242,9 @@ def _read_step(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, E
     return files
 
 
-def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> list[Part]:
+def _by_material(
+    facts: DeckFacts, card: KeywordCard, files: Mapping[str, AbaqusEntries]
+) -> list[AbaqusGroup]:
     if not facts.is_flat:
         raise card.error(
             "ELEMENT BY ELEMENT in a deck with parts, whose elements Abaqus renumbers; write a"
@@ -262,7 +266,7 @@ def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> 
                 chosen[what] = of_material
         seen = np.union1d(seen, own)
         if chosen:
-            parts.append(Part(facts.properties[material].name, chosen))
+            parts.append(AbaqusGroup(facts.properties[material].name, chosen))
     for file in files.values():
         assert file.elements is not None
         lost = np.setdiff1d(file.elements, seen)
@@ -273,7 +277,7 @@ def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> 
     return parts
 
 
-def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
+def _check_sum(what: str, total: AbaqusEntries, files: list[AbaqusEntries]) -> None:
     """Refuse groups that do not add up to the whole."""
     if not total.has_labels or not all(f.has_labels for f in files):
         raise FormatError(
@@ -301,7 +305,7 @@ def _check_sum(what: str, total: Entries, files: list[Entries]) -> None:
 
 
 # -- *MATRIX INPUT and *MATRIX ASSEMBLE ---------------------------------------------------------
-def assembled_parts(facts: DeckFacts) -> list[Part]:
+def assembled_parts(facts: DeckFacts) -> list[AbaqusGroup]:
     """Return the groups of a deck that consists of matrices; each ``*MATRIX ASSEMBLE`` is a group.
 
     Raises
@@ -334,11 +338,11 @@ def assembled_parts(facts: DeckFacts) -> list[Part]:
             files[what] = _input(known[name.upper()], facts.path.parent)
         if not files:
             raise card.error("*MATRIX ASSEMBLE refers to no matrix")
-        parts.append(Part(_group_name(card), files))
+        parts.append(AbaqusGroup(_group_name(card), files))
     return parts
 
 
-def _group_name(card: Card) -> str:
+def _group_name(card: KeywordCard) -> str:
     """Return the name of the first matrix of the assembly, without its suffix."""
     named = [card.parameters[p] for p in _PARAMETERS.values() if card.get(p)]
     name = named[0]
@@ -348,7 +352,7 @@ def _group_name(card: Card) -> str:
     return name
 
 
-def _input(card: Card, folder: Path) -> Entries:
+def _input(card: KeywordCard, folder: Path) -> AbaqusEntries:
     card.check_parameters("NAME", "INPUT", "SCALE FACTOR", "TYPE", "MATRIX")
     if (card.get("TYPE") or "SYMMETRIC").upper() != "SYMMETRIC":
         raise card.error("*MATRIX INPUT, TYPE=UNSYMMETRIC: expected a symmetric matrix")
@@ -373,8 +377,8 @@ def _input(card: Card, folder: Path) -> Entries:
     scale = card.get("SCALE FACTOR")
     if scale is None:
         return entries
-    factor = number(scale, card, Row(card.line, scale))
-    return Entries(entries.path, entries.labels, entries.values * factor, entries.elements)
+    factor = number(scale, card, KeywordRow(card.line, scale))
+    return AbaqusEntries(entries.path, entries.labels, entries.values * factor, entries.elements)
 
 
 _LARGEST = 10**9 - 1  # node number of Abaqus

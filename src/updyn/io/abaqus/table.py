@@ -26,8 +26,8 @@ from updyn.errors import FormatError, suggest
 from updyn.io.abaqus.deck import DeckFacts, read_facts
 from updyn.io.abaqus.matrices import (
     MATRICES,
-    Entries,
-    Part,
+    AbaqusEntries,
+    AbaqusGroup,
     assemble,
     is_abaqus,
     read_entries,
@@ -35,7 +35,7 @@ from updyn.io.abaqus.matrices import (
 from updyn.io.consistent_units import system
 from updyn.io.items import is_file
 from updyn.io.keyword_deck.cards import read_cards
-from updyn.io.model_table import GENERAL, ModelTable
+from updyn.io.model_table import GENERAL, ModelFile
 from updyn.model import Model
 
 __all__ = ["names_abaqus_files", "read_table"]
@@ -44,7 +44,7 @@ _TOP = (*GENERAL, "unit", "deck", "internal")
 _GROUP = ("name", *MATRICES, "loss_factor", "elset")
 
 
-def names_abaqus_files(table: ModelTable) -> bool:
+def names_abaqus_files(table: ModelFile) -> bool:
     """Return whether the first existing matrix file of a group is an Abaqus file."""
     for group in table.content["group"]:
         for what in MATRICES:
@@ -57,7 +57,7 @@ def names_abaqus_files(table: ModelTable) -> bool:
     return False
 
 
-def read_table(table: ModelTable) -> Model:
+def read_table(table: ModelFile) -> Model:
     """Build the model of a TOML file whose groups refer to matrix files of Abaqus.
 
     Raises
@@ -87,8 +87,8 @@ def read_table(table: ModelTable) -> Model:
 
 
 def _part(
-    table: ModelTable, group: Mapping[str, Any], number: int, facts: DeckFacts | None
-) -> Part:
+    table: ModelFile, group: Mapping[str, Any], number: int, facts: DeckFacts | None
+) -> AbaqusGroup:
     table.only_known(group, _GROUP, "group", number)
     name = table.group_name(group, number)
     files = {}
@@ -105,16 +105,16 @@ def _part(
             table.path,
             table.line("name", "group", number),
         )
-    return Part(name, files, group.get("loss_factor"))
+    return AbaqusGroup(name, files, group.get("loss_factor"))
 
 
 def _of_set(
-    files: Mapping[str, Entries],
+    files: Mapping[str, AbaqusEntries],
     elset: str,
     facts: DeckFacts | None,
-    table: ModelTable,
+    table: ModelFile,
     number: int,
-) -> dict[str, Entries]:
+) -> dict[str, AbaqusEntries]:
     line = table.line("elset", "group", number)
     if facts is None:
         raise FormatError("elset needs deck = '...', which defines it", table.path, line)

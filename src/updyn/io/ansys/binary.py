@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, in_all
-from updyn.io.consistent_units import UNITS, System, system
+from updyn.io.consistent_units import UNITS, UnitSystem, system
 from updyn.io.items import locate_errors
 
 __all__ = ["DOF_NAMES", "BinaryFile", "labels_of"]
@@ -174,7 +174,7 @@ class BinaryFile:
                 found[name] = (int(values[high]) << 32) + (int(values[low]) & _LOW)
         return found
 
-    def units(self, unit: str | None) -> System:
+    def units(self, unit: str | None) -> UnitSystem:
         """Return the units of the numbers: `unit`, else the units of the header, else SI.
 
         Raises

@@ -28,7 +28,7 @@ from updyn.io.items import is_file, locate_errors, parse_selection
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
-    "Element",
+    "AnsysElement",
     "ElementFile",
     "read_model",
     "write_properties",
@@ -183,7 +183,7 @@ def _sums(
     file: ElementFile, names: NDArray[np.object_], dofs: DofSet
 ) -> dict[str, dict[str, Matrix]]:
     """Return K, M, C and stress stiffness of each group, shape (N, N), in units of the deck."""
-    sums: dict[str, dict[str, _Sum]] = {}
+    sums: dict[str, dict[str, _ElementSum]] = {}
     keys = dofs.nodes * _KEYS + dofs.axes + 1  # ascending: sorted by node and direction
     for name, element in zip(names, file, strict=True):
         at = np.searchsorted(keys, element.nodes * _KEYS + element.dofs)
@@ -194,7 +194,7 @@ def _sums(
                 group = _STRESS
                 kind = "stiffness"
             if matrix.any():
-                sums.setdefault(group, {}).setdefault(kind, _Sum(len(dofs))).add(at, matrix)
+                sums.setdefault(group, {}).setdefault(kind, _ElementSum(len(dofs))).add(at, matrix)
     # In the order of their names, numbers by value: "material 2" before "material 10".
     order = sorted(sums, key=lambda n: (n == _STRESS, n == "remaining", *_by_number(n)))
     out = {}
@@ -208,7 +208,7 @@ def _by_number(name: str) -> tuple[str, int]:
     return (word, int(number)) if number.isdigit() else (name, 0)
 
 
-class _Sum:
+class _ElementSum:
     """A sparse sum of small matrices that limits the memory of pending entries."""
 
     def __init__(self, size: int) -> None:
@@ -364,7 +364,7 @@ _SAMPLE = 200  # elements used to detect how triangles are packed
 
 
 @dataclass(frozen=True, slots=True)
-class Element:
+class AnsysElement:
     """One element.
 
     Parameters
@@ -436,11 +436,11 @@ class ElementFile:
             )
         return values.astype(np.int64)
 
-    def __iter__(self) -> Iterator[Element]:
+    def __iter__(self) -> Iterator[AnsysElement]:
         for i in range(len(self.elements)):
             yield self._read_element(i)
 
-    def _read_element(self, i: int) -> Element:
+    def _read_element(self, i: int) -> AnsysElement:
         where = f"element {self.elements[i]}"
         header, at = self.binary.record(int(self._at[i]), where, "i")
         if len(header) < 10:
@@ -468,7 +468,7 @@ class ElementFile:
             if key:
                 values, at = self.binary.record(at, f"{where}: {what}", "f")
                 matrices[what] = self._square(values.astype(np.float64), size, f"{where}: {what}")
-        return Element(int(self.elements[i]), self._nodes[node], self._used[dof], matrices)
+        return AnsysElement(int(self.elements[i]), self._nodes[node], self._used[dof], matrices)
 
     def _square(self, values: NDArray[np.float64], size: int, where: str) -> NDArray[np.float64]:
         """Return the full matrix of a full, triangular or diagonal record."""

@@ -29,8 +29,8 @@ from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = [
     "AnsysDeck",
+    "AnsysProperty",
     "Doubt",
-    "Property",
     "RealSet",
     "read_deck",
     "write_properties",
@@ -158,7 +158,7 @@ def _material(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list
 def _require_property(
     deck: AnsysDeck,
     number: int,
-    has: Mapping[str, Property],
+    has: Mapping[str, AnsysProperty],
     is_changed: bool,
     is_present: object,
     label: str,
@@ -172,7 +172,7 @@ def _require_property(
 
 
 def _scaled_commands(
-    deck: AnsysDeck, number: int, label: str, old: Property, factor: float
+    deck: AnsysDeck, number: int, label: str, old: AnsysProperty, factor: float
 ) -> list[str]:
     what = f"{label} of material {number}"
     before = [deck.number(v, old.line, what) for v in old.values]
@@ -190,7 +190,7 @@ def _scaled_commands(
 
 
 def _loss_factor(
-    deck: AnsysDeck, number: int, has: Mapping[str, Property], gamma: float
+    deck: AnsysDeck, number: int, has: Mapping[str, AnsysProperty], gamma: float
 ) -> list[str]:
     out = []
     for name in ("DMPR", "DMPS"):
@@ -282,7 +282,7 @@ _ENDS = re.compile(rb"(?:FINI(?:SH)?|/GO|/EOF|!.*)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class Property:
+class AnsysProperty:
     """A property of a material.
 
     Parameters
@@ -347,7 +347,7 @@ class AnsysDeck:
     ----------
     path : Path
         The deck.
-    materials : dict of int to dict of str to Property
+    materials : dict of int to dict of str to AnsysProperty
         By material number and label (EX, DENS, BETD).
     reals : dict of int to RealSet
         By number.
@@ -364,7 +364,7 @@ class AnsysDeck:
     """
 
     path: Path
-    materials: dict[int, dict[str, Property]] = field(default_factory=dict)
+    materials: dict[int, dict[str, AnsysProperty]] = field(default_factory=dict)
     reals: dict[int, RealSet] = field(default_factory=dict)
     tables: dict[int, int] = field(default_factory=dict)
     types: dict[int, int] = field(default_factory=dict)
@@ -624,7 +624,7 @@ class _Parser:
         if material is None:
             self._doubt((MATERIAL,), line, f"{label} refers to material {number!r}")
             return
-        found = Property(tuple(values), temperatures, line)
+        found = AnsysProperty(tuple(values), temperatures, line)
         self.deck.materials.setdefault(material, {})[label] = found
 
     def _block(self, name: str, fields: list[str], lines: Sequence[str], at: int) -> int:

@@ -17,15 +17,21 @@ from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.abaqus import model as abaqus
-from updyn.io.calculix.program import ABAQUS, Matrices, check_model, find_program, storage_deck
+from updyn.io.calculix.program import (
+    ABAQUS,
+    CalculixMatrices,
+    check_model,
+    find_program,
+    storage_deck,
+)
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import locate_errors
-from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, whole
+from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, read_cards, whole
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.io.keyword_deck.structure import (
     KeywordDeck,
-    Property,
+    KeywordProperty,
     heading_of,
     nodes_by_shape,
     read_deck,
@@ -107,7 +113,7 @@ def read_model(
     moduli = [(p.name, p.first("stiffness"), p.first("mass")) for p in materials]
     check_materials(moduli, units, path)
 
-    def run(changed: Property | None = None) -> Matrices:
+    def run(changed: KeywordProperty | None = None) -> CalculixMatrices:
         return program.run_deck([*_lines(model, changed), *step], remarks=changed is None)
 
     total = run()
@@ -153,8 +159,8 @@ def read_model(
 
 
 def read_parts(
-    path: Path, cards: Sequence[Card]
-) -> tuple[list[Card], list[str], KeywordDeck, dict[str, Property]]:
+    path: Path, cards: Sequence[KeywordCard]
+) -> tuple[list[KeywordCard], list[str], KeywordDeck, dict[str, KeywordProperty]]:
     """Return the cards of the model, the lines of the storing step, the structure and its groups.
 
     Groups are by name in upper case.
@@ -202,7 +208,7 @@ def read_parts(
     return model, step, deck, parts
 
 
-def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
+def _lines(model: Sequence[KeywordCard], changed: KeywordProperty | None) -> list[str]:
     """Return the lines of a deck, with doubled stiffness and density of a part."""
     cards = list(model)
     if changed is not None:
@@ -213,7 +219,7 @@ def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
     return lines
 
 
-def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
+def read_rayleigh(model: Sequence[KeywordCard]) -> tuple[float, float]:
     """Return ALPHA (1/s) and BETA (s) of the deck; ccx applies them to the whole deck.
 
     Raises
@@ -229,7 +235,7 @@ def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
     if not found:
         return 0.0, 0.0
     card = found[0]
-    row = Row(card.line, "")
+    row = KeywordRow(card.line, "")
     alpha = number(card.get("ALPHA") or "0.", card, row)
     beta = number(card.get("BETA") or "0.", card, row)
     return alpha, beta
@@ -293,13 +299,13 @@ class Rotations:
         return DofSet.from_arrays(nodes, axes)
 
 
-def read_rotations(model: Sequence[Card], path: Path) -> Rotations:
+def read_rotations(model: Sequence[KeywordCard], path: Path) -> Rotations:
     """Return the rotation nodes of rigid bodies and couplings before the first step."""
     named = []
     unnamed = []
     for card in model:
         if card.name in ("RIGID BODY", "COUPLING"):
-            row = Row(card.line, "")
+            row = KeywordRow(card.line, "")
             reference = whole(card.require("REF NODE"), card, row)
             rotation = card.get("ROT NODE")
             if rotation:

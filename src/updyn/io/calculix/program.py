@@ -17,15 +17,15 @@ import scipy.sparse as sp
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.exits import describe_exit
-from updyn.io.keyword_deck.cards import Card, number
+from updyn.io.keyword_deck.cards import KeywordCard, number
 from updyn.io.keyword_deck.structure import LINEAR, NONLINEAR, split_steps
 from updyn.io.text_numbers import number_rows
 from updyn.model import Matrix
 
 __all__ = [
     "ABAQUS",
-    "Matrices",
-    "Program",
+    "CalculixMatrices",
+    "CalculixProgram",
     "check_model",
     "find_program",
     "storage_deck",
@@ -41,7 +41,7 @@ _HARMLESS = ("no elastic constants", "no density was assigned", "cannot be inter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matrices:
+class CalculixMatrices:
     """The matrices written by ``ccx``, in the units of the deck.
 
     Parameters
@@ -58,7 +58,7 @@ class Matrices:
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class CalculixProgram:
     """An installed ``ccx``.
 
     Parameters
@@ -75,7 +75,7 @@ class Program:
     timeout: float
     path: Path
 
-    def run_deck(self, lines: Sequence[str], *, remarks: bool = True) -> Matrices:
+    def run_deck(self, lines: Sequence[str], *, remarks: bool = True) -> CalculixMatrices:
         """Run a deck whose last step stores the matrices, in a temporary folder.
 
         `remarks` passes the remarks of the program on as a warning.
@@ -143,7 +143,7 @@ class Program:
             )
         return list(dict.fromkeys(remarks))
 
-    def _read_matrices(self, folder: Path) -> Matrices:
+    def _read_matrices(self, folder: Path) -> CalculixMatrices:
         labels = (folder / f"{_JOB}.dof").read_bytes().decode("ascii", "backslashreplace")
         dofs = _dofs(labels, self.path)
         try:
@@ -151,10 +151,10 @@ class Program:
             M = _matrix(folder / f"{_JOB}.mas", len(dofs))
         except FormatError as error:
             raise FormatError(f"the output of ccx cannot be read: {error}", self.path) from error
-        return Matrices(dofs, K, M)
+        return CalculixMatrices(dofs, K, M)
 
 
-def find_program(name: str, timeout: float, path: Path) -> Program:
+def find_program(name: str, timeout: float, path: Path) -> CalculixProgram:
     """Return the program ``ccx``, by its name or path.
 
     Raises
@@ -171,7 +171,7 @@ def find_program(name: str, timeout: float, path: Path) -> Program:
             ' Install it ("apt install calculix-ccx" on Debian and Ubuntu, or from calculix.de),'
             ' or give its path: ccx="path"'
         )
-    return Program(found, timeout, path)
+    return CalculixProgram(found, timeout, path)
 
 
 def _messages(output: str, kind: str) -> list[str]:
@@ -273,7 +273,7 @@ _REFUSED = {
 }
 
 
-def check_model(model: Sequence[Card]) -> None:
+def check_model(model: Sequence[KeywordCard]) -> None:
     """Refuse cards that ``ccx`` would ignore or that its matrices would not contain.
 
     Raises
@@ -307,14 +307,14 @@ def check_model(model: Sequence[Card]) -> None:
             _check_boundary(card)
 
 
-def _check_boundary(card: Card) -> None:
+def _check_boundary(card: KeywordCard) -> None:
     for row in card.rows:
         fields = row.fields
         if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
             raise card.error(f"*BOUNDARY: found {row.text!r}; expected a support at 0", row)
 
 
-def storage_deck(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
+def storage_deck(cards: Sequence[KeywordCard]) -> tuple[list[KeywordCard], list[str]]:
     """Return the cards of the model, and the lines of the step in which ``ccx`` writes matrices.
 
     The step includes the supports of the deck's first ``*FREQUENCY`` step, or of its first step.

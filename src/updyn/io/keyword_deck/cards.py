@@ -20,7 +20,7 @@ from updyn.io.inclusion import DEEPEST, Inclusions
 from updyn.io.items import is_file, nearest, unreadable
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
-__all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
+__all__ = ["KeywordCard", "KeywordRow", "number", "read_cards", "short_number", "whole"]
 
 #: Both programs read the first twenty characters of a field; CalculiX silently drops the rest.
 FIELD_WIDTH = 20
@@ -31,7 +31,7 @@ _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class KeywordRow:
     """A data line.
 
     Parameters
@@ -58,7 +58,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
+class KeywordCard:
     """A keyword with its parameters and data lines.
 
     Parameters
@@ -67,7 +67,7 @@ class Card:
         The keyword in upper case, with single blanks, without the star.
     parameters : mapping of str to str
         By name in upper case; the value as written, or an empty text.
-    rows : tuple of Row
+    rows : tuple of KeywordRow
         The data lines, without comments and empty lines.
     path : Path
         The file of the keyword.
@@ -77,7 +77,7 @@ class Card:
 
     name: str
     parameters: Mapping[str, str]
-    rows: tuple[Row, ...]
+    rows: tuple[KeywordRow, ...]
     path: Path
     line: int
 
@@ -102,7 +102,7 @@ class Card:
                     f"*{self.name}: parameter {name!r} is not supported; {suggest(name, known)}"
                 )
 
-    def error(self, message: str, row: Row | None = None) -> FormatError:
+    def error(self, message: str, row: KeywordRow | None = None) -> FormatError:
         """Return an error at the row, by default at the keyword."""
         if row is None:
             return FormatError(message, self.path, self.line)
@@ -116,7 +116,7 @@ class Card:
         return [head, *(row.text for row in self.rows)]
 
 
-def read_cards(path: str | Path) -> list[Card]:
+def read_cards(path: str | Path) -> list[KeywordCard]:
     """Read a deck and all files that it includes.
 
     Parameters
@@ -126,7 +126,7 @@ def read_cards(path: str | Path) -> list[Card]:
 
     Returns
     -------
-    list of Card
+    list of KeywordCard
         In order.
 
     Raises
@@ -221,10 +221,10 @@ def _resolve_include(name: str, given: str, path: Path, at: int, folder: Path) -
     return inner
 
 
-def _group_lines(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
-    cards: list[Card] = []
+def _group_lines(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[KeywordCard]:
+    cards: list[KeywordCard] = []
     head: tuple[Path, int, str] | None = None
-    rows: list[Row] = []
+    rows: list[KeywordRow] = []
     for path, at, text in lines:
         if text.startswith("*"):
             if head is not None:
@@ -238,19 +238,19 @@ def _group_lines(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Car
                 at,
             )
         else:
-            rows.append(Row(at, text, None if path == head[0] else path))
+            rows.append(KeywordRow(at, text, None if path == head[0] else path))
     if head is None:
         raise FormatError("not an input deck: it contains no keyword", deck)
     return [*cards, _card(head, rows)]
 
 
-def _card(head: tuple[Path, int, str], rows: list[Row]) -> Card:
+def _card(head: tuple[Path, int, str], rows: list[KeywordRow]) -> KeywordCard:
     path, at, text = head
     name = _name(text)
     parameters = _parameters(text)
     if name in _DATA_ELSEWHERE:
         parameters.pop("INPUT", None)  # its lines are already inserted
-    return Card(name, MappingProxyType(parameters), tuple(rows), path, at)
+    return KeywordCard(name, MappingProxyType(parameters), tuple(rows), path, at)
 
 
 def _name(text: str) -> str:
@@ -267,7 +267,7 @@ def _parameters(text: str) -> dict[str, str]:
 
 
 # -- numbers ------------------------------------------------------------------------------------
-def number(text: str, card: Card, row: Row) -> float:
+def number(text: str, card: KeywordCard, row: KeywordRow) -> float:
     """Return a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
 
     Raises
@@ -288,7 +288,7 @@ def number(text: str, card: Card, row: Row) -> float:
         raise card.error(f"*{card.name}: {text!r} is not a number", row) from None
 
 
-def whole(text: str, card: Card, row: Row) -> int:
+def whole(text: str, card: KeywordCard, row: KeywordRow) -> int:
     """Return an integer of a data line."""
     try:
         return whole_of(text)

@@ -8,15 +8,15 @@ from pathlib import Path
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
-from updyn.io.keyword_deck.cards import Card, short_number
-from updyn.io.keyword_deck.structure import Property
+from updyn.io.keyword_deck.cards import KeywordCard, short_number
+from updyn.io.keyword_deck.structure import KeywordProperty
 
 __all__ = ["write_changes"]
 
 
 def write_changes(
     changes: Mapping[str, Mapping[str, float]],
-    parts: Mapping[str, Property],
+    parts: Mapping[str, KeywordProperty],
     deck: Path,
     path: Path,
     *,
@@ -29,7 +29,7 @@ def write_changes(
     ----------
     changes : mapping of str to mapping of str to float
         By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
-    parts : mapping of str to Property
+    parts : mapping of str to KeywordProperty
         Properties of the deck, by name in upper case.
     deck : Path
         The deck, for messages and for the heading.
@@ -70,7 +70,7 @@ def write_changes(
         temporary.write_text("\n".join([*heading, *lines, ""]), encoding="utf-8")
 
 
-def _check(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> None:
+def _check(part: KeywordProperty, change: Mapping[str, float], own_rayleigh: bool) -> None:
     """Refuse changes of quantities that a part does not have."""
     where = f"group {part.name!r}"
     for quantity, value in change.items():
@@ -91,7 +91,9 @@ def _check(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> N
             raise part.cards[0].error(f"{where} has no *DAMPING with ALPHA or BETA to change")
 
 
-def _new_cards(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> tuple[Card, ...]:
+def _new_cards(
+    part: KeywordProperty, change: Mapping[str, float], own_rayleigh: bool
+) -> tuple[KeywordCard, ...]:
     stiffness = change.get("stiffness", 1.0)
     mass = change.get("mass", 1.0)
     viscous = change.get("viscous", 1.0)
@@ -110,7 +112,9 @@ def _new_cards(part: Property, change: Mapping[str, float], own_rayleigh: bool) 
     return part.set_damping(cards, values)
 
 
-def _block(part: Property, change: Mapping[str, float], cards: tuple[Card, ...]) -> list[str]:
+def _block(
+    part: KeywordProperty, change: Mapping[str, float], cards: tuple[KeywordCard, ...]
+) -> list[str]:
     """Return the lines of a part: its change and its old values as comments, its new cards."""
     said = []
     for quantity, value in change.items():

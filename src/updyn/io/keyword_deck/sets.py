@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import suggest
-from updyn.io.keyword_deck.cards import Card, Row, whole
+from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, whole
 
 __all__ = ["Sets", "concatenate", "distinct"]
 
@@ -73,7 +73,7 @@ class Sets:
         self._parts[name] = [found]
         return found
 
-    def count(self, number: int, card: Card, row: Row | None = None) -> None:
+    def count(self, number: int, card: KeywordCard, row: KeywordRow | None = None) -> None:
         """Count members added by a line; raise a FormatError above the limit."""
         self._count += number
         if self._count > _MOST_MEMBERS:
@@ -83,12 +83,12 @@ class Sets:
                 row,
             )
 
-    def add_card(self, card: Card) -> Card:
+    def add_card(self, card: KeywordCard) -> KeywordCard:
         """Add the set of an ``*NSET`` or ``*ELSET`` card, which may refer to previous sets.
 
         Returns
         -------
-        Card
+        KeywordCard
             An equivalent card that programs read in limited time: GENERATE ends at the last
             existing number, and repeated members are removed.
 
@@ -120,7 +120,7 @@ class Sets:
         self.add(name, members)
         return card if len(members) == len(all_members) else _list_members(card, members)
 
-    def _add_range(self, name: str, card: Card, row: Row) -> Row | None:
+    def _add_range(self, name: str, card: KeywordCard, row: KeywordRow) -> KeywordRow | None:
         """Add the numbers of a line of GENERATE; return the line up to the last existing number."""
         fields = row.fields
         if len(fields) not in (2, 3):
@@ -147,8 +147,8 @@ class Sets:
         return replace(row, text=f"{first}, {there[-1]}, {step}")
 
 
-def _list_members(card: Card, members: _Numbers) -> Card:
+def _list_members(card: KeywordCard, members: _Numbers) -> KeywordCard:
     """Return a card that lists its members."""
     texts = members.astype(str).tolist()
     lines = (texts[start : start + _PER_LINE] for start in range(0, len(texts), _PER_LINE))
-    return replace(card, rows=tuple(Row(card.line, ", ".join(line)) for line in lines))
+    return replace(card, rows=tuple(KeywordRow(card.line, ", ".join(line)) for line in lines))

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
-from updyn.io.keyword_deck.cards import Card, Row, number, short_number, whole
+from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, short_number, whole
 from updyn.io.keyword_deck.sets import Sets, concatenate, distinct
 from updyn.shapes import HEXAHEDRON, PYRAMID, TETRAHEDRON, WEDGE, Shape
 
 __all__ = [
-    "Elements",
+    "ElementCard",
     "KeywordDeck",
-    "Property",
-    "Section",
+    "KeywordProperty",
+    "SolidSection",
     "heading_of",
     "nodes_by_shape",
     "read_deck",
@@ -54,7 +54,7 @@ POINTS = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2, "MASS": 1}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elements:
+class ElementCard:
     """The elements of one ``*ELEMENT`` card.
 
     Parameters
@@ -65,18 +65,18 @@ class Elements:
         Element numbers.
     nodes : ndarray of int, shape (n, k)
         Node numbers.
-    card : Card
+    card : KeywordCard
         Their card.
     """
 
     type: str
     numbers: NDArray[np.int64]
     nodes: NDArray[np.int64]
-    card: Card
+    card: KeywordCard
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class SolidSection:
     """A section: the material of an element set.
 
     Parameters
@@ -85,13 +85,13 @@ class Section:
         Element set, in upper case.
     material : str
         Material, in upper case.
-    card : Card
+    card : KeywordCard
         Its card.
     """
 
     elset: str
     material: str
-    card: Card
+    card: KeywordCard
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,13 +106,13 @@ class KeywordDeck:
         Node numbers.
     xyz : ndarray of float, shape (n, 3)
         Positions, in the unit of length of the deck.
-    elements : tuple of Elements
+    elements : tuple of ElementCard
         The elements by card.
     nsets, elsets : mapping of str to ndarray of int
         Members of each set, ascending.
-    sections : tuple of Section
+    sections : tuple of SolidSection
         The solid sections.
-    cards : tuple of Card
+    cards : tuple of KeywordCard
         The cards of the model; cards of sets as `updyn.io.keyword_deck.sets.Sets.add_card` returns
         them.
     """
@@ -120,11 +120,11 @@ class KeywordDeck:
     path: Path
     nodes: NDArray[np.int64]
     xyz: NDArray[np.float64]
-    elements: tuple[Elements, ...]
+    elements: tuple[ElementCard, ...]
     nsets: Mapping[str, NDArray[np.int64]]
     elsets: Mapping[str, NDArray[np.int64]]
-    sections: tuple[Section, ...]
-    cards: tuple[Card, ...]
+    sections: tuple[SolidSection, ...]
+    cards: tuple[KeywordCard, ...]
 
     def elements_of(self, material: str) -> NDArray[np.int64]:
         """Return the numbers of the elements made of a material, ascending."""
@@ -132,10 +132,10 @@ class KeywordDeck:
         return distinct(concatenate(own))
 
 
-def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
+def split_steps(cards: Sequence[KeywordCard]) -> tuple[list[KeywordCard], list[list[KeywordCard]]]:
     """Return the cards of the model, and those of each step, ``*STEP`` first."""
-    model: list[Card] = []
-    steps: list[list[Card]] = []
+    model: list[KeywordCard] = []
+    steps: list[list[KeywordCard]] = []
     for card in cards:
         if card.name == "STEP":
             steps.append([card])
@@ -146,7 +146,7 @@ def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
     return model, steps
 
 
-def heading_of(model: Sequence[Card]) -> str:
+def heading_of(model: Sequence[KeywordCard]) -> str:
     """Return the first line of the heading, or an empty text."""
     for card in model:
         if card.name == "HEADING" and card.rows:
@@ -154,14 +154,14 @@ def heading_of(model: Sequence[Card]) -> str:
     return ""
 
 
-def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
+def read_deck(path: str | Path, model: Sequence[KeywordCard]) -> KeywordDeck:
     """Read nodes, elements, sets and solid sections.
 
     Parameters
     ----------
     path : path
         The deck, for messages.
-    model : sequence of Card
+    model : sequence of KeywordCard
         The cards before the first step; other cards are ignored.
 
     Returns
@@ -183,8 +183,8 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
     nsets = Sets(numbers)
     elsets = Sets(concatenate([block.numbers for block in blocks]))
     next_nodes, next_block = iter(nodes), iter(blocks)
-    sections: list[Section] = []
-    cards: list[Card] = []
+    sections: list[SolidSection] = []
+    cards: list[KeywordCard] = []
     for card in model:
         if card.name == "NODE":
             nsets.add(card.get("NSET"), next(next_nodes)[0])
@@ -194,7 +194,7 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
             card = (nsets if card.name == "NSET" else elsets).add_card(card)
         elif card.name == "SOLID SECTION":
             elset = card.require("ELSET").upper()
-            sections.append(Section(elset, card.require("MATERIAL").upper(), card))
+            sections.append(SolidSection(elset, card.require("MATERIAL").upper(), card))
         cards.append(card)
     deck = KeywordDeck(
         path,
@@ -217,7 +217,7 @@ def nodes_by_shape(deck: KeywordDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
 
 
 # -- cards --------------------------------------------------------------------------------------
-def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_nodes(card: KeywordCard) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the numbers and positions of a ``*NODE`` card, in the unit of length of the deck.
 
     Raises
@@ -239,7 +239,7 @@ def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return numbers, places
 
 
-def _elements(card: Card) -> Elements:
+def _elements(card: KeywordCard) -> ElementCard:
     card.check_parameters("TYPE", "ELSET")
     kind = card.require("TYPE").upper()
     if kind in SOLIDS:
@@ -261,7 +261,7 @@ def _elements(card: Card) -> Elements:
     if pending:
         raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {n_nodes}", row)
     table = np.array(found, dtype=np.int64).reshape(-1, n_nodes + 1)
-    return Elements(kind, table[:, 0], table[:, 1:], card)
+    return ElementCard(kind, table[:, 0], table[:, 1:], card)
 
 
 def _describe_unsupported(kind: str) -> str:
@@ -314,7 +314,7 @@ def _first_duplicate(numbers: NDArray[np.int64]) -> int | None:
     return int(again[0]) if len(again) else None
 
 
-def _row_of(card: Card, element: int) -> Row | None:
+def _row_of(card: KeywordCard, element: int) -> KeywordRow | None:
     """Return the last line that starts with the number of an element."""
     for row in reversed(card.rows):
         if row.fields[0] == str(element):
@@ -388,7 +388,7 @@ _MODULI = {
 
 
 @dataclass(frozen=True, slots=True)
-class Property:
+class KeywordProperty:
     """A material, or the springs or masses of an element set.
 
     Parameters
@@ -399,7 +399,7 @@ class Property:
         Kind of property.
     at : int
         Position of its first card among those of the model.
-    cards : tuple of Card
+    cards : tuple of KeywordCard
         Its consecutive cards.
     start : int
         For a spring: the first line with spring constants, counted from 0; the lines before it are
@@ -409,10 +409,10 @@ class Property:
     name: str
     kind: str
     at: int
-    cards: tuple[Card, ...]
+    cards: tuple[KeywordCard, ...]
     start: int = 0
 
-    def card(self, name: str) -> Card | None:
+    def card(self, name: str) -> KeywordCard | None:
         """Return the card with this name, or None."""
         for card in self.cards:
             if card.name == name:
@@ -425,7 +425,7 @@ class Property:
         if card is None or card.get(parameter) is None:
             return 0.0
         text = card.parameters[parameter]
-        value = number(text, card, Row(card.line, text))
+        value = number(text, card, KeywordRow(card.line, text))
         if value < 0:
             raise card.error(f"*DAMPING: {parameter}={text}; expected at least 0")
         return value
@@ -442,7 +442,7 @@ class Property:
         """Return the first modulus or density, or None."""
         return next(iter(self.values(what)), None)
 
-    def scale_cards(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[Card, ...]:
+    def scale_cards(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[KeywordCard, ...]:
         """Return the cards with all moduli and densities multiplied by factors.
 
         Numbers with factor 1 are kept as written.
@@ -460,7 +460,9 @@ class Property:
                 out[id(card)] = replace(now, rows=tuple(rows))
         return tuple(out[id(card)] for card in self.cards)
 
-    def set_damping(self, cards: Sequence[Card], values: Mapping[str, float]) -> tuple[Card, ...]:
+    def set_damping(
+        self, cards: Sequence[KeywordCard], values: Mapping[str, float]
+    ) -> tuple[KeywordCard, ...]:
         """Return cards of this material with new parameters of ``*DAMPING``, added if missing."""
         if not values:
             return tuple(cards)
@@ -468,7 +470,10 @@ class Property:
         own = self.card("DAMPING")
         if own is None:
             last = cards[-1]
-            return (*cards, Card("DAMPING", MappingProxyType(texts), (), last.path, last.line))
+            return (
+                *cards,
+                KeywordCard("DAMPING", MappingProxyType(texts), (), last.path, last.line),
+            )
         both = MappingProxyType({**own.parameters, **texts})
         out = []
         for card in cards:
@@ -477,7 +482,7 @@ class Property:
             out.append(card)
         return tuple(out)
 
-    def _places(self, what: str) -> list[tuple[Card, int, int]]:
+    def _places(self, what: str) -> list[tuple[KeywordCard, int, int]]:
         """Return card, line and field of every number of a quantity."""
         if self.kind != "material":
             own = self.cards[0]
@@ -504,7 +509,7 @@ class Property:
         return places
 
 
-def _pattern(card: Card) -> tuple[tuple[int, ...], ...]:
+def _pattern(card: KeywordCard) -> tuple[tuple[int, ...], ...]:
     kind = (card.get("TYPE") or "ISO").upper()
     if kind not in _MODULI:
         raise card.error(f"*ELASTIC: TYPE={kind} is not supported; {suggest(kind, _MODULI)}")
@@ -512,16 +517,16 @@ def _pattern(card: Card) -> tuple[tuple[int, ...], ...]:
 
 
 def read_properties(
-    model: Sequence[Card],
+    model: Sequence[KeywordCard],
     springs_between: Mapping[str, str] | None = None,
     *,
     own_rayleigh: bool = True,
-) -> dict[str, Property]:
+) -> dict[str, KeywordProperty]:
     """Return the materials, springs and point masses of a deck, by name in upper case, in order.
 
     Parameters
     ----------
-    model : sequence of Card
+    model : sequence of KeywordCard
         The cards before the first step.
     springs_between : mapping of str to str, optional
         Element type by element set in upper case. Springs of type SPRINGA have no line of
@@ -532,14 +537,14 @@ def read_properties(
 
     Returns
     -------
-    dict of str to Property
+    dict of str to KeywordProperty
 
     Raises
     ------
     FormatError
         If a name occurs twice.
     """
-    out: dict[str, Property] = {}
+    out: dict[str, KeywordProperty] = {}
     for at, card in enumerate(model):
         if card.name == "MATERIAL":
             stop = at + 1
@@ -548,13 +553,13 @@ def read_properties(
             # ALPHA and BETA of the deck may directly follow a material.
             while not own_rayleigh and _is_rayleigh(model[stop - 1]):
                 stop -= 1
-            found = Property(card.require("NAME"), "material", at, tuple(model[at:stop]))
+            found = KeywordProperty(card.require("NAME"), "material", at, tuple(model[at:stop]))
         elif card.name == "SPRING":
             name = card.require("ELSET")
             kind = (springs_between or {}).get(name.upper())
-            found = Property(name, "spring", at, (card,), _first_constant(card, kind))
+            found = KeywordProperty(name, "spring", at, (card,), _first_constant(card, kind))
         elif card.name == "MASS":
-            found = Property(card.require("ELSET"), "mass", at, (card,))
+            found = KeywordProperty(card.require("ELSET"), "mass", at, (card,))
         else:
             continue
         key = found.name.upper()
@@ -567,7 +572,7 @@ def read_properties(
     return out
 
 
-def _first_constant(card: Card, kind: str | None) -> int:
+def _first_constant(card: KeywordCard, kind: str | None) -> int:
     if not card.rows:
         raise card.error("*SPRING has no spring constant")
     if kind is None:
@@ -577,5 +582,5 @@ def _first_constant(card: Card, kind: str | None) -> int:
     return 1 if has_directions and len(card.rows) > 1 else 0
 
 
-def _is_rayleigh(card: Card) -> bool:
+def _is_rayleigh(card: KeywordCard) -> bool:
     return card.name == "DAMPING" and not card.get("STRUCTURAL")

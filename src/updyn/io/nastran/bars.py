@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from updyn.io.nastran.cards import Card
+from updyn.io.nastran.cards import NastranCard
 
 __all__ = ["exchanged_bar", "fields_to_exchange"]
 
@@ -13,17 +13,17 @@ _PBAR, _PBARL = ((3, 4), (16, 17)), ((8, 9),)
 _PRODUCT = 18
 
 
-def exchanged_bar(card: Card) -> Card | None:
+def exchanged_bar(card: NastranCard) -> NastranCard | None:
     """Return the property of a bar with exchanged section axes.
 
     Parameters
     ----------
-    card : Card
+    card : NastranCard
         A property.
 
     Returns
     -------
-    Card or None
+    NastranCard or None
         None: exchanging them changes nothing, or the card is not a PBAR, nor a PBARL of section
         BAR; or the section has a product of inertia.
     """
@@ -39,7 +39,7 @@ def exchanged_bar(card: Card) -> Card | None:
     return card.with_fields(changes) if changes else None
 
 
-def fields_to_exchange(card: Card) -> str:
+def fields_to_exchange(card: NastranCard) -> str:
     """Return the fields of a property that `exchanged_bar` exchanges, with file and line."""
     line = card.lines[0]
     fields = "I1 and I2 (fields 5 and 6)" if card.name == "PBAR" else "DIM1 and DIM2"

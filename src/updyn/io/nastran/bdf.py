@@ -32,7 +32,7 @@ from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import locate_errors
 from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
-from updyn.io.nastran.cards import Card, lines_of
+from updyn.io.nastran.cards import NastranCard, lines_of
 from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
 from updyn.io.nastran.deck import (
     ELEMENTS,
@@ -45,8 +45,14 @@ from updyn.io.nastran.deck import (
     read_points,
     values,
 )
-from updyn.io.nastran.fields import Line
-from updyn.io.nastran.mystran import Matrices, Program, adapt_cards, find_executable, run
+from updyn.io.nastran.fields import NastranLine
+from updyn.io.nastran.mystran import (
+    MystranMatrices,
+    MystranProgram,
+    adapt_cards,
+    find_executable,
+    run,
+)
 from updyn.io.nastran.replication import is_replicator
 from updyn.model import Group, Matrix, Model
 
@@ -112,9 +118,9 @@ def read_model(
     sets = {"spc": deck.select_set("SPC", spc), "mpc": deck.select_set("MPC", mpc)}
     losses = {name: loss_factor_of(deck, name) for name in deck.groups}
     geometry = geometry_of(deck, unit)
-    program = Program(find_executable(deck.path, executable), timeout)
+    program = MystranProgram(find_executable(deck.path, executable), timeout)
     with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
-        runs = _Runs(deck, program, Path(folder))
+        runs = _MystranRuns(deck, program, Path(folder))
         total = runs.whole(sets)
 
         def double_group(name: str) -> tuple[Any, Any]:
@@ -250,7 +256,7 @@ def write_deck(
     source = read_deck(deck, None)
     revision = revise(source, changes)
     deck_lines = list(lines_of(source.path))
-    instead: dict[Line, str] = {}  # by line of the deck; empty for deleted lines
+    instead: dict[NastranLine, str] = {}  # by line of the deck; empty for deleted lines
     # Copies become cards, because a replicator would copy the new card.
     for cards in _group_by_lines(source, revision, _replicators(deck_lines)):
         lines = cards[0].lines
@@ -268,33 +274,35 @@ def write_deck(
 
 
 def _group_by_lines(
-    deck: NastranDeck, revision: Revision, lines: Collection[Line] = ()
-) -> list[list[Card]]:
+    deck: NastranDeck, revision: Revision, lines: Collection[NastranLine] = ()
+) -> list[list[NastranCard]]:
     """Return the changed cards and those that start on `lines`, with all cards of the same lines.
 
     For instance, one line can hold two PELAS entries.
     """
-    touched: dict[tuple[Line, ...], list[Card]] = {old.lines: [] for old in revision.replaced}
+    touched: dict[tuple[NastranLine, ...], list[NastranCard]] = {
+        old.lines: [] for old in revision.replaced
+    }
     for card in deck.cards:
         if card.lines in touched or card.lines[0] in lines:
             touched.setdefault(card.lines, []).append(card)
     return list(touched.values())
 
 
-def _replicators(lines: Iterable[Line]) -> set[Line]:
+def _replicators(lines: Iterable[NastranLine]) -> set[NastranLine]:
     """Return the lines that copy the preceding line, and the copied lines."""
-    found: set[Line] = set()
+    found: set[NastranLine] = set()
     for before, line in pairwise(lines):
         if is_replicator(line.text):
             found |= {before, line}
     return found
 
 
-def _format_cards(cards: Iterable[Card]) -> str:
+def _format_cards(cards: Iterable[NastranCard]) -> str:
     return "".join(card.large() for card in cards)
 
 
-def _format_with_comment(cards: list[Card], revision: Revision) -> str:
+def _format_with_comment(cards: list[NastranCard], revision: Revision) -> str:
     line = cards[0].lines[0]
     was = "".join(f"$   {_ascii(part.text)}\n" for part in cards[0].lines)
     return (
@@ -307,26 +315,28 @@ def _ascii(text: str) -> str:
     return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
-class _Runs:
+class _MystranRuns:
     """Runs MYSTRAN on a deck, each run in a separate folder below `folder`.
 
     The matrices cover the grids and scalar points of the deck.
     """
 
-    def __init__(self, deck: NastranDeck, program: Program, folder: Path) -> None:
+    def __init__(self, deck: NastranDeck, program: MystranProgram, folder: Path) -> None:
         self._deck = deck
         self._program = program
         self._folder = folder
 
-    def whole(self, sets: Mapping[str, int]) -> Matrices:
+    def whole(self, sets: Mapping[str, int]) -> MystranMatrices:
         """Run the deck with its supports and ties."""
         return self._run(adapt_cards(self._deck, self._deck.cards), 2, sets)
 
-    def alone(self, cards: list[Card]) -> Matrices:
+    def alone(self, cards: list[NastranCard]) -> MystranMatrices:
         """Run some cards without supports and ties."""
         return self._run(cards, 1, {})
 
-    def _run(self, cards: list[Card], links: int, sets: Mapping[str, int]) -> Matrices:
+    def _run(
+        self, cards: list[NastranCard], links: int, sets: Mapping[str, int]
+    ) -> MystranMatrices:
         path = self._deck.path
         with tempfile.TemporaryDirectory(dir=self._folder) as own:
             found = run(self._program, cards, Path(own), path, links=links, **sets)
@@ -339,7 +349,7 @@ class _Bars:
 
     path: Path
     ignore: tuple[str, ...]
-    program: Program
+    program: MystranProgram
     units: Any
     dofs: DofSet
     turned: Mapping[str, str]
@@ -350,7 +360,7 @@ class _Bars:
         cls,
         deck: NastranDeck,
         ignore: tuple[str, ...],
-        program: Program,
+        program: MystranProgram,
         units: Any,
         dofs: DofSet,
     ) -> _Bars:
@@ -387,7 +397,7 @@ class _Bars:
             for card in _alone(deck, name, 1.0)
         ]
         with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
-            found = _Runs(deck, self.program, Path(folder)).alone(cards)
+            found = _MystranRuns(deck, self.program, Path(folder)).alone(cards)
         if found.dofs != self.dofs:
             raise ModelError(f"{self.path}: group {name!r} has other degrees of freedom")
         K, M = (
@@ -408,7 +418,7 @@ class _TurnedBar:
         return self.bars.matrices(self.name)
 
 
-def _is_same(card: Card, other: Card) -> bool:
+def _is_same(card: NastranCard, other: NastranCard) -> bool:
     return (card.name, card.text(0)) == (other.name, other.text(0))
 
 
@@ -419,7 +429,7 @@ def _digest(deck: NastranDeck) -> bytes:
     return found.digest()
 
 
-def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
+def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[NastranCard]:
     """Return the cards of one group, its stiffness and mass scaled by `factor`, and all grids."""
     change = {}
     if _is_stiff(deck, name):
@@ -442,12 +452,14 @@ def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
     spring = max([card.integer(0) for card in deck.elements], default=0) + 1
     ends = str(last + 1), str(last + 2)
     for end in ends:
-        cards.append(Card("GRID", (end, "", "0.", "0.", "0."), chosen.lines))
+        cards.append(NastranCard("GRID", (end, "", "0.", "0.", "0."), chosen.lines))
     fields = (str(spring), "1.", ends[0], "1", ends[1], "1")
-    return [*cards, Card("CELAS2", fields, chosen.lines)]
+    return [*cards, NastranCard("CELAS2", fields, chosen.lines)]
 
 
-def _viscous_matrix(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) -> Matrix:
+def _viscous_matrix(
+    deck: NastranDeck, name: str, total: MystranMatrices, runs: _MystranRuns
+) -> Matrix:
     """Return the viscous matrix of a group, shape (N, N)."""
     card = deck.group(name)
     if card.name == "PBUSH":
@@ -472,7 +484,7 @@ def _viscous_matrix(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) 
     return sp.csr_array(damping)
 
 
-def _damping_of_pbush(deck: NastranDeck, name: str, runs: _Runs) -> Matrix:
+def _damping_of_pbush(deck: NastranDeck, name: str, runs: _MystranRuns) -> Matrix:
     """Return the viscous matrix of a bushing: its stiffness matrix with B in place of K."""
     bush = deck.group(name)
     fields = values(bush)
@@ -492,12 +504,12 @@ def _damping_of_pbush(deck: NastranDeck, name: str, runs: _Runs) -> Matrix:
     return runs.alone(cards).stiffness
 
 
-def _own(deck: NastranDeck, found: Matrices) -> Matrices:
+def _own(deck: NastranDeck, found: MystranMatrices) -> MystranMatrices:
     """Return matrices restricted to the grids of the deck; additional grids are uncoupled."""
     mine = np.isin(found.dofs.nodes, [*deck.grids, *deck.points])
     keep = np.flatnonzero(mine)
     new = np.cumsum(mine) - 1
-    return Matrices(
+    return MystranMatrices(
         found.stiffness[keep][:, keep],
         found.mass[keep][:, keep],
         found.dofs[keep],
@@ -551,7 +563,7 @@ def _check_masses(deck: NastranDeck, massless: list[str]) -> None:
 
 
 def _constraints(
-    deck: NastranDeck, found: Matrices, scale: float
+    deck: NastranDeck, found: MystranMatrices, scale: float
 ) -> tuple[list[str], list[Equation]]:
     """Return the fixed DOFs, and the equations of the tied DOFs."""
     labels = found.dofs.labels

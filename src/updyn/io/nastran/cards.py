@@ -16,11 +16,11 @@ from updyn.errors import FormatError, InputError, suggest
 from updyn.foreign.confinement import check_inside
 from updyn.io.inclusion import DEEPEST, Inclusions
 from updyn.io.items import is_file, nearest, unreadable
-from updyn.io.nastran.fields import Line, Row, real, row_of, text_of
+from updyn.io.nastran.fields import NastranLine, NastranRow, real, row_of, text_of
 from updyn.io.nastran.replication import expand
 from updyn.io.text_numbers import check_last_line, whole_of
 
-__all__ = ["Card", "lines_of", "parse"]
+__all__ = ["NastranCard", "lines_of", "parse"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 _WIDTH = 16  # of a large field
@@ -30,7 +30,7 @@ _INCLUDE = re.compile(r"\s*INCLUDE(?=[\s'\"])", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
+class NastranCard:
     """One bulk data entry.
 
     Parameters
@@ -40,13 +40,13 @@ class Card:
     fields : tuple of str
         The stripped fields after the name, eight per line, without trailing empty fields.
         `fields[0]` is field 2 of the manuals.
-    lines : tuple of Line
+    lines : tuple of NastranLine
         The lines of the card.
     """
 
     name: str
     fields: tuple[str, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[NastranLine, ...]
 
     def error(self, message: str) -> FormatError:
         """Return an error at the first line of the card."""
@@ -94,7 +94,7 @@ class Card:
         """Return fields as numbers."""
         return [self.real(at, default) for at in fields]
 
-    def with_fields(self, changes: dict[int, str]) -> Card:
+    def with_fields(self, changes: dict[int, str]) -> NastranCard:
         """Return a copy with replaced fields, by position as in `text`."""
         fields = [*self.fields, *[""] * (max(changes, default=0) + 1 - len(self.fields))]
         for at, text in changes.items():
@@ -127,7 +127,7 @@ class Card:
             ) from error
 
 
-def lines_of(path: Path) -> Iterator[Line]:
+def lines_of(path: Path) -> Iterator[NastranLine]:
     """Yield the lines of a deck with INCLUDE files inserted, without comments and empty lines.
 
     The name in an INCLUDE is relative to the folder of the including file or of the main file.
@@ -143,12 +143,12 @@ def lines_of(path: Path) -> Iterator[Line]:
 
 def _lines_of(
     path: Path, lines: list[str], within: tuple[Path, ...], inclusions: Inclusions
-) -> Iterator[Line]:
+) -> Iterator[NastranLine]:
     """Yield the lines of the last file of `within`, the chain of inclusions from the main file."""
     main = within[0] if within else path
     rest = iter(enumerate(lines, 1))
     for number, raw in rest:
-        line = Line(raw.split("$")[0].rstrip().expandtabs(8), path, number)
+        line = NastranLine(raw.split("$")[0].rstrip().expandtabs(8), path, number)
         if not line.text:
             continue
         if _INCLUDE.match(line.text) is None:
@@ -181,7 +181,7 @@ def _source(path: Path) -> list[str]:
     return text.splitlines()
 
 
-def _target(line: Line, name: str, main: Path) -> Path:
+def _target(line: NastranLine, name: str, main: Path) -> Path:
     """Return the file that an INCLUDE names; `main` is the folder of the main file."""
     refused: InputError | None = None
     found: dict[Path, Path] = {}
@@ -207,7 +207,7 @@ def _target(line: Line, name: str, main: Path) -> Path:
     raise line.error(f"INCLUDE: no such file {name!r}; {nearest(line.path.parent / name)}")
 
 
-def parse(lines: Iterable[Line]) -> Iterator[Card]:
+def parse(lines: Iterable[NastranLine]) -> Iterator[NastranCard]:
     """Yield the cards of bulk data, in the order of their first lines.
 
     Raises
@@ -236,12 +236,12 @@ def parse(lines: Iterable[Line]) -> Iterator[Card]:
             own.append(rows[at].line)
         while fields and not fields[-1]:
             fields.pop()
-        yield Card(name.upper(), tuple(fields), tuple(own))
+        yield NastranCard(name.upper(), tuple(fields), tuple(own))
     for at in sorted(unused):
         raise rows[at].line.error(f"the continuation {rows[at].head!r} continues itself")
 
 
-def _continuations(rows: Sequence[Row]) -> dict[int, int]:
+def _continuations(rows: Sequence[NastranRow]) -> dict[int, int]:
     """Return the position of the continuation of each continued row."""
     parents = _parents(rows)
     found: dict[int, int] = {}
@@ -260,7 +260,7 @@ def _continuations(rows: Sequence[Row]) -> dict[int, int]:
     return found
 
 
-def _parents(rows: Sequence[Row]) -> dict[int, int]:
+def _parents(rows: Sequence[NastranRow]) -> dict[int, int]:
     """Return the positions of the rows with each mark in field 10, by mark."""
     claims: dict[str, list[int]] = {}
     for at, row in enumerate(rows):
@@ -278,7 +278,9 @@ def _parents(rows: Sequence[Row]) -> dict[int, int]:
     return found
 
 
-def _pair_by_mark(rows: Sequence[Row], parents: list[int], claims: list[int]) -> dict[int, int]:
+def _pair_by_mark(
+    rows: Sequence[NastranRow], parents: list[int], claims: list[int]
+) -> dict[int, int]:
     """Return the position of the continuation of each row, for the rows that share a mark."""
     first = rows[claims[0]]
     if not parents:

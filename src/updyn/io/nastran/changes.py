@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from updyn.errors import ModelError
 from updyn.io.changes import check_changes
-from updyn.io.nastran.cards import Card
+from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import NastranDeck, Values, materials_of, values
 from updyn.io.nastran.fields import text_of
 
@@ -22,16 +22,16 @@ class Revision:
 
     Parameters
     ----------
-    replaced : dict of Card to Card
+    replaced : dict of NastranCard to NastranCard
         Cards of the deck, and their replacements.
-    added : list of Card
+    added : list of NastranCard
         New cards: copies of materials that several groups share.
     """
 
-    replaced: dict[Card, Card] = field(default_factory=dict)
-    added: list[Card] = field(default_factory=list)
+    replaced: dict[NastranCard, NastranCard] = field(default_factory=dict)
+    added: list[NastranCard] = field(default_factory=list)
 
-    def cards(self, cards: Iterable[Card]) -> list[Card]:
+    def cards(self, cards: Iterable[NastranCard]) -> list[NastranCard]:
         """Return cards of a deck after the changes, without the added cards."""
         return [self.replaced.get(card, card) for card in cards]
 
@@ -145,7 +145,9 @@ def _users(deck: NastranDeck) -> dict[int, set[str]]:
     return out
 
 
-def _parse_change(deck: NastranDeck, name: str, card: Card, change: Mapping[str, float]) -> _Change:
+def _parse_change(
+    deck: NastranDeck, name: str, card: NastranCard, change: Mapping[str, float]
+) -> _Change:
     stiffness = float(change.get("stiffness", 1.0))
     mass = float(change.get("mass", 1.0))
     viscous = float(change.get("viscous", 1.0))
@@ -168,7 +170,7 @@ def _parse_change(deck: NastranDeck, name: str, card: Card, change: Mapping[str,
     return _Change(stiffness, mass, viscous, max(loss, 0.0))
 
 
-def _add_loss_line(card: Card, loss: float | None) -> Card:
+def _add_loss_line(card: NastranCard, loss: float | None) -> NastranCard:
     """Return a PBUSH extended by a line of zero loss factors, if it needs one for a new value."""
     if card.name != "PBUSH" or loss is None or values(card).loss:
         return card
@@ -177,7 +179,7 @@ def _add_loss_line(card: Card, loss: float | None) -> Card:
     return card.with_fields({start + 1: "GE", **zeros})
 
 
-def _scale_card(card: Card, laid_out: Card, change_of_group: _Change) -> Card:
+def _scale_card(card: NastranCard, laid_out: NastranCard, change_of_group: _Change) -> NastranCard:
     fields: Values = values(laid_out)
     new: dict[int, str] = {}
     for places, factor in (

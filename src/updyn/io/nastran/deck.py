@@ -20,8 +20,8 @@ from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
 from updyn.io.items import locate_errors
-from updyn.io.nastran.cards import Card, lines_of, parse
-from updyn.io.nastran.fields import Line
+from updyn.io.nastran.cards import NastranCard, lines_of, parse
+from updyn.io.nastran.fields import NastranLine
 from updyn.shapes import (
     HEXAHEDRON,
     LINE,
@@ -41,8 +41,8 @@ __all__ = [
     "OWN",
     "PROPERTIES",
     "TIES",
-    "Element",
     "NastranDeck",
+    "NastranElement",
     "Values",
     "end_of",
     "geometry_of",
@@ -55,7 +55,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class Element:
+class NastranElement:
     """Layout of an element card.
 
     Parameters
@@ -82,29 +82,29 @@ _SHELL = ("PSHELL", "PCOMP")
 _SOLID = ("PSOLID",)
 
 ELEMENTS = {
-    "CBAR": Element((2, 3), ("PBAR", "PBARL"), LINE),
-    "CBEAM": Element((2, 3), ("PBEAM", "PBEAML"), LINE),
-    "CROD": Element((2, 3), ("PROD",), LINE),
-    "CTUBE": Element((2, 3), ("PTUBE",), LINE),
-    "CONROD": Element((1, 2), (), LINE),
-    "CBUSH": Element((2, 3), ("PBUSH",), LINE),
-    "CELAS1": Element((2, 4), ("PELAS",), LINE),
-    "CELAS2": Element((2, 4), (), LINE),
-    "CQUAD4": Element(_fields(4), _SHELL, QUADRANGLE),
-    "CQUADR": Element(_fields(4), _SHELL, QUADRANGLE),
-    "CQUAD8": Element(_fields(8), _SHELL, QUADRANGLE),
-    "CTRIA3": Element(_fields(3), _SHELL, TRIANGLE),
-    "CTRIAR": Element(_fields(3), _SHELL, TRIANGLE),
-    "CTRIA6": Element(_fields(6), _SHELL, TRIANGLE),
-    "CSHEAR": Element(_fields(4), ("PSHEAR",), QUADRANGLE),
-    "CTETRA": Element(_fields(10), _SOLID, TETRAHEDRON),
-    "CPENTA": Element(_fields(15), _SOLID, WEDGE),
-    "CHEXA": Element(_fields(20), _SOLID, HEXAHEDRON),
-    "CONM2": Element((1,)),
-    "CMASS1": Element((2, 4), ("PMASS",)),
-    "CMASS2": Element((2, 4)),
-    "CDAMP1": Element((2, 4), ("PDAMP",), LINE),
-    "CDAMP2": Element((2, 4), (), LINE),
+    "CBAR": NastranElement((2, 3), ("PBAR", "PBARL"), LINE),
+    "CBEAM": NastranElement((2, 3), ("PBEAM", "PBEAML"), LINE),
+    "CROD": NastranElement((2, 3), ("PROD",), LINE),
+    "CTUBE": NastranElement((2, 3), ("PTUBE",), LINE),
+    "CONROD": NastranElement((1, 2), (), LINE),
+    "CBUSH": NastranElement((2, 3), ("PBUSH",), LINE),
+    "CELAS1": NastranElement((2, 4), ("PELAS",), LINE),
+    "CELAS2": NastranElement((2, 4), (), LINE),
+    "CQUAD4": NastranElement(_fields(4), _SHELL, QUADRANGLE),
+    "CQUADR": NastranElement(_fields(4), _SHELL, QUADRANGLE),
+    "CQUAD8": NastranElement(_fields(8), _SHELL, QUADRANGLE),
+    "CTRIA3": NastranElement(_fields(3), _SHELL, TRIANGLE),
+    "CTRIAR": NastranElement(_fields(3), _SHELL, TRIANGLE),
+    "CTRIA6": NastranElement(_fields(6), _SHELL, TRIANGLE),
+    "CSHEAR": NastranElement(_fields(4), ("PSHEAR",), QUADRANGLE),
+    "CTETRA": NastranElement(_fields(10), _SOLID, TETRAHEDRON),
+    "CPENTA": NastranElement(_fields(15), _SOLID, WEDGE),
+    "CHEXA": NastranElement(_fields(20), _SOLID, HEXAHEDRON),
+    "CONM2": NastranElement((1,)),
+    "CMASS1": NastranElement((2, 4), ("PMASS",)),
+    "CMASS2": NastranElement((2, 4)),
+    "CDAMP1": NastranElement((2, 4), ("PDAMP",), LINE),
+    "CDAMP2": NastranElement((2, 4), (), LINE),
 }
 #: Elements that hold their properties themselves: a group each.
 OWN = tuple(name for name, e in ELEMENTS.items() if not e.properties)
@@ -192,7 +192,7 @@ _MOST_FIELDS = {
 }  # fmt: skip
 
 
-def _check_length(card: Card) -> None:
+def _check_length(card: NastranCard) -> None:
     """Refuse a card with more fields than its kind has, because one of them is misplaced."""
     most = _MOST_FIELDS.get(card.name)
     if most is None or len(card.fields) <= most:
@@ -204,7 +204,7 @@ def _check_length(card: Card) -> None:
     )
 
 
-def values(card: Card) -> Values:
+def values(card: NastranCard) -> Values:
     """Return the fields of a property or material card that hold stiffness, mass and loss factor.
 
     Raises
@@ -225,7 +225,7 @@ def values(card: Card) -> Values:
     return _VALUES[card.name]
 
 
-def _section(card: Card) -> int:
+def _section(card: NastranCard) -> int:
     kind = card.text(3)
     if kind not in _SECTIONS:
         raise card.error(
@@ -234,7 +234,7 @@ def _section(card: Card) -> int:
     return _SECTIONS[kind]
 
 
-def _masses_of_pbeam(card: Card) -> tuple[int, ...]:
+def _masses_of_pbeam(card: NastranCard) -> tuple[int, ...]:
     stations = ("YES", "YESA", "NO")
     at = 8 if card.text(8) in stations else 16  # the line of stress points is optional
     found = [7]
@@ -245,7 +245,7 @@ def _masses_of_pbeam(card: Card) -> tuple[int, ...]:
     return (*found, at + 4, at + 5)
 
 
-def _values_of_pbush(card: Card) -> Values:
+def _values_of_pbush(card: NastranCard) -> Values:
     stiffness: tuple[int, ...] = ()
     loss: tuple[int, ...] = ()
     viscous: tuple[int, ...] = ()
@@ -270,7 +270,7 @@ def _values_of_pbush(card: Card) -> Values:
     return Values(stiffness, (), loss, viscous)
 
 
-def materials_of(card: Card) -> tuple[int, ...]:
+def materials_of(card: NastranCard) -> tuple[int, ...]:
     """Return the fields of a property card (or a CONROD) that refer to materials."""
     if card.name == "PSHELL":
         fields: tuple[int, ...] = (1, 3, 5, 10)
@@ -304,29 +304,29 @@ class NastranDeck:
     ----------
     path : Path
         The main file.
-    case : tuple of Line
+    case : tuple of NastranLine
         Executive and case control.
-    cards : tuple of Card
+    cards : tuple of NastranCard
         Bulk data in order, without the cards that change neither stiffness nor mass.
     """
 
     path: Path
-    case: tuple[Line, ...]
-    cards: tuple[Card, ...]
+    case: tuple[NastranLine, ...]
+    cards: tuple[NastranCard, ...]
 
-    def cards_named(self, *names: str) -> list[Card]:
+    def cards_named(self, *names: str) -> list[NastranCard]:
         """Return the cards with these names, in order."""
         return [card for card in self.cards if card.name in names]
 
     @cached_property
-    def grids(self) -> dict[int, Card]:
+    def grids(self) -> dict[int, NastranCard]:
         """Grid cards by number."""
         return _by_number(self.cards_named("GRID"), "GRID")
 
     @cached_property
-    def points(self) -> dict[int, Card]:
+    def points(self) -> dict[int, NastranCard]:
         """Scalar points: the defining card by number."""
-        out: dict[int, Card] = {}
+        out: dict[int, NastranCard] = {}
         for card in self.cards_named("SPOINT"):
             if card.text(1) == "THRU":
                 numbers: Sequence[int] = range(card.integer(0), card.integer(2) + 1)
@@ -340,45 +340,45 @@ class NastranDeck:
         return out
 
     @cached_property
-    def materials(self) -> dict[int, Card]:
+    def materials(self) -> dict[int, NastranCard]:
         """Material cards by number."""
         return _by_number(self.cards_named(*MATERIALS), "material")
 
     @cached_property
-    def properties(self) -> dict[int, Card]:
+    def properties(self) -> dict[int, NastranCard]:
         """Property cards by number."""
         return _by_number(self.cards_named(*PROPERTIES), "property")
 
     @cached_property
-    def elements(self) -> list[Card]:
+    def elements(self) -> list[NastranCard]:
         """Element cards."""
         return self.cards_named(*ELEMENTS)
 
     @cached_property
-    def groups(self) -> dict[str, Card]:
+    def groups(self) -> dict[str, NastranCard]:
         """Groups by name: the property card, or the element if it holds its properties itself."""
-        found: dict[str, Card] = {}
+        found: dict[str, NastranCard] = {}
         for card in self.elements:
             own = self.group_of(card)
             found[f"{own.name} {own.integer(0)}"] = own
         return found
 
-    def group_of(self, element: Card) -> Card:
+    def group_of(self, element: NastranCard) -> NastranCard:
         """Return the card that defines the group of an element: its property, or the element."""
         if element.name in OWN:
             return element
         # The default number of the property is the number of the element.
         return self.properties[element.integer(1, element.integer(0))]
 
-    def materials_of(self, card: Card) -> list[Card]:
+    def materials_of(self, card: NastranCard) -> list[NastranCard]:
         """Return the material cards that a property card (or a CONROD) refers to."""
         return [self.materials[number] for number in card.integers(materials_of(card))]
 
-    def nodes_of(self, element: Card) -> list[int]:
+    def nodes_of(self, element: NastranCard) -> list[int]:
         """Return the numbers of the grids of an element, in order."""
         return element.integers(element.nonempty(ELEMENTS[element.name].nodes))
 
-    def group(self, name: str) -> Card:
+    def group(self, name: str) -> NastranCard:
         """Return the card that defines a group; raise a FormatError if it does not exist."""
         if name not in self.groups:
             raise FormatError(
@@ -406,7 +406,7 @@ class NastranDeck:
         kinds = {"SPC": ("SPC", "SPC1", "SPCADD"), "MPC": ("MPC", "MPCADD")}[what]
         sets = {card.integer(0) for card in self.cards_named(*kinds)}
         option = f"{what.lower()}="
-        chosen: dict[str, Line] = {}
+        chosen: dict[str, NastranLine] = {}
         for line in self.case:
             found = _SELECTED.match(line.text)
             if found and found[1].upper() == what:
@@ -458,7 +458,7 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
     case, bulk = _sections(list(lines_of(path)))
-    cards: list[Card] = []
+    cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
         if card.name not in _KNOWN and ignore is None:
             continue
@@ -502,7 +502,7 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     left_out = {name.upper() for name in ignore}
     case, bulk = _sections(list(lines_of(path)))
     points = (*_POINTS, *SYSTEMS)
-    cards: list[Card] = []
+    cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
         if card.name in left_out:
             continue
@@ -517,16 +517,18 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     return points_of(path, cards, case)
 
 
-def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> NastranDeck:
+def points_of(
+    path: Path, cards: Iterable[NastranCard], case: Iterable[NastranLine] = ()
+) -> NastranDeck:
     """Return a deck of grids, points, coordinate systems and elements.
 
     Parameters
     ----------
     path : Path
         The main file.
-    cards : iterable of Card
+    cards : iterable of NastranCard
         The cards.
-    case : iterable of Line
+    case : iterable of NastranLine
         Executive and case control.
 
     Returns
@@ -545,9 +547,9 @@ def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> N
     return deck
 
 
-def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
+def _sections(lines: list[NastranLine]) -> tuple[list[NastranLine], list[NastranLine]]:
     """Return the lines of executive and case control, and the lines of bulk data."""
-    case: list[Line] = []
+    case: list[NastranLine] = []
     bulk = lines
     for i, line in enumerate(lines):
         if _BULK.match(line.text):
@@ -556,7 +558,7 @@ def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
     return case, bulk[: end_of(bulk)]
 
 
-def end_of(lines: Sequence[Line]) -> int:
+def end_of(lines: Sequence[NastranLine]) -> int:
     """Return the position of the line ENDDATA, or the number of lines without it."""
     for i, line in enumerate(lines):
         if line.text.strip().upper().startswith("ENDDATA"):
@@ -564,18 +566,18 @@ def end_of(lines: Sequence[Line]) -> int:
     return len(lines)
 
 
-def _split_entries(card: Card) -> list[Card]:
+def _split_entries(card: NastranCard) -> list[NastranCard]:
     """Return the separate entries of a card; some kinds hold several."""
     _check_length(card)
     n = _DOUBLE.get(card.name)
     if n is None or len(card.fields) <= n:
         return [card]
     starts = range(0, len(card.fields), n)
-    return [Card(card.name, card.fields[i : i + n], card.lines) for i in starts]
+    return [NastranCard(card.name, card.fields[i : i + n], card.lines) for i in starts]
 
 
-def _by_number(cards: Iterable[Card], what: str) -> dict[int, Card]:
-    out: dict[int, Card] = {}
+def _by_number(cards: Iterable[NastranCard], what: str) -> dict[int, NastranCard]:
+    out: dict[int, NastranCard] = {}
     for card in cards:
         number = card.integer(0)
         if number in out:
@@ -588,7 +590,7 @@ def _list(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(numbers)))
 
 
-def _near(number: int, known: Mapping[int, Card]) -> str:
+def _near(number: int, known: Mapping[int, NastranCard]) -> str:
     best = sorted(known, key=lambda n: abs(n - number))[:3]
     return f"nearest: {_list(best)}" if best else "the deck has none"
 
@@ -600,7 +602,7 @@ def _check_points(deck: NastranDeck) -> None:
         )
 
 
-def _check_grids(deck: NastranDeck, element: Card) -> None:
+def _check_grids(deck: NastranDeck, element: NastranCard) -> None:
     for node in deck.nodes_of(element):
         if node and node not in deck.grids and node not in deck.points:
             raise element.error(
@@ -630,7 +632,7 @@ def _check(deck: NastranDeck) -> None:
                 )
 
 
-def _check_property(deck: NastranDeck, element: Card) -> None:
+def _check_property(deck: NastranDeck, element: NastranCard) -> None:
     kinds = ELEMENTS[element.name].properties
     if not kinds:
         return
@@ -648,7 +650,7 @@ def _check_property(deck: NastranDeck, element: Card) -> None:
         )
 
 
-def _tied_grids(card: Card) -> list[tuple[int, int]]:
+def _tied_grids(card: NastranCard) -> list[tuple[int, int]]:
     """Return (field, grid) of the grids that a tie or a support refers to."""
     n = len(card.fields)
     if card.name == "MPC":
@@ -669,7 +671,7 @@ def _tied_grids(card: Card) -> list[tuple[int, int]]:
     return [(i, card.integer(i)) for i in card.nonempty(at) if card.text(i) != "THRU"]
 
 
-def _grids_of_rbe3(card: Card) -> list[int]:
+def _grids_of_rbe3(card: NastranCard) -> list[int]:
     """Return the fields of an RBE3 that refer to grids."""
     # EID, blank, REFGRID, REFC, then WT, C, grids, the next WT, C, grids, ..., UM or ALPHA and
     # their values.
@@ -689,7 +691,7 @@ def _grids_of_rbe3(card: Card) -> list[int]:
 
 
 @dataclass(frozen=True, slots=True)
-class _System:
+class _NastranSystem:
     """A coordinate system: kind R, C or S, origin and axes (rows) in the basic system."""
 
     kind: str
@@ -731,21 +733,21 @@ class _System:
         return np.asarray(own @ self.axes)
 
 
-_BASIC = _System("R", np.zeros(3), np.eye(3))
+_BASIC = _NastranSystem("R", np.zeros(3), np.eye(3))
 
 
-class _Systems:
+class _NastranSystems:
     """Coordinate systems and grid positions of a deck, each computed on first use."""
 
     def __init__(self, deck: NastranDeck) -> None:
         self._deck = deck
-        self._cards: dict[int, Card] = {}
+        self._cards: dict[int, NastranCard] = {}
         for card in deck.cards_named(*SYSTEMS):
             number = card.integer(0)
             if number in self._cards:
                 raise card.error(f"coordinate system {number} is defined twice")
             self._cards[number] = card
-        self._systems: dict[int, _System] = {0: _BASIC}
+        self._systems: dict[int, _NastranSystem] = {0: _BASIC}
         self._positions: dict[int, NDArray[np.float64]] = {}
         self._open: set[int] = set()
         self._default_position = 0
@@ -754,7 +756,7 @@ class _Systems:
             self._default_position = card.integer(1, 0)
             self._default_motion = card.integer(5, 0)
 
-    def position(self, node: int, asker: Card) -> NDArray[np.float64]:
+    def position(self, node: int, asker: NastranCard) -> NDArray[np.float64]:
         if node not in self._positions:
             card = self._deck.grids.get(node)
             if card is None:
@@ -763,7 +765,7 @@ class _Systems:
             self._positions[node] = system.basic(np.array(card.reals((2, 3, 4), 0.0)))
         return self._positions[node]
 
-    def motion(self, card: Card) -> _System:
+    def motion(self, card: NastranCard) -> _NastranSystem:
         """Return the displacement system of a grid."""
         number = card.integer(5, self._default_motion)
         if number == -1:
@@ -772,7 +774,7 @@ class _Systems:
             )
         return self.system(number, card)
 
-    def system(self, number: int, asker: Card) -> _System:
+    def system(self, number: int, asker: NastranCard) -> _NastranSystem:
         if number not in self._systems:
             if number not in self._cards:
                 known = [str(n) for n in self._cards]
@@ -787,7 +789,7 @@ class _Systems:
             self._open.discard(number)
         return self._systems[number]
 
-    def _build_system(self, card: Card) -> _System:
+    def _build_system(self, card: NastranCard) -> _NastranSystem:
         if card.name.startswith("CORD1"):
             A, B, C = (self.position(node, card) for node in card.integers((1, 2, 3)))
         else:
@@ -801,7 +803,7 @@ class _Systems:
             raise card.error(f"{card.name} {card.text(0)}: its three points are collinear")
         z = up / np.linalg.norm(up)
         y = across / np.linalg.norm(across)
-        return _System(card.name[-1], A, np.array([np.cross(y, z), y, z]))
+        return _NastranSystem(card.name[-1], A, np.array([np.cross(y, z), y, z]))
 
 
 def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
@@ -815,7 +817,7 @@ def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
         If the unit is unknown.
     """
     scale = system(unit).length
-    systems = _Systems(deck)
+    systems = _NastranSystems(deck)
     nodes = sorted(deck.grids)
     with np.errstate(all="ignore"):  # Geometry reports positions that are not finite
         positions = [systems.position(node, deck.grids[node]) for node in nodes]

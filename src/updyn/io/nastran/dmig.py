@@ -20,8 +20,8 @@ import scipy.sparse as sp
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.nastran.cards import Card, lines_of, parse
-from updyn.io.nastran.fields import Line, text_of
+from updyn.io.nastran.cards import NastranCard, lines_of, parse
+from updyn.io.nastran.fields import NastranLine, text_of
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
@@ -73,8 +73,8 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     """
     path = Path(path)
     cards = list(parse(_bulk(lines_of(path))))
-    headers: dict[str, Card] = {}
-    columns: dict[str, list[Card]] = {}
+    headers: dict[str, NastranCard] = {}
+    columns: dict[str, list[NastranCard]] = {}
     for card in cards:
         if card.name != "DMIG":
             raise card.error(f"{card.name}: expected only DMIG cards")
@@ -99,13 +99,13 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     return [_matrix(header, columns.get(name, [])) for name, header in headers.items()]
 
 
-def _bulk(lines: Iterable[Line]) -> Iterator[Line]:
+def _bulk(lines: Iterable[NastranLine]) -> Iterator[NastranLine]:
     for line in lines:
         if _TITLES.match(line.text.lstrip()) is None:
             yield line
 
 
-def _check_header(card: Card) -> None:
+def _check_header(card: NastranCard) -> None:
     form = card.integer(2)
     kind = card.integer(3)
     for at in card.nonempty((6, *range(_HEADER, len(card.fields)))):
@@ -127,13 +127,13 @@ def _check_header(card: Card) -> None:
         raise card.error(f"DMIG {card.text(0)}: type {kind}{why}; expected 1 or 2, real")
 
 
-def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
+def _matrix(header: NastranCard, columns: Sequence[NastranCard]) -> DMIGMatrix:
     name = header.text(0)
     symmetric = header.integer(2) == _SYMMETRIC
     rows: list[int] = []
     at: list[int] = []
     values: list[float] = []
-    where: list[Card] = []
+    where: list[NastranCard] = []
     for card in columns:
         column = _key(card, 1)
         if card.nonempty((3,)):
@@ -178,7 +178,7 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
     return DMIGMatrix(name, sp.csr_array(matrix), DofSet.from_arrays(keys // 6, keys % 6))
 
 
-def _key(card: Card, at: int) -> int:
+def _key(card: NastranCard, at: int) -> int:
     """Return node * 6 + direction of the grid and component in fields `at` and `at + 1`."""
     node = card.integer(at)
     component = card.integer(at + 1, 0)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError
 
-__all__ = ["Line", "Row", "real", "row_of", "text_of"]
+__all__ = ["NastranLine", "NastranRow", "real", "row_of", "text_of"]
 
 _PLAIN = 8  # characters up to which 0.001 is preferred to 1.-3
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
@@ -57,7 +57,7 @@ def _with_point(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class NastranLine:
     """A line of a deck with its place, without comment and trailing blanks.
 
     Lines of a binary file have no number.
@@ -78,12 +78,12 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class NastranRow:
     """A line of bulk data by its fields.
 
     Parameters
     ----------
-    line : Line
+    line : NastranLine
         The line, for messages.
     head : str
         Field 1: the name of a card, a replicator, or the mark of a continuation.
@@ -93,7 +93,7 @@ class Row:
         Field 10: the mark of the continuation of this line.
     """
 
-    line: Line
+    line: NastranLine
     head: str
     fields: tuple[str, ...]
     tail: str
@@ -104,7 +104,7 @@ class Row:
         return not self.head or self.head[0] in "+*"
 
 
-def row_of(line: Line) -> Row:
+def row_of(line: NastranLine) -> NastranRow:
     """Return the fields of a line; raise a FormatError if it has too many fields or is too long."""
     if "," in line.text:
         cells, tail, n = _free_fields(line)
@@ -112,10 +112,10 @@ def row_of(line: Line) -> Row:
     else:
         cells, tail, n = _fixed_fields(line)
         head = line.text[:8].strip()
-    return Row(line, head, tuple(cells + [""] * (n - len(cells))), tail)
+    return NastranRow(line, head, tuple(cells + [""] * (n - len(cells))), tail)
 
 
-def _free_fields(line: Line) -> tuple[list[str], str, int]:
+def _free_fields(line: NastranLine) -> tuple[list[str], str, int]:
     """Return the cells of a line with commas, its continuation mark, and the number of fields."""
     cells = [cell.strip() for cell in line.text.split(",")]
     is_large = cells[0].startswith("*") or cells[0].endswith("*")
@@ -137,7 +137,7 @@ def _free_fields(line: Line) -> tuple[list[str], str, int]:
     return cells, tail, n
 
 
-def _fixed_fields(line: Line) -> tuple[list[str], str, int]:
+def _fixed_fields(line: NastranLine) -> tuple[list[str], str, int]:
     """Return the cells of a line in columns, its continuation mark, and the number of fields."""
     text = line.text
     if len(text) > 80:

@@ -41,7 +41,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import system
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import locate_errors
-from updyn.io.model_table import GENERAL, ModelTable, write_tables
+from updyn.io.model_table import GENERAL, ModelFile, write_tables
 from updyn.io.nastran.deck import NastranDeck, geometry_of, read_deck
 from updyn.io.nastran.dmig import DMIGMatrix, read_dmig, write_dmig
 from updyn.io.nastran.op2_file import OP2File, g_set, matrix_of, refuse_element_blocks
@@ -60,7 +60,7 @@ _GROUP = ("name", *_MATRICES, *DAMPING)
 _NastranMatrix = OP4Matrix | DMIGMatrix
 
 
-def names_nastran_files(table: ModelTable) -> bool:
+def names_nastran_files(table: ModelFile) -> bool:
     """Return whether a group of the table refers to an OUTPUT4, an OUTPUT2 or a DMIG file."""
     for group in table.content["group"]:
         for what in _MATRICES:
@@ -70,12 +70,12 @@ def names_nastran_files(table: ModelTable) -> bool:
     return False
 
 
-def read_table(table: ModelTable) -> Model:
+def read_table(table: ModelFile) -> Model:
     """Build the model of a TOML file whose groups refer to OUTPUT4, OUTPUT2 and DMIG matrices.
 
     Parameters
     ----------
-    table : ModelTable
+    table : ModelFile
         The file.
 
     Returns
@@ -102,7 +102,7 @@ def read_table(table: ModelTable) -> Model:
             geometry = geometry_of(deck, units.name)
         if dofs is None:
             dofs = _dofs_of(deck)
-    files = _Files(table)
+    files = _MatrixFiles(table)
     named: dict[str, dict[str, _NastranMatrix]] = {}
     for number, parts in enumerate(content["group"]):
         table.only_known(parts, _GROUP, "group", number)
@@ -144,10 +144,10 @@ def _split(text: str) -> tuple[str, str | None]:
     return file, name.strip()
 
 
-class _Files:
+class _MatrixFiles:
     """The matrix files that a TOML file refers to, each read once."""
 
-    def __init__(self, table: ModelTable) -> None:
+    def __init__(self, table: ModelFile) -> None:
         self._table = table
         self._read: dict[Path, Sequence[_NastranMatrix]] = {}
         self._op2: dict[Path, OP2File] = {}
@@ -193,7 +193,7 @@ def _dofs_of(deck: NastranDeck) -> DofSet:
 
 
 def _used_dofs(
-    table: ModelTable, matrices: list[_NastranMatrix], dofs: DofSet | None
+    table: ModelFile, matrices: list[_NastranMatrix], dofs: DofSet | None
 ) -> tuple[DofSet, Any]:
     """Return all DOFs, and the positions of those with entries in some matrix."""
     if dofs is None:
@@ -228,7 +228,7 @@ def _used_dofs(
 
 
 def _expand_to_dofs(
-    matrix: _NastranMatrix, dofs: DofSet, table: ModelTable, line: int | None
+    matrix: _NastranMatrix, dofs: DofSet, table: ModelFile, line: int | None
 ) -> Any:
     """Return a matrix expanded to all DOFs."""
     n = len(dofs)
@@ -279,7 +279,7 @@ class MatrixFiles:
         path = Path(path)
         beside = path.with_suffix(".toml")
         if beside.is_file():
-            table = ModelTable.read_file(beside)
+            table = ModelFile.read_file(beside)
             if table.has_groups and names_nastran_files(table):
                 return read_table(table)
             raise FormatError(

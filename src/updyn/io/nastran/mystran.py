@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
 from updyn.foreign.exits import describe_exit
-from updyn.io.nastran.cards import Card
+from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import NastranDeck
 
 __all__ = [
-    "Matrices",
-    "Program",
+    "MystranMatrices",
+    "MystranProgram",
     "adapt_cards",
     "find_executable",
     "run",
@@ -57,7 +57,7 @@ _PARAMETERS = (
 )  # fmt: skip
 
 
-def adapt_cards(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
+def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[NastranCard]:
     """Return cards in the form that MYSTRAN reads.
 
     MYSTRAN has no springs with one end; the other end gets an additional fixed grid.
@@ -66,12 +66,12 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     ----------
     deck : NastranDeck
         The deck, for its grids.
-    cards : iterable of Card
+    cards : iterable of NastranCard
         Its cards, possibly with new values.
 
     Returns
     -------
-    list of Card
+    list of NastranCard
         The cards to write.
 
     Raises
@@ -79,7 +79,7 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     FormatError
         If MYSTRAN does not support an element; the message gives an alternative.
     """
-    out: list[Card] = []
+    out: list[NastranCard] = []
     grounds = max([*deck.grids, *deck.points], default=0)
     for card in cards:
         if card.name in _DAMPERS or (card.name == "PARAM" and card.text(0) in _PARAMETERS):
@@ -106,7 +106,7 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     return out
 
 
-def _with_points(card: Card) -> Card:
+def _with_points(card: NastranCard) -> NastranCard:
     """Return a card with a decimal point in all real numbers; MYSTRAN stops at 1E+6."""
     new = {
         i: _NO_POINT.sub(r"\1.\2", text)
@@ -116,7 +116,9 @@ def _with_points(card: Card) -> Card:
     return card.with_fields(new) if new else card
 
 
-def _ground_spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | None]:
+def _ground_spring(
+    deck: NastranDeck, card: NastranCard, number: int
+) -> tuple[NastranCard, NastranCard | None]:
     """Return a spring or mass, and the fixed grid for its free end, if it has one."""
     one, two = _ENDS[card.name]
     if card.text(one[0]) in ("", "0"):
@@ -134,7 +136,7 @@ def _ground_spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Ca
     return card.with_fields(new), ground
 
 
-def _bar(card: Card) -> Card:
+def _bar(card: NastranCard) -> NastranCard:
     """Return a rigid bar as an RBE2; all its independent components have to be at one end."""
     own = card.text(3)
     other = card.text(4)
@@ -148,13 +150,13 @@ def _bar(card: Card) -> Card:
         fields = (card.text(0), first, card.text(6, "123456"), second)
     else:
         fields = (card.text(0), second, card.text(5, "123456"), first)
-    return Card("RBE2", fields, card.lines)
+    return NastranCard("RBE2", fields, card.lines)
 
 
-def _ground(deck: NastranDeck, card: Card, node: int, number: int) -> Card:
+def _ground(deck: NastranDeck, card: NastranCard, node: int, number: int) -> NastranCard:
     """Return a fixed grid at the position and in the displacement system of grid `node`."""
     if node not in deck.grids:
-        return Card("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)
+        return NastranCard("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)
     return deck.grids[node].with_fields({0: str(number), 6: "123456"})
 
 
@@ -174,7 +176,7 @@ _GRID, _COMPONENT, _G, _M, _S = 0, 1, 4, 5, 12
 
 
 @dataclass(frozen=True, slots=True)
-class Program:
+class MystranProgram:
     """MYSTRAN.
 
     Parameters
@@ -190,7 +192,7 @@ class Program:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matrices:
+class MystranMatrices:
     """The matrices of a deck, in the units of the deck.
 
     Parameters
@@ -245,22 +247,22 @@ def _find_in_package() -> Path | None:
 
 
 def run(
-    program: Program,
-    cards: Iterable[Card],
+    program: MystranProgram,
+    cards: Iterable[NastranCard],
     folder: Path,
     path: Path,
     *,
     spc: int = 0,
     mpc: int = 0,
     links: int = 2,
-) -> Matrices:
+) -> MystranMatrices:
     """Run MYSTRAN until it has written its matrices.
 
     Parameters
     ----------
-    program : Program
+    program : MystranProgram
         MYSTRAN.
-    cards : iterable of Card
+    cards : iterable of NastranCard
         Bulk data, as returned by `adapt_cards`.
     folder : Path
         An empty working folder.
@@ -273,7 +275,7 @@ def run(
 
     Returns
     -------
-    Matrices
+    MystranMatrices
         If `links` is 1, the sets are those of the deck, without the DOFs of AUTOSPC.
 
     Raises
@@ -308,10 +310,10 @@ def run(
         ties = _terms(deck.with_suffix(".L1J"), (len(tied), n), path)
     stiffness = _symmetric(deck.with_suffix(".L1L"), n, path)
     mass = _symmetric(deck.with_suffix(".L1R"), n, path)
-    return Matrices(stiffness, mass, dofs, ties, tied, np.flatnonzero(table[:, _S]))
+    return MystranMatrices(stiffness, mass, dofs, ties, tied, np.flatnonzero(table[:, _S]))
 
 
-def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool, int]:
+def _execute(program: MystranProgram, deck: Path, links: int) -> tuple[bool, bool, int]:
     """Run until the last required link has ended, without the solution that follows.
 
     Returns whether that link ended, whether the time limit was reached, and the exit status.

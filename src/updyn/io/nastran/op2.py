@@ -35,7 +35,7 @@ from updyn.io.items import format_counts, locate_errors
 from updyn.io.nastran.deck import geometry_of
 from updyn.io.nastran.matrices import OP2
 from updyn.io.nastran.op2_cards import deck_of
-from updyn.io.nastran.op2_file import Block, OP2File
+from updyn.io.nastran.op2_file import OP2Block, OP2File
 from updyn.modal import ModeSet
 from updyn.model import Model
 
@@ -98,7 +98,7 @@ class Contents:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Mode:
+class _OP2Mode:
     """A mode, in the unit of the file."""
 
     subcase: int
@@ -245,11 +245,11 @@ def _reason(error: InputError, path: str | Path) -> str:
 # -- modes --------------------------------------------------------------------------------------
 def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
     units = system(unit)
-    found: list[_Mode] = []
+    found: list[_OP2Mode] = []
     others = Counter[str]()
     for block in file.tables_named(*_SHAPES):
         for mode in _iterate_modes(file, block):
-            if isinstance(mode, _Mode):
+            if isinstance(mode, _OP2Mode):
                 found.append(mode)
             else:
                 others[mode] += 1
@@ -271,7 +271,7 @@ def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
     return _build_modes(file, chosen, units.length, np.sqrt(units.energy) / units.length)
 
 
-def _iterate_modes(file: OP2File, block: Block) -> Iterator[_Mode | str]:
+def _iterate_modes(file: OP2File, block: OP2Block) -> Iterator[_OP2Mode | str]:
     """Yield the modes of a table, and a description of each other result."""
     if len(block.records) % 2:
         raise FormatError(
@@ -309,7 +309,7 @@ def _iterate_modes(file: OP2File, block: Block) -> Iterator[_Mode | str]:
             )
         value = complex(real[_REAL], real[_IMAGINARY] if approach == _COMPLEX else 0.0)
         nodes, kinds, shape = _entries(file, file.data(body), width, where)
-        yield _Mode(int(whole[_SUBCASE]), mode, value, approach, nodes, kinds, shape)
+        yield _OP2Mode(int(whole[_SUBCASE]), mode, value, approach, nodes, kinds, shape)
 
 
 def _entries(
@@ -334,7 +334,7 @@ def _entries(
     return nodes, whole[:, 1].astype(np.int64), shape
 
 
-def _select_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> list[_Mode]:
+def _select_subcase(found: Sequence[_OP2Mode], subcase: int | None, path: Path) -> list[_OP2Mode]:
     """Return the modes of a subcase; refuse repeated modes."""
     known = sorted({mode.subcase for mode in found})
     if subcase is None and len(known) > 1:
@@ -369,7 +369,7 @@ def _select_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> 
     return chosen
 
 
-def _build_modes(file: OP2File, found: list[_Mode], length: float, mass: float) -> ModeSet:
+def _build_modes(file: OP2File, found: list[_OP2Mode], length: float, mass: float) -> ModeSet:
     """Return the mode set; `length` is the unit in m, `mass` the root of the mass unit in kg."""
     first = found[0]
     if first.approach == _COMPLEX:
@@ -430,7 +430,7 @@ def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]
     return np.where(values > 0, size, 0.0)
 
 
-def _factors(file: OP2File, found: Sequence[_Mode]) -> NDArray[np.float64]:
+def _factors(file: OP2File, found: Sequence[_OP2Mode]) -> NDArray[np.float64]:
     """Return the factors that scale shapes to unit modal mass; 0 if unknown."""
     masses: list[set[float]] = [set() for _ in found]
     for block in file.tables_named(_FREQUENCIES):
@@ -453,7 +453,7 @@ def _factors(file: OP2File, found: Sequence[_Mode]) -> NDArray[np.float64]:
     return np.array([mass**-0.5 if mass > 0 else 0.0 for mass in known])
 
 
-def _belongs_to(rows: dict[int, Any], found: Sequence[_Mode]) -> bool:
+def _belongs_to(rows: dict[int, Any], found: Sequence[_OP2Mode]) -> bool:
     """Return whether a table of eigenvalues belongs to these modes."""
     for mode in found:
         if mode.number not in rows:

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import AbsentError, FormatError, UpdynWarning
-from updyn.io.nastran.cards import Card
+from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import ELEMENTS, NastranDeck, points_of
-from updyn.io.nastran.fields import Line
+from updyn.io.nastran.fields import NastranLine
 from updyn.io.nastran.op2_file import OP2File
 
 __all__ = ["deck_of"]
@@ -133,7 +133,7 @@ def deck_of(file: OP2File) -> NastranDeck:
             f" PARAM,OGEOM,YES); it holds {held}. It can be read from the deck (.bdf)",
             file.path,
         )
-    line = Line("", file.path, None)
+    line = NastranLine("", file.path, None)
     found: dict[tuple[str, tuple[str, ...]], None] = {}
     grids: set[int] = set()
     for key, raw in _records(file, _POINTS):
@@ -168,7 +168,7 @@ def deck_of(file: OP2File) -> NastranDeck:
             UpdynWarning,
             stacklevel=4,
         )
-    return points_of(file.path, [Card(name, fields, (line,)) for name, fields in found])
+    return points_of(file.path, [NastranCard(name, fields, (line,)) for name, fields in found])
 
 
 def _records(file: OP2File, names: tuple[str, ...]) -> Iterator[tuple[_Key, bytes]]:

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.items import locate_errors
-from updyn.io.nastran.op4 import Collector, OP4Matrix, check_header, complete_triangles
+from updyn.io.nastran.op4 import EntryCollector, OP4Matrix, check_header, complete_triangles
 
-__all__ = ["MAGIC", "Block", "OP2File", "g_set", "matrix_of", "refuse_element_blocks"]
+__all__ = ["MAGIC", "OP2Block", "OP2File", "g_set", "matrix_of", "refuse_element_blocks"]
 
 #: Bytes of the length before and after every Fortran record.
 _MARK = 4
@@ -58,7 +58,7 @@ MAGIC: dict[bytes, tuple[str, int]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class OP2Block:
     """A data block.
 
     Parameters
@@ -131,12 +131,12 @@ class OP2File:
             )
         return np.frombuffer(raw, f"{self.order}{kind}{self.size}")
 
-    def tables_named(self, *names: str) -> list[Block]:
+    def tables_named(self, *names: str) -> list[OP2Block]:
         """Return the tables with these names, in order."""
         return [block for block in self.blocks if block.name in names and not block.is_matrix]
 
     @property
-    def matrices(self) -> list[Block]:
+    def matrices(self) -> list[OP2Block]:
         """The assembled matrices, in order."""
         return [b for b in self.blocks if b.is_matrix and b.name not in _OF_ELEMENTS]
 
@@ -160,7 +160,7 @@ class OP2File:
             at = after
         return at
 
-    def _blocks(self, at: int) -> Iterator[Block]:
+    def _blocks(self, at: int) -> Iterator[OP2Block]:
         while True:
             start = at
             if at == len(self._bytes):
@@ -188,7 +188,7 @@ class OP2File:
             _, at = self._key(at)
             records, flags, at = self._records(name, at)
             # The first is the header, which repeats the name.
-            yield Block(name, trailer, 1 in flags[1:], tuple(records[1:]))
+            yield OP2Block(name, trailer, 1 in flags[1:], tuple(records[1:]))
 
     def _records(
         self, name: str, at: int
@@ -305,7 +305,7 @@ def g_set(file: OP2File) -> DofSet | None:
         return DofSet.from_arrays(np.repeat(nodes, count), axes)
 
 
-def matrix_of(file: OP2File, block: Block) -> OP4Matrix:
+def matrix_of(file: OP2File, block: OP2Block) -> OP4Matrix:
     """Return a matrix of an OUTPUT2 file; both triangles of a symmetric one."""
     columns, rows, form, kind = (block.trailer[at] for at in (_COLUMNS, _ROWS, _FORM, _TYPE))
     check_header(file.path, None, block.name, columns, rows, kind)
@@ -314,7 +314,7 @@ def matrix_of(file: OP2File, block: Block) -> OP4Matrix:
             f"matrix {block.name!r}: {len(block.records)} columns, expected {columns}", file.path
         )
     number = np.dtype(f"{file.order}f{8 if kind == _DOUBLE else file.size}")
-    collector = Collector(file.path, block.name, rows, columns)
+    collector = EntryCollector(file.path, block.name, rows, columns)
     for column, record in enumerate(block.records, 1):
         for part in record:  # the row, then entries of consecutive rows
             raw = file.data((part,))

@@ -27,7 +27,7 @@ from updyn.io.nastran.fields import real
 from updyn.io.text_numbers import whole_of
 
 __all__ = [
-    "Collector",
+    "EntryCollector",
     "Layout",
     "OP4Matrix",
     "check_header",
@@ -102,7 +102,7 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
     ]
 
 
-class Named(Protocol):
+class NamedMatrix(Protocol):
     """A matrix with a name."""
 
     @property
@@ -110,10 +110,10 @@ class Named(Protocol):
         """The name, upper case."""
 
 
-Found = TypeVar("Found", bound=Named)
+NamedMatrixT = TypeVar("NamedMatrixT", bound=NamedMatrix)
 
 
-def select(matrices: Iterable[Found], name: str | None, path: str | Path) -> Found:
+def select(matrices: Iterable[NamedMatrixT], name: str | None, path: str | Path) -> NamedMatrixT:
     """Return the matrix with this name, or the only matrix if `name` is None.
 
     Raises
@@ -214,7 +214,7 @@ def check_header(
         )
 
 
-class Collector:
+class EntryCollector:
     """Collects the entries of a matrix as they are read, and checks their positions."""
 
     def __init__(self, path: Path, name: str, rows: int, columns: int) -> None:
@@ -363,13 +363,13 @@ _TEXT_FIELDS = {False: (3, 26, 16), True: (5, 16, 8)}
 def _read_text(path: Path) -> Iterator[tuple[str, Any, int]]:
     """Yield name, entries (sparse) and form of each matrix."""
     with path.open(encoding="latin-1") as file:
-        lines = _Lines(path, file)
+        lines = _OP4Lines(path, file)
         while (header := lines.next()) is not None:
             if header.strip():
                 yield _text_matrix(lines, header)
 
 
-class _Lines:
+class _OP4Lines:
     """The lines of a file, with a counter."""
 
     def __init__(self, path: Path, file: Iterable[str]) -> None:
@@ -402,7 +402,7 @@ class _Lines:
             raise self.error(f"{line.strip()[:60]!r}; expected {what}") from error
 
 
-def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
+def _text_matrix(lines: _OP4Lines, header: str) -> tuple[str, Any, int]:
     letter = re.search(r"[A-Za-z]", header)
     if letter is None or letter.start() not in (32, 40, 64):
         raise lines.error(
@@ -420,7 +420,7 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     if not (a_line and field):
         raise lines.error(f"matrix {name!r}: no numbers fit into the format {layout[0]!r}")
     head = _head_words(rows)
-    out = Collector(lines.path, name, abs(rows), columns)
+    out = EntryCollector(lines.path, name, abs(rows), columns)
     while True:
         line = lines.require(f"a column of matrix {name!r}")
         column, row, n_words = lines.integers(
@@ -444,7 +444,7 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
             n_words -= length + head
 
 
-def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
+def _text_string_head(lines: _OP4Lines, head: int, column: int) -> tuple[int, int]:
     """Return row and number of words of a string."""
     line = lines.require(f"a string of column {column}")
     try:
@@ -459,7 +459,7 @@ def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
     return _row_and_length(found)
 
 
-def _text_values(lines: _Lines, n: int, a_line: int, width: int) -> Any:
+def _text_values(lines: _OP4Lines, n: int, a_line: int, width: int) -> Any:
     out = np.empty(n)
     for first in range(0, n, a_line):
         line = lines.require("values")
@@ -544,12 +544,12 @@ def _byte_order(start: bytes) -> tuple[str, int] | None:
 def _read_binary(path: Path, order: str, word: int) -> Iterator[tuple[str, Any, int]]:
     """Yield name, entries (sparse) and form of each matrix."""
     with path.open("rb") as file:
-        records = _Records(file, path, order)
+        records = _OP4Records(file, path, order)
         while (header := records.next()) is not None:
             yield _binary_matrix(records, header, word)
 
 
-class _Records:
+class _OP4Records:
     """The records of a Fortran unformatted file: each between two copies of its length."""
 
     def __init__(self, file: BinaryIO, path: Path, order: str) -> None:
@@ -580,7 +580,7 @@ class _Records:
         return FormatError(f"record {self.number}: {what}", self.path)
 
 
-def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, Any, int]:
+def _binary_matrix(records: _OP4Records, header: bytes, word: int) -> tuple[str, Any, int]:
     order = records.order
     integer = _INTEGERS[word]
     if _HEADER_WORDS.get(len(header)) != word:
@@ -594,7 +594,7 @@ def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, An
     is_short = kind == 1 and word == 4
     number = np.dtype(f"{order}f4" if is_short else f"{order}f8")
     head = _head_words(rows)
-    out = Collector(records.path, name, abs(rows), columns)
+    out = EntryCollector(records.path, name, abs(rows), columns)
     while True:
         body = records.next()
         if body is None:
@@ -619,11 +619,11 @@ def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, An
 
 
 def _binary_string(
-    records: _Records,
+    records: _OP4Records,
     data: bytes,
     at: int,
     column: int,
-    out: Collector,
+    out: EntryCollector,
     head: int,
     word: int,
     number: Any,
@@ -643,7 +643,7 @@ def _binary_string(
     return end
 
 
-def _binary_numbers(records: _Records, data: bytes, number: Any) -> Any:
+def _binary_numbers(records: _OP4Records, data: bytes, number: Any) -> Any:
     if len(data) % number.itemsize:
         raise records.error(
             f"{len(data)} bytes are not a whole number of values of {number.itemsize}"

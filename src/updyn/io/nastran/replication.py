@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from updyn.io.nastran.fields import Row, real, text_of
+from updyn.io.nastran.fields import NastranRow, real, text_of
 from updyn.io.text_numbers import whole_of
 
 __all__ = ["expand", "is_replicator"]
@@ -28,7 +28,7 @@ def is_replicator(text: str) -> bool:
     return text.lstrip().startswith("=")
 
 
-def expand(rows: Iterable[Row]) -> Iterator[Row]:
+def expand(rows: Iterable[NastranRow]) -> Iterator[NastranRow]:
     """Yield rows of bulk data, with copies in place of the replicators.
 
     Raises
@@ -36,7 +36,7 @@ def expand(rows: Iterable[Row]) -> Iterator[Row]:
     FormatError
         If no row precedes a replicator, a field cannot be copied, or there are too many copies.
     """
-    last: Row | None = None  # the row to copy
+    last: NastranRow | None = None  # the row to copy
     steps: dict[int, str] = {}
     copies = 0
     for row in rows:
@@ -62,7 +62,7 @@ def expand(rows: Iterable[Row]) -> Iterator[Row]:
             yield last
 
 
-def _count(row: Row, steps: dict[int, str]) -> int:
+def _count(row: NastranRow, steps: dict[int, str]) -> int:
     found = _COUNT.fullmatch(row.head)
     if found is None or any(row.fields) or row.tail:
         raise row.line.error(
@@ -77,7 +77,7 @@ def _count(row: Row, steps: dict[int, str]) -> int:
     return int(found[1] or found[2])
 
 
-def _copy_row(last: Row, row: Row) -> tuple[Row, dict[int, str]]:
+def _copy_row(last: NastranRow, row: NastranRow) -> tuple[NastranRow, dict[int, str]]:
     """Return the copy that a row defines, and the increments of its fields."""
     if len(row.fields) != len(last.fields):
         raise row.line.error(
@@ -106,7 +106,9 @@ def _copy_row(last: Row, row: Row) -> tuple[Row, dict[int, str]]:
     return replace(last, line=row.line, fields=tuple(fields)), steps
 
 
-def _images(last: Row, steps: dict[int, str], count: int, row: Row) -> Iterator[Row]:
+def _images(
+    last: NastranRow, steps: dict[int, str], count: int, row: NastranRow
+) -> Iterator[NastranRow]:
     """Yield copies of a row, each with the increments added to the previous one."""
     for k in range(1, count + 1):
         fields = list(last.fields)
@@ -115,7 +117,7 @@ def _images(last: Row, steps: dict[int, str], count: int, row: Row) -> Iterator[
         yield replace(last, line=row.line, fields=tuple(fields))
 
 
-def _increment(fields: Sequence[str], at: int, step: str, times: int, row: Row) -> str:
+def _increment(fields: Sequence[str], at: int, step: str, times: int, row: NastranRow) -> str:
     """Return a field plus `times` increments; both integers, or both with a decimal point."""
     cell = fields[at]
     n_whole = sum(_WHOLE.fullmatch(text) is not None for text in (cell, step))

@@ -47,12 +47,12 @@ from updyn.io.items import format_counts, locate_errors, parse_selection
 from updyn.io.lengths import length
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
-from updyn.io.uff.geometry import NUMBERS, Collector, Units
+from updyn.io.uff.geometry import NUMBERS, GeometryCollector, Units
 from updyn.io.uff.labels import FORCE, MOTION, UNKNOWN, abscissa_factor, frf_factor, type_name
 
 __all__ = [
     "Directions",
-    "Parts",
+    "FRFArrays",
     "assemble",
     "read_frf",
     "read_geometry",
@@ -124,7 +124,7 @@ def read_frf(
     for name, given in (("local_axes", local_axes), ("real_valued", real_valued)):
         if not isinstance(given, bool):
             raise OptionError(f"{name} {given!r}: expected True or False", key=(name,))
-    collector = Collector(path)
+    collector = GeometryCollector(path)
     functions: list[Function] = []
     others = Counter[int]()
     for dataset in datasets(path):
@@ -199,7 +199,7 @@ def read_geometry(path: str | Path, *, unit: str | None = None) -> Geometry:
         If the unit is not known.
     """
     stated = None if unit is None else length(unit)
-    collector = Collector(path)
+    collector = GeometryCollector(path)
     others = Counter[int]()
     for dataset in datasets(path):
         if dataset.number in NUMBERS:
@@ -338,7 +338,7 @@ def _is_rotation(dof: Dof) -> bool:
 
 # -- other content ------------------------------------------------------------------------------
 def _describe_absence(
-    functions: Sequence[Function], collector: Collector, others: Counter[int]
+    functions: Sequence[Function], collector: GeometryCollector, others: Counter[int]
 ) -> str:
     held = []
     if functions:
@@ -476,7 +476,7 @@ class Directions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parts:
+class FRFArrays:
     """A complete matrix, in SI.
 
     Attributes
@@ -499,7 +499,7 @@ class Parts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Measured:
+class _MeasuredFunction:
     function: Function
     response: Dof
     reference: Dof
@@ -528,7 +528,7 @@ def assemble(
     average: bool,
     responses: Iterable[str | Dof] | None,
     references: Iterable[str | Dof] | None,
-) -> Parts:
+) -> FRFArrays:
     """Assemble functions into a matrix.
 
     Parameters
@@ -546,7 +546,7 @@ def assemble(
 
     Returns
     -------
-    Parts
+    FRFArrays
 
     Raises
     ------
@@ -559,8 +559,8 @@ def assemble(
         If coherence is ignored because it is not available for every FRF.
     """
     path = directions.path
-    rows = _Side("response", path)
-    columns = _Side("reference", path)
+    rows = _ChannelSide("response", path)
+    columns = _ChannelSide("reference", path)
     found = [_place(f, directions, factor) for f in measured]
     for item in found:
         rows.meet(item.response)
@@ -590,17 +590,17 @@ def assemble(
     for array in (values, coherence):
         if array is not None:
             array.flags.writeable = False  # FRF does not copy read-only arrays
-    return Parts(freq, values, coherence, rows.kept, columns.kept)
+    return FRFArrays(freq, values, coherence, rows.kept, columns.kept)
 
 
 def _place(
     function: Function,
     directions: Directions,
     factor: Callable[[Function, Dof, Dof], float] | None = None,
-) -> _Measured:
+) -> _MeasuredFunction:
     response = directions.dof("response", *function.response, function.line)
     reference = directions.dof("reference", *function.reference, function.line)
-    return _Measured(
+    return _MeasuredFunction(
         function, response, reference, factor(function, response, reference) if factor else 1.0
     )
 
@@ -609,7 +609,7 @@ def _name(dof: Dof) -> tuple[int, str]:
     return dof.node, dof.direction
 
 
-class _Side:
+class _ChannelSide:
     """The DOFs of one side in order of occurrence, each in its first sense, and those to keep."""
 
     def __init__(self, what: str, path: str | Path) -> None:
@@ -635,9 +635,9 @@ class _Side:
 
 
 def _by_pair(
-    items: Sequence[_Measured], rows: _Side, columns: _Side
-) -> dict[_Pair, list[_Measured]]:
-    out: dict[_Pair, list[_Measured]] = {}
+    items: Sequence[_MeasuredFunction], rows: _ChannelSide, columns: _ChannelSide
+) -> dict[_Pair, list[_MeasuredFunction]]:
+    out: dict[_Pair, list[_MeasuredFunction]] = {}
     keep_rows = set(map(_name, rows.kept))
     keep_columns = set(map(_name, columns.kept))
     for item in items:
@@ -648,7 +648,10 @@ def _by_pair(
 
 
 def _complete(
-    frfs: Mapping[_Pair, list[_Measured]], rows: _Side, columns: _Side, path: str | Path
+    frfs: Mapping[_Pair, list[_MeasuredFunction]],
+    rows: _ChannelSide,
+    columns: _ChannelSide,
+    path: str | Path,
 ) -> None:
     missing = []
     for c in columns.kept:
@@ -667,7 +670,7 @@ def _complete(
         )
 
 
-def _check_unique(groups: Sequence[list[_Measured]], path: str | Path) -> None:
+def _check_unique(groups: Sequence[list[_MeasuredFunction]], path: str | Path) -> None:
     for first, *more in groups:
         for second in more:
             raise FormatError(
@@ -678,7 +681,7 @@ def _check_unique(groups: Sequence[list[_Measured]], path: str | Path) -> None:
             )
 
 
-def _check_lines(item: _Measured, freq: NDArray[np.float64], path: str | Path) -> None:
+def _check_lines(item: _MeasuredFunction, freq: NDArray[np.float64], path: str | Path) -> None:
     x = item.function.x
     if len(x) == len(freq) and np.allclose(x, freq, rtol=1e-9, atol=0):
         return
@@ -692,7 +695,9 @@ def _check_lines(item: _Measured, freq: NDArray[np.float64], path: str | Path) -
 
 
 def _coherence_is_complete(
-    frfs: Mapping[_Pair, list[_Measured]], cohs: Mapping[_Pair, list[_Measured]], path: str | Path
+    frfs: Mapping[_Pair, list[_MeasuredFunction]],
+    cohs: Mapping[_Pair, list[_MeasuredFunction]],
+    path: str | Path,
 ) -> bool:
     """Return whether every FRF has its coherence; warn if only some have."""
     with_it = [key for key, items in frfs.items() if len(cohs.get(key, ())) == len(items)]
@@ -706,7 +711,7 @@ def _coherence_is_complete(
     return bool(cohs) and len(with_it) == len(frfs)
 
 
-def _coherence(item: _Measured, path: str | Path) -> NDArray[np.float64]:
+def _coherence(item: _MeasuredFunction, path: str | Path) -> NDArray[np.float64]:
     y = item.function.y
     if np.iscomplexobj(y) and (y.imag != 0).any():
         raise FormatError(

@@ -25,9 +25,9 @@ from updyn.geometry import Geometry
 from updyn.io.items import locate_errors
 from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field, whole_fields
 
-__all__ = ["NUMBERS", "Collector", "Units"]
+__all__ = ["NUMBERS", "GeometryCollector", "Units"]
 
-#: Datasets that a `Collector` reads.
+#: Datasets that a `GeometryCollector` reads.
 NUMBERS = (15, 18, 82, 164, 2411, 2420)
 _GLOBAL = (0, 1)
 #: Length and force of one SI unit in the units of each code of dataset 164.
@@ -63,7 +63,7 @@ class Units:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _System:
+class _UFFSystem:
     """A coordinate system, in the unit of the file: its axes are rows, in the global system."""
 
     kind: int
@@ -122,7 +122,7 @@ class _Node:
 
 
 @dataclass(slots=True)
-class Collector:
+class GeometryCollector:
     """Collects the datasets of positions, systems, lines and units, then builds the geometry.
 
     Systems may follow the nodes that use them, so `geometry` transforms all positions at the end.
@@ -142,7 +142,7 @@ class Collector:
     path: str | Path
     units: Units = field(default_factory=Units)
     nodes: dict[int, _Node] = field(default_factory=dict)
-    systems: dict[int, _System] = field(default_factory=dict)
+    systems: dict[int, _UFFSystem] = field(default_factory=dict)
     traces: list[tuple[int, list[tuple[int, int]]]] = field(default_factory=list)
 
     def take(self, dataset: Dataset) -> None:
@@ -271,13 +271,13 @@ class Collector:
             )
         if number in self.systems:
             raise FormatError(f"system {number} is defined twice", self.path, line)
-        self.systems[number] = _System(kind, axes, origin)
+        self.systems[number] = _UFFSystem(kind, axes, origin)
 
-    def _system(self, number: int, line: int, what: str) -> _System:
+    def _system(self, number: int, line: int, what: str) -> _UFFSystem:
         if number in self.systems:
             return self.systems[number]
         if number in _GLOBAL:
-            return _System(0, np.eye(3), np.zeros(3))
+            return _UFFSystem(0, np.eye(3), np.zeros(3))
         known = ", ".join(map(str, sorted(self.systems))) or "none"
         raise FormatError(
             f"{what}: coordinate system {number} is not defined in this file (defined: {known}; 0"

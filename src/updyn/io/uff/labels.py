@@ -67,7 +67,7 @@ _REMEDY = "; set scale=, the factor that converts the values to SI (9.80665 for 
 
 
 @dataclass(frozen=True, slots=True)
-class _Side:
+class _AxisUnit:
     """Numerator or denominator: its record, its required kind, and its unit without a label."""
 
     record: int
@@ -162,8 +162,8 @@ def frf_factor(
         If a label is unknown, of another kind, or contradicts another one or dataset 164.
     """
     above, below = function.numerator, function.denominator
-    motion = _Side(9, above, quantity, turns[0], units, _REMEDY, path)
-    force = _Side(10, below, "force", turns[1], units, _REMEDY, path)
+    motion = _AxisUnit(9, above, quantity, turns[0], units, _REMEDY, path)
+    force = _AxisUnit(10, below, "force", turns[1], units, _REMEDY, path)
     ratio = split_ratio(above.unit)
     if ratio is None:
         factors = _unit_value(motion), _unit_value(force)
@@ -192,7 +192,7 @@ def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[st
     kind = "force" if axis.kind in FORCE else MOTION.get(axis.kind)
     if kind is None:
         return label, 1.0
-    side = _Side(9, axis, kind, turns, units, "; correct the label or the dataset", path)
+    side = _AxisUnit(9, axis, kind, turns, units, "; correct the label or the dataset", path)
     found = find_unit(label)
     if found:
         _check_unit(side, label, found)
@@ -204,7 +204,7 @@ def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[st
     return ("rad" if turns else "m") + RATES[kind], side.unit_of_dataset
 
 
-def _unit_value(side: _Side) -> float:
+def _unit_value(side: _AxisUnit) -> float:
     """Return the SI value of the unit of the label, by default of the unit of dataset 164."""
     label = side.axis.unit
     if not label:
@@ -218,14 +218,14 @@ def _unit_value(side: _Side) -> float:
     return found.factor
 
 
-def _check_unit(side: _Side, label: str, unit: Unit) -> None:
+def _check_unit(side: _AxisUnit, label: str, unit: Unit) -> None:
     if not side.fits(unit):
         raise side.error(f"{label!r} is a unit of {_name(unit)}; expected a unit of {side.name}")
     if not side.agrees(unit):
         raise side.error(side.contradiction(label))
 
 
-def _check_ratio(motion: _Side, force: _Side, ratio: tuple[Unit, Unit]) -> None:
+def _check_ratio(motion: _AxisUnit, force: _AxisUnit, ratio: tuple[Unit, Unit]) -> None:
     """Refuse a ratio in record 9 that is of another kind or contradicts another label."""
     label = motion.axis.unit
     if not (motion.fits(ratio[0]) and force.fits(ratio[1])):
@@ -244,7 +244,7 @@ def _name(unit: Unit) -> str:
     return _NAMES[unit.kind][unit.angular]
 
 
-def _check_name(side: _Side, factor: float, ratio: float | None = None) -> None:
+def _check_name(side: _AxisUnit, factor: float, ratio: float | None = None) -> None:
     """Refuse an axis name with a unit that differs from the unit of the values."""
     axis = side.axis
     named = _in_brackets(axis.name)

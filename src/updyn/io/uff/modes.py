@@ -51,7 +51,7 @@ from updyn.io.uff.datasets import (
     whole_field,
     whole_fields,
 )
-from updyn.io.uff.geometry import NUMBERS, Collector, Units
+from updyn.io.uff.geometry import NUMBERS, GeometryCollector, Units
 from updyn.io.uff.writing import SI_UNITS
 from updyn.modal import ModeSet
 
@@ -105,7 +105,7 @@ _LAYOUTS = {layout.number: layout for layout in (_55, _2414)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Mode:
+class _UFFMode:
     """One dataset, in the units of the file."""
 
     number: int
@@ -147,8 +147,8 @@ def read_modes(path: str | Path) -> ModeSet:
     UpdynWarning
         If data of another analysis, on elements or of another kind are ignored.
     """
-    collector = Collector(path)
-    found: list[_Mode] = []
+    collector = GeometryCollector(path)
+    found: list[_UFFMode] = []
     others = Counter[int]()
     ignored = Counter[str]()
     for dataset in datasets(path):
@@ -156,7 +156,7 @@ def read_modes(path: str | Path) -> ModeSet:
             found[-1] = _with_deviations(found[-1], dataset, path)
         elif dataset.number in _LAYOUTS:
             mode = _parse_mode(dataset, path)
-            if isinstance(mode, _Mode):
+            if isinstance(mode, _UFFMode):
                 found.append(mode)
             else:
                 ignored[mode] += 1
@@ -235,7 +235,7 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
 
 
 # -- reading ------------------------------------------------------------------------------------
-def _parse_mode(dataset: Dataset, path: str | Path) -> _Mode | str:
+def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
     """Return the mode in a dataset, or the description of other data."""
     layout = _LAYOUTS[dataset.number]
     texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
@@ -277,7 +277,7 @@ def _parse_mode(dataset: Dataset, path: str | Path) -> _Mode | str:
     quality = float(said[1]) if said else np.nan
     said = _STD.search(texts[layout.quality - 1])
     std = (float(said[1]), float(said[2])) if said else (np.nan, np.nan)
-    return _Mode(
+    return _UFFMode(
         dataset.number,
         dataset.line,
         head.frequency,
@@ -297,7 +297,7 @@ def _is_uncertainty(dataset: Dataset) -> bool:
     return text_of(dataset.body.lstrip(b"\n").split(b"\n", 1)[0]).rstrip() == _UNCERTAIN
 
 
-def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
+def _with_deviations(mode: _UFFMode, dataset: Dataset, path: str | Path) -> _UFFMode:
     """Return a mode with the standard deviations of its shape from the next dataset."""
     texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
     at = dataset.line + 1
@@ -326,7 +326,7 @@ def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
 
 
 @dataclass(frozen=True, slots=True)
-class _Head:
+class _ModeProperties:
     """Properties of a mode other than its shape."""
 
     frequency: float
@@ -337,7 +337,7 @@ class _Head:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _ModePlace:
     """Place of numbers in the file, and the frequencies in Hz in the identification lines."""
 
     what: str
@@ -349,15 +349,17 @@ class _Place:
         return FormatError(f"{self.what}: {message}", self.path, self.line)
 
 
-def _place(texts: Sequence[str], layout: _Layout, record: int, path: str | Path, at: int) -> _Place:
+def _place(
+    texts: Sequence[str], layout: _Layout, record: int, path: str | Path, at: int
+) -> _ModePlace:
     stated = []
     for line, text in enumerate(texts[: layout.about], at):
         for found in _FREQUENCY.finditer(text):
             stated.append((line, float(found[1] or found[2])))
-    return _Place(f"record {record}", path, at + record - 1, stated)
+    return _ModePlace(f"record {record}", path, at + record - 1, stated)
 
 
-def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
+def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _ModeProperties:
     n_whole, n_real = whole_fields(texts[6], 2, "record 7", path, at + 6)
     least = 4 if analysis == _NORMAL else 2
     if n_whole < 1 or n_real < least:
@@ -370,7 +372,9 @@ def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) 
     return _normal(numbers[:4], place) if analysis == _NORMAL else _complex(numbers, place)
 
 
-def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
+def _head_of_2414(
+    texts: Sequence[str], analysis: int, path: str | Path, at: int
+) -> _ModeProperties:
     # Both lines have six fields, even if unused.
     fields = _numbers([(at + 11, texts[11])], 6, "record 12", path)
     place = _place(texts, _2414, 12, path, at)
@@ -385,7 +389,7 @@ def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int
     return head
 
 
-def _check_eigenvalue(frequency: float, eigenvalue: float, place: _Place) -> None:
+def _check_eigenvalue(frequency: float, eigenvalue: float, place: _ModePlace) -> None:
     """Refuse a frequency of a normal mode that does not match its eigenvalue."""
     if frequency == 0.0 and eigenvalue > 0.0:
         raise place.error(
@@ -401,7 +405,7 @@ def _check_eigenvalue(frequency: float, eigenvalue: float, place: _Place) -> Non
         )
 
 
-def _check_fields(fields: NDArray[np.float64], s: complex, place: _Place) -> None:
+def _check_fields(fields: NDArray[np.float64], s: complex, place: _ModePlace) -> None:
     """Refuse fields of frequency and damping that do not match an eigenvalue in rad/s."""
     _, f, _, _, viscous, hysteretic = fields
     sizes = np.array([abs(s), abs(s.imag)])
@@ -419,7 +423,7 @@ def _check_fields(fields: NDArray[np.float64], s: complex, place: _Place) -> Non
         )
 
 
-def _normal(numbers: NDArray[np.float64], place: _Place) -> _Head:
+def _normal(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
     """Return the properties of a normal mode from frequency, modal mass and damping ratios."""
     f, mass, viscous, hysteretic = numbers.tolist()
     if f < 0 or mass < 0:
@@ -442,10 +446,10 @@ def _normal(numbers: NDArray[np.float64], place: _Place) -> _Head:
             f"frequency {f:g} Hz contradicts {stated:g} Hz on line {line}: {relation}"
         )
     factor = 1.0 / np.sqrt(mass) if mass else 0.0
-    return _Head(f, loss or np.nan, False, factor)
+    return _ModeProperties(f, loss or np.nan, False, factor)
 
 
-def _complex(numbers: NDArray[np.float64], place: _Place) -> _Head:
+def _complex(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
     """Return the properties of a complex mode from eigenvalue, modal A and modal B."""
     s, a, b = (complex(*pair) for pair in numbers.reshape(3, 2).tolist())
     if s.imag == 0.0:
@@ -468,14 +472,14 @@ def _complex(numbers: NDArray[np.float64], place: _Place) -> _Head:
         )
     is_contradictory = bool(a and b) and not _is_near(abs(b), abs(s * a), _ALIKE)
     factor = 0.0 if is_contradictory or not a else complex(np.sqrt(2j * s.imag / a))
-    return _Head(f, -2.0 * s.real / abs(s), s.imag < 0, factor, is_contradictory)
+    return _ModeProperties(f, -2.0 * s.real / abs(s), s.imag < 0, factor, is_contradictory)
 
 
-def _in_hertz(place: _Place, s: complex, why: str) -> FormatError:
+def _in_hertz(place: _ModePlace, s: complex, why: str) -> FormatError:
     return place.error(f"eigenvalue {s:g} is in Hz; expected rad/s ({why})")
 
 
-def _contradictory(frequency: float, place: _Place) -> list[tuple[int, float]]:
+def _contradictory(frequency: float, place: _ModePlace) -> list[tuple[int, float]]:
     """Return line and value of stated frequencies that differ by a factor of 2 pi."""
     if any(_is_near(frequency, stated, _ALIKE) for _, stated in place.stated):
         return []
@@ -544,7 +548,7 @@ def _numbers(
     return np.array([real_field(word, what, path, at) for at, word in words], dtype=np.float64)
 
 
-def _drop_conjugates(found: Sequence[_Mode]) -> list[_Mode]:
+def _drop_conjugates(found: Sequence[_UFFMode]) -> list[_UFFMode]:
     """Return the modes without conjugates of modes with positive imaginary part."""
     upper = np.array([mode.frequency for mode in found if not mode.conjugate])
     kept = []
@@ -555,7 +559,7 @@ def _drop_conjugates(found: Sequence[_Mode]) -> list[_Mode]:
     return kept
 
 
-def _build_modes(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSet:
+def _build_modes(found: Sequence[_UFFMode], units: Units, path: str | Path) -> ModeSet:
     nodes = list(dict.fromkeys(chain.from_iterable(mode.nodes for mode in found)))
     row = {node: i for i, node in enumerate(nodes)}
     shapes = np.zeros((len(found), len(nodes), 6), dtype=np.complex128)

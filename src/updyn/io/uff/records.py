@@ -22,7 +22,7 @@ from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.items import format_counts, locate_errors, require_file
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
-from updyn.io.uff.geometry import NUMBERS, Collector
+from updyn.io.uff.geometry import NUMBERS, GeometryCollector
 from updyn.io.uff.labels import FORCE, abscissa_factor, channel_unit
 from updyn.signals.records import Records
 
@@ -57,7 +57,7 @@ def read_records(path: str | Path) -> Records:
     UpdynWarning
         If other functions are ignored; the message counts them.
     """
-    collector = Collector(require_file(path))
+    collector = GeometryCollector(require_file(path))
     functions: list[Function] = []
     for dataset in datasets(path):
         if dataset.number == 58:
