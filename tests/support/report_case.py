@@ -12,7 +12,7 @@ from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.report.section import Content, sections_of
 from updyn.updating.fit.monitor import Iteration
-from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import compare_modes
 from updyn.updating.problem.parameters import Parameter, ParameterSet, parameters
@@ -175,12 +175,14 @@ def left_over():
     e[:, 0, 0] *= 1.9
     H = sum(1.0 / (f0**2 - freq**2 + 0.02j * f0**2) for f0 in (45.0, 95.0, 140.0, 190.0))
     at = ("1:Z", "4:Z", "6:-Z", "12:Z"), ("3:Z", "12:Z")
-    found = assess(e, H[:, None, None] * np.ones((4, 2)), freq, *at, n_unknowns=7, absolute=True)
+    found = assess_residual(
+        e, H[:, None, None] * np.ones((4, 2)), freq, *at, n_unknowns=7, absolute=True
+    )
     suspects = [
         Suspect("bay 9", "stiffness", 0.93, 0.2, 0.4, confirmed=True),
         Suspect("bay 9", "loss_factor", 0.2, -0.01, 0.4, confirmed=True),
     ]
-    return blamed(found, suspects)
+    return add_suspects(found, suspects)
 
 
 def history(chosen, ends, stages=("log", "maximum-likelihood"), n=9):

@@ -64,7 +64,7 @@ from updyn.store.netcdf import (
 )
 from updyn.store.values import from_text, plain, plain_fields, plain_records, to_text
 from updyn.updating.fit.monitor import Iteration
-from updyn.updating.judge.adequacy import Adequacy, Misfit, Noisy, Suspect
+from updyn.updating.judge.adequacy import Adequacy, Misfit, NoisySensor, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.counterparts import Counterparts, Pair
@@ -321,7 +321,7 @@ class _Adequacy:
         try:
             worst = _records(Misfit, rest.pop("worst"))
             suspects = _records(Suspect, rest.pop("explained_by"))
-            noisy = _records(Noisy, rest.pop("noisy", []))  # missing in old files
+            noisy = _records(NoisySensor, rest.pop("noisy", []))  # missing in old files
             rest["lone"] = tuple(rest.get("lone", ()))
             return Adequacy(**rest, **arrays, worst=worst, explained_by=suspects, noisy=noisy)
         except (AttributeError, KeyError, TypeError) as error:

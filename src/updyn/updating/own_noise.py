@@ -22,9 +22,9 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.reducing import Reducing
 from updyn.updating.judge.adequacy import (
     Adequacy,
-    may_be_noisy,
-    scatters_unequally,
-    with_own_noise,
+    add_noisy_sensors,
+    can_be_sensor_noise,
+    has_unequal_noise,
 )
 from updyn.updating.judge.assessment import Judgement, whitening
 from updyn.updating.problem.noise import (
@@ -101,7 +101,7 @@ class OwnNoise:
             self.problem.parts, self.noises, self.chosen, found.adequacy, strict=False
         ):
             own = noise
-            if _is_open(chosen) and adequacy is not None and scatters_unequally(adequacy):
+            if _is_open(chosen) and adequacy is not None and has_unequal_noise(adequacy):
                 own = _by_sensor(noise, part)
             out.append(own)
             differ = differ or own is not noise
@@ -115,7 +115,9 @@ class OwnNoise:
             H = part.responses(x)
             weight = whitening(self._known(own, part, H), H, part)
             weight = np.where(weight > 0.0, weight, np.nan)
-            if not may_be_noisy(H, weight * H, weight * (part.frf.values - H), part.frf.freq):
+            if not can_be_sensor_noise(
+                H, weight * H, weight * (part.frf.values - H), part.frf.freq
+            ):
                 return False
         return True
 
@@ -138,7 +140,7 @@ class OwnNoise:
             self._known(noise, part, H).variance(H, part.frf).sum(axis=(0, 2))
             for noise in (own, self.noises[i])
         )
-        return with_own_noise(adequacy, np.sqrt(each / common))
+        return add_noisy_sensors(adequacy, np.sqrt(each / common))
 
 
 def _is_open(chosen: NoiseChoice) -> bool:

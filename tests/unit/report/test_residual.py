@@ -12,7 +12,7 @@ from pages_read import Page
 from report_case import left_over, realistic
 from updyn.report.page import render
 from updyn.report.residual import MOST_ROWS, misfit_map, shown_channels
-from updyn.updating.judge.adequacy import assess
+from updyn.updating.judge.adequacy import assess_residual
 from updyn.updating.result import JointResult
 
 
@@ -80,7 +80,7 @@ def noise(shape, absolute=True):
     e = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
     labels = [f"{i}:X" for i in range(shape[1])], [f"{j}:X" for j in range(shape[2])]
     freq = np.linspace(1.0, 50.0, shape[0])
-    return assess(e, np.ones(shape), freq, *labels, n_unknowns=0, absolute=absolute)
+    return assess_residual(e, np.ones(shape), freq, *labels, n_unknowns=0, absolute=absolute)
 
 
 def test_noise_is_called_noise_and_its_size_is_relative_where_it_was_estimated():
@@ -110,7 +110,7 @@ def test_channels_without_data_are_left_out():
     rng = np.random.default_rng(0)
     e = rng.standard_normal((30, 3, 1)) + 1j * rng.standard_normal((30, 3, 1))
     e[:, 1] = np.nan
-    part = assess(
+    part = assess_residual(
         e,
         np.ones(e.shape),
         np.arange(1.0, 31.0),

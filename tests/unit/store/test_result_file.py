@@ -19,7 +19,7 @@ from updyn.model import Group, Model
 from updyn.store.result import read_result, result_to_json, write_result, write_result_json
 from updyn.store.values import from_text, to_text
 from updyn.updating.fit.monitor import Iteration
-from updyn.updating.judge.adequacy import Adequacy, Misfit, Noisy, Suspect
+from updyn.updating.judge.adequacy import Adequacy, Misfit, NoisySensor, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.counterparts import Counterparts, Pair
@@ -57,7 +57,7 @@ def adequacy() -> Adequacy:
         whiteness_p=np.array([[[1e-300, 1.0]]]),
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
         explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3, confirmed=True),),
-        noisy=(Noisy("1:Z", 10.0 / 3.0),),
+        noisy=(NoisySensor("1:Z", 10.0 / 3.0),),
         lone=(17.0, 100.0 / 3.0),
     )
 
@@ -303,7 +303,7 @@ def test_no_field_is_forgotten():
         ),
         Alternative: "values odds sensor difference",
         Misfit: "response reference low high near misfit correlation_length chi_square_p whiteness_p kind",
-        Noisy: "response times",
+        NoisySensor: "response times",
         Suspect: "group quantity explains change energy confirmed",
         Iteration: "stage number cost step condition accepted values",
         Parameter: "group quantity start lower upper prior_std drives nominal unit",

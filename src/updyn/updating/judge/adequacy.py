@@ -18,17 +18,17 @@ __all__ = [
     "OUTCOMES",
     "Adequacy",
     "Misfit",
-    "Noisy",
+    "NoisySensor",
     "Suspect",
-    "adjusted",
-    "assess",
-    "bands",
-    "blamed",
-    "clipped",
-    "may_be_noisy",
-    "scatters_unequally",
-    "serial_p",
-    "with_own_noise",
+    "add_noisy_sensors",
+    "add_suspects",
+    "adjust_p_values",
+    "assess_residual",
+    "can_be_sensor_noise",
+    "clip_outliers",
+    "divide_into_bands",
+    "has_unequal_noise",
+    "serial_correlation_p",
 ]
 
 _Real = NDArray[np.float64]
@@ -57,16 +57,16 @@ _LEAST = 8
 _MOST = 24
 
 
-def clipped(values: _Complex) -> _Complex:
+def clip_outliers(values: _Complex) -> _Complex:
     """Return values clipped to three times their typical size, to limit the effect of outliers.
 
     The values along the first axis have equal variance; NaN marks missing values. The typical size
     is the median magnitude, which is 1.18 standard deviations of each part of a Gaussian value.
     """
     size = np.abs(values)
-    missing = np.isnan(size)
-    order = np.sort(np.where(missing, np.inf, size), axis=0)
-    count = (~missing).sum(axis=0)
+    is_missing = np.isnan(size)
+    order = np.sort(np.where(is_missing, np.inf, size), axis=0)
+    count = (~is_missing).sum(axis=0)
     middle = np.take_along_axis(order, np.maximum((count[None] - 1) // 2, 0), axis=0)
     limit = _CUT * np.where(np.isfinite(middle), middle, 0.0) / np.sqrt(2.0 * np.log(2.0))
     with np.errstate(invalid="ignore"):
@@ -75,7 +75,7 @@ def clipped(values: _Complex) -> _Complex:
         )
 
 
-def serial_p(values: _Complex) -> _Real:
+def serial_correlation_p(values: _Complex) -> _Real:
     """Return one-sided p-values of serial correlation against independent noise, shape (n,).
 
     Parameters
@@ -96,36 +96,38 @@ def serial_p(values: _Complex) -> _Real:
     between neighbouring lines.
     """
     out = np.ones(values.shape[1])
-    there = np.isfinite(values)
-    for mask, columns in _by_pattern(there):
+    is_measured = np.isfinite(values)
+    for mask, columns in _group_by_pattern(is_measured):
         if mask.sum() < _FEWEST:
             continue
         e = values[np.ix_(mask, columns)]
         power = np.sum(np.abs(e) ** 2, axis=0)
-        full = power > 0
-        if not full.any():
+        is_nonzero = power > 0
+        if not is_nonzero.any():
             continue
-        diagonals = _diagonals(np.flatnonzero(mask))
-        r = _form(diagonals, e[:, full]) / power[full]
-        out[columns[full]] = _tail(*_eigenvalues(diagonals, gaps=not _consecutive(mask)), r)
+        diagonals = _toeplitz_diagonals(np.flatnonzero(mask))
+        r = _quadratic_form(diagonals, e[:, is_nonzero]) / power[is_nonzero]
+        out[columns[is_nonzero]] = _tail_probability(
+            *_toeplitz_eigenvalues(diagonals, gaps=not _has_no_gaps(mask)), r
+        )
     return out
 
 
-def _by_pattern(
-    there: NDArray[np.bool_],
+def _group_by_pattern(
+    is_measured: NDArray[np.bool_],
 ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
     """Yield each pattern of present values, shape (m,), with the indices of its columns."""
-    patterns, of = np.unique(there, axis=1, return_inverse=True)
+    patterns, pattern_of_column = np.unique(is_measured, axis=1, return_inverse=True)
     for i in range(patterns.shape[1]):
-        yield patterns[:, i], np.flatnonzero(of.ravel() == i)
+        yield patterns[:, i], np.flatnonzero(pattern_of_column.ravel() == i)
 
 
-def _consecutive(mask: NDArray[np.bool_]) -> bool:
+def _has_no_gaps(mask: NDArray[np.bool_]) -> bool:
     at = np.flatnonzero(mask)
     return bool(at[-1] - at[0] + 1 == len(at))
 
 
-def _diagonals(at: NDArray[np.intp]) -> _Real:
+def _toeplitz_diagonals(at: NDArray[np.intp]) -> _Real:
     """Return the lower diagonals of T, shape (4, m): row d holds T[i + d, i] at i, padded by 0."""
     weights = np.concatenate([[0.0], _LAGS, [0.0]])
     out = np.zeros((len(_LAGS) + 1, len(at)))
@@ -134,7 +136,7 @@ def _diagonals(at: NDArray[np.intp]) -> _Real:
     return out
 
 
-def _form(diagonals: _Real, e: _Complex) -> _Real:
+def _quadratic_form(diagonals: _Real, e: _Complex) -> _Real:
     """Return e^H T e for each column of e, shape (m, n)."""
     out = np.zeros(e.shape[1])
     for d in range(1, min(len(diagonals), len(e))):
@@ -142,7 +144,7 @@ def _form(diagonals: _Real, e: _Complex) -> _Real:
     return out
 
 
-def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
+def _toeplitz_eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
     """Return the eigenvalues of T in ascending order, and their multiplicities.
 
     The eigenvalues of a long Toeplitz matrix are distributed like the values of its symbol, 2 sum
@@ -158,10 +160,10 @@ def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
     return np.sort(symbol), np.full(_LONG, m / _LONG)
 
 
-def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
+def _tail_probability(eigenvalues: _Real, multiplicities: _Real, r: _Real) -> _Real:
     """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r.
 
-    `often` holds the multiplicities of the eigenvalues.
+    `multiplicities` holds the multiplicities of the eigenvalues.
     """
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
@@ -169,22 +171,22 @@ def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
     low, high = 1.0 / a[:, 0], 1.0 / a[:, -1]
     for _ in range(80):  # K' rises from -inf to inf between the poles
         s = 0.5 * (low + high)
-        rising = (a / (1.0 - s[:, None] * a)) @ often > 0
+        rising = (a / (1.0 - s[:, None] * a)) @ multiplicities > 0
         high, low = np.where(rising, s, high), np.where(rising, low, s)
     s = 0.5 * (low + high)
-    share = 1.0 - s[:, None] * a
-    K, K2 = -np.log(share) @ often, (a / share) ** 2 @ often
+    scaled = 1.0 - s[:, None] * a
+    K, K2 = -np.log(scaled) @ multiplicities, (a / scaled) ** 2 @ multiplicities
     w = np.sign(s) * np.sqrt(np.maximum(-2.0 * K, 0.0))
     v = s * np.sqrt(K2)
     near = np.abs(w) < 1e-3
     safe = np.where(near, 1.0, w)
     star = safe + np.log(np.where(near, 1.0, v) / safe) / safe
-    skew = 2.0 * (a**3 @ often) / (a**2 @ often) ** 1.5
+    skew = 2.0 * (a**3 @ multiplicities) / (a**2 @ multiplicities) ** 1.5
     middle = -w - np.where(near, skew, 0.0) / 6.0
     return np.asarray(np.clip(ndtr(np.where(near, middle, -star)), 1e-300, 1.0))
 
 
-def adjusted(p: _Real) -> _Real:
+def adjust_p_values(p: _Real) -> _Real:
     """Return p-values adjusted for multiple tests, of the same shape.
 
     Among the adjusted p-values below q, the expected share of false alarms is at most q. For pure
@@ -200,7 +202,7 @@ def adjusted(p: _Real) -> _Real:
     return out.reshape(p.shape)
 
 
-def bands(level: _Real) -> list[slice]:
+def divide_into_bands(level: _Real) -> list[slice]:
     """Divide the lines into contiguous bands, one for each resonance of the model.
 
     `level`, shape (n_f,), is the mean logarithm of the model's |H| at the lines; it does not depend
@@ -321,7 +323,7 @@ class Suspect:
 
 
 @dataclass(frozen=True, slots=True)
-class Noisy:
+class NoisySensor:
     """A sensor with more noise than most sensors.
 
     Attributes
@@ -372,7 +374,7 @@ class Adequacy:
         Channels and bands with a significant misfit, the largest first; empty without any.
     explained_by : tuple of Suspect
         Model errors that would explain the residual, the best first; empty without any.
-    noisy : tuple of Noisy
+    noisy : tuple of NoisySensor
         Sensors with more noise than most, the noisiest first. Given for ``"excess"`` if the noise
         of each sensor by itself explains the residual, and for ``"noise"`` if the noise was
         estimated for each sensor because the sensors differ.
@@ -395,7 +397,7 @@ class Adequacy:
     whiteness_p: _Real
     worst: tuple[Misfit, ...] = ()
     explained_by: tuple[Suspect, ...] = ()
-    noisy: tuple[Noisy, ...] = ()
+    noisy: tuple[NoisySensor, ...] = ()
     lone: tuple[float, ...] = ()
 
     @property
@@ -404,7 +406,7 @@ class Adequacy:
         return self.outcome in ("noise", "exact")
 
 
-def assess(
+def assess_residual(
     whitened: _Complex,
     H: _Complex,
     freq: _Real,
@@ -416,7 +418,7 @@ def assess(
     averages: int | None = None,
     level: float = LEVEL,
     relative: float = 1.0,
-    course: _Complex | None = None,
+    whitened_H: _Complex | None = None,
 ) -> Adequacy:
     """Test a residual against noise.
 
@@ -442,7 +444,7 @@ def assess(
         Largest accepted share of false alarms among fits to pure noise.
     relative : float
         Rms misfit over the rms of the data, which distinguishes a residual from rounding.
-    course : ndarray of complex, shape (n_f, n_i, n_j), optional
+    whitened_H : ndarray of complex, shape (n_f, n_i, n_j), optional
         H divided by the standard deviations. Without it, no sensor is reported as noisy.
 
     Returns
@@ -457,35 +459,35 @@ def assess(
     those of sixteen lines, because smoothing correlates the errors of the estimate. An estimate
     from this residual is tested by the ratio to all other values. The fit reduces the residual
     below the noise; this is counted for all values together and not by band, so the tests are
-    conservative. Serial correlation: `serial_p`. Channels over all bands, bands over all channels,
-    and all data together are tested too; their p-values of correlation are combined by Stouffer's
-    sum of normal scores (1949). Each of these families is adjusted by the method of Benjamini &
-    Hochberg (1995) at its share of `level`.
+    conservative. Serial correlation: `serial_correlation_p`. Channels over all bands, bands over
+    all channels, and all data together are tested too; their p-values of correlation are combined
+    by Stouffer's sum of normal scores (1949). Each of these families is adjusted by the method of
+    Benjamini & Hochberg (1995) at its share of `level`.
     """
-    there = np.isfinite(whitened)
-    n_values = int(there.sum())
+    is_measured = np.isfinite(whitened)
+    n_values = int(is_measured.sum())
     names = tuple(map(str, responses)), tuple(map(str, references))
-    cut = bands(_mean_level(H))
-    first = np.array([band.start for band in cut])
+    band_slices = divide_into_bands(_mean_log_magnitude(H))
+    first = np.array([band.start for band in band_slices])
     last = np.append(first[1:], len(freq)) - 1
     edges = np.column_stack([freq[first], freq[last]])
-    shape = (*whitened.shape[1:], len(cut))
+    shape = (*whitened.shape[1:], len(band_slices))
     square, count = np.zeros(shape), np.zeros(shape)
-    lengths, white = np.full(shape, np.nan), np.ones(shape)
-    for k, band in enumerate(cut):
+    lengths, serial_p_values = np.full(shape, np.nan), np.ones(shape)
+    for k, band in enumerate(band_slices):
         part = whitened[band]
         square[..., k] = np.nansum(np.abs(part) ** 2, axis=0)
-        count[..., k] = 2.0 * there[band].sum(axis=0)
-        flat = clipped(part.reshape(len(part), -1))
-        white[..., k] = serial_p(flat).reshape(shape[:2])
-        lengths[..., k] = _length(flat).reshape(shape[:2])
+        count[..., k] = 2.0 * is_measured[band].sum(axis=0)
+        flat = clip_outliers(part.reshape(len(part), -1))
+        serial_p_values[..., k] = serial_correlation_p(flat).reshape(shape[:2])
+        lengths[..., k] = _estimate_correlation_length(flat).reshape(shape[:2])
     freedom = 2 * n_values - n_unknowns
     chi_square = float(square.sum() / freedom) if freedom > 0 else np.nan
     with np.errstate(invalid="ignore"):
         size = np.sqrt(square / count)
-    one = np.ones(shape)
+    ones = np.ones(shape)
     found = Adequacy(
-        "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, lengths, one, one
+        "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, lengths, ones, ones
     )
     if relative <= _EXACT:
         return replace(
@@ -496,27 +498,42 @@ def assess(
     if freedom <= 0 or n_values < 2:
         text = "There are too few measured numbers to test whether the residual is noise."
         return replace(found, verdict=text)
-    against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
-    alone = white
-    (large, white), (p_size, p_serial), (telling_size, telling_serial) = _tested(
-        square, count, white, against
-    )
-    p_value, telling = min(p_size, p_serial), telling_size
+    size_test = _SizeTest(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
+    unadjusted_serial_p = serial_p_values
+    (
+        (size_p_values, serial_p_values),
+        (p_size, p_serial),
+        (contributing_size_p, contributing_serial_p),
+    ) = _test_families(square, count, serial_p_values, size_test)
+    p_value, contributing_p = min(p_size, p_serial), contributing_size_p
     outcome = "noise"
     if p_serial <= level:
-        outcome, telling = "structure", telling_serial
+        outcome, contributing_p = "structure", contributing_serial_p
     elif p_value <= level:
         outcome = "excess"
-        if course is not None and may_be_noisy(H, course, whitened, freq):
-            found = replace(found, noisy=_noisy(found, square, count, alone, n_unknowns))
-    found = replace(found, outcome=outcome, p_value=p_value, chi_square_p=large, whiteness_p=white)
+        if whitened_H is not None and can_be_sensor_noise(H, whitened_H, whitened, freq):
+            found = replace(
+                found,
+                noisy=_explain_by_sensor_noise(
+                    found, square, count, unadjusted_serial_p, n_unknowns
+                ),
+            )
+    found = replace(
+        found,
+        outcome=outcome,
+        p_value=p_value,
+        chi_square_p=size_p_values,
+        whiteness_p=serial_p_values,
+    )
     if p_value <= level:
-        worst = _worst(found, telling, whitened, freq, cut)
-        found = replace(found, worst=worst, lone=_lone(whitened, freq))
-    return replace(found, verdict=_words(found) + _overstated(found, freedom))
+        worst = _find_worst_misfits(found, contributing_p, whitened, freq, band_slices)
+        found = replace(found, worst=worst, lone=_find_isolated_lines(whitened, freq))
+    return replace(
+        found, verdict=_describe_outcome(found) + _describe_overstated_noise(found, freedom)
+    )
 
 
-def _overstated(found: Adequacy, freedom: int) -> str:
+def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
     """Return the sentence on known noise that is larger than the residual; empty if consistent.
 
     A small chi-square of few values may be due to chance. The probability of one as small, with the
@@ -536,36 +553,47 @@ def _overstated(found: Adequacy, freedom: int) -> str:
     )
 
 
-def may_be_noisy(H: _Complex, course: _Complex, whitened: _Complex, freq: _Real) -> bool:
+def can_be_sensor_noise(H: _Complex, whitened_H: _Complex, whitened: _Complex, freq: _Real) -> bool:
     """Return whether the residual of the sensors can be noise rather than a sensor error.
 
     If the lines are so far apart that the response is not smooth along them, serial correlation
     cannot distinguish noise from sensor errors. The same holds if the misfit exceeds about a third
     of the response. A wrong gain, phase or delay leaves a residual proportional to H and f H at any
     line spacing, so the part found by regression must be as small as in noise (F test). The
-    arguments are those of `assess`.
+    arguments are those of `assess_residual`.
     """
     level = LEVEL / H.shape[1]
     for i in range(H.shape[1]):
-        seen = np.isfinite(whitened[:, i])
-        e, h = (np.where(seen, values[:, i], 0.0) for values in (whitened, course))
-        if not seen.any():
+        is_measured = np.isfinite(whitened[:, i])
+        e, h = (np.where(is_measured, values[:, i], 0.0) for values in (whitened, whitened_H))
+        if not is_measured.any():
             continue
         if (
             np.abs(e).sum() > _MISSED * np.abs(h).sum()
-            or serial_p(clipped(H[:, i])).min() > _SMOOTH
+            or serial_correlation_p(clip_outliers(H[:, i])).min() > _SMOOTH
         ):
             return False
         A = np.stack([h.ravel(), (freq[:, None] / freq[-1] * h).ravel()], axis=1)
-        left = e.ravel() - A @ np.linalg.lstsq(A, e.ravel())[0]
-        rest, number = float(np.sum(np.abs(left) ** 2)), 2.0 * np.count_nonzero(seen)
-        gained, count = np.array([np.sum(np.abs(e) ** 2) - rest]), np.array([4.0])
-        if _Size(rest + gained[0], number, 0, False, None).p(gained, count)[0] < level:
+        residual = e.ravel() - A @ np.linalg.lstsq(A, e.ravel())[0]
+        residual_square, number = (
+            float(np.sum(np.abs(residual) ** 2)),
+            2.0 * np.count_nonzero(is_measured),
+        )
+        explained_square, count = (
+            np.array([np.sum(np.abs(e) ** 2) - residual_square]),
+            np.array([4.0]),
+        )
+        if (
+            _SizeTest(residual_square + explained_square[0], number, 0, False, None).p_values(
+                explained_square, count
+            )[0]
+            < level
+        ):
             return False
     return True
 
 
-def scatters_unequally(found: Adequacy) -> bool:
+def has_unequal_noise(found: Adequacy) -> bool:
     """Return whether the residual differs from noise, and its size differs much between sensors."""
     if found.adequate or found.outcome == "untested":
         return False
@@ -573,20 +601,20 @@ def scatters_unequally(found: Adequacy) -> bool:
         square = np.nansum(found.misfit**2, axis=(1, 2)) / np.isfinite(found.misfit).sum(
             axis=(1, 2)
         )
-    own = np.sqrt(square[np.isfinite(square)])
-    return len(own) > 1 and bool(own.max() >= _NOISY * _usual(own))
+    std = np.sqrt(square[np.isfinite(square)])
+    return len(std) > 1 and bool(std.max() >= _NOISY * _lower_median(std))
 
 
-def with_own_noise(found: Adequacy, std: _Real) -> Adequacy:
+def add_noisy_sensors(found: Adequacy, std: _Real) -> Adequacy:
     """Return the assessment with noisy sensors, for noise estimated sensor by sensor.
 
     `std`, shape (n_i,), holds the standard deviations of the sensors in one unit.
     """
-    noisy = _louder_than_most(std, found.responses)
-    return replace(found, noisy=noisy, verdict=_words(replace(found, noisy=noisy)))
+    noisy = _find_noisy_sensors(std, found.responses)
+    return replace(found, noisy=noisy, verdict=_describe_outcome(replace(found, noisy=noisy)))
 
 
-def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
+def add_suspects(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     """Return the assessment with suspected model errors, the best first, named in its verdict.
 
     A residual explained by a model error is classed as structure, even if the lines are too far
@@ -595,23 +623,23 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     if not suspects or found.adequate:
         return found
     found = replace(found, outcome="structure", explained_by=tuple(suspects), noisy=())
-    return replace(found, verdict=f"{_words(found)} {_explanation(suspects)}")
+    return replace(found, verdict=f"{_describe_outcome(found)} {_describe_suspects(suspects)}")
 
 
-def _explanation(suspects: Sequence[Suspect]) -> str:
+def _describe_suspects(suspects: Sequence[Suspect]) -> str:
     """Return the sentence that names the best explanations of a residual."""
     best = suspects[0]
-    telling = [s for s in suspects if s.explains >= 0.8 * best.explains][:_NAMED]
-    named = " or ".join(map(_suspected, telling))
+    similar = [s for s in suspects if s.explains >= 0.8 * best.explains][:_NAMED]
+    names = " or ".join(map(_describe_suspect, similar))
     share = f"{100.0 * best.explains:.0f} %"
     if not best.confirmed:
         return (
             "By an estimate of first order, which no fit has confirmed, an error in"
-            f" {named} would explain {share} of it."
+            f" {names} would explain {share} of it."
         )
     if best.explains < EXPLAINED:
-        return f"No single quantity explains it: the most, {share}, an error in {named} would."
-    return f"An error in {named} would explain {share} of it."
+        return f"No single quantity explains it: the most, {share}, an error in {names} would."
+    return f"An error in {names} would explain {share} of it."
 
 
 _QUANTITY = {
@@ -623,15 +651,15 @@ _QUANTITY = {
 _SENSOR = {"calibration": "sensor", "force_calibration": "force sensor"}
 
 
-def _suspected(s: Suspect) -> str:
+def _describe_suspect(s: Suspect) -> str:
     if s.quantity in _SENSOR:
         amount = "much" if s.change > 0 else "little"
-        return f"the {_SENSOR[s.quantity]} {s.group} (reads {_by_how_much(s)}too {amount})"
+        return f"the {_SENSOR[s.quantity]} {s.group} (reads {_describe_error_size(s)}too {amount})"
     level = "low" if s.change > 0 else "high"
-    return f"the {_QUANTITY[s.quantity]} of {s.group} ({_by_how_much(s)}too {level})"
+    return f"the {_QUANTITY[s.quantity]} of {s.group} ({_describe_error_size(s)}too {level})"
 
 
-def _by_how_much(s: Suspect) -> str:
+def _describe_error_size(s: Suspect) -> str:
     """Return the size of a suspected error as text; empty if only its sign is known."""
     if not s.confirmed:
         return ""
@@ -645,13 +673,13 @@ def _by_how_much(s: Suspect) -> str:
     return f"{100.0 * abs(np.expm1(way)):.2g} % "
 
 
-def _mean_level(H: _Complex) -> _Real:
+def _mean_log_magnitude(H: _Complex) -> _Real:
     size = np.abs(H)
     return np.asarray(np.log(np.maximum(size, np.finfo(float).tiny)).mean(axis=(1, 2)))
 
 
 @dataclass(frozen=True, slots=True)
-class _Size:
+class _SizeTest:
     """Reference for tests of sums of squares: total, number of real values, unknowns, noise."""
 
     square: float
@@ -660,7 +688,7 @@ class _Size:
     absolute: bool
     averages: int | None
 
-    def p(self, square: _Real, count: _Real) -> _Real:
+    def p_values(self, square: _Real, count: _Real) -> _Real:
         """Return the p-values of sums of squares over `count` real numbers each."""
         from scipy.special import fdtrc
 
@@ -676,7 +704,9 @@ class _Size:
         return np.asarray(np.clip(np.where(count > 0, p, 1.0), 1e-300, 1.0))
 
 
-def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Real, _Real, _Real]:
+def _test_families(
+    square: _Real, count: _Real, white: _Real, size: _SizeTest
+) -> tuple[_Real, _Real, _Real]:
     """Test each channel in each band, channels, bands, and all data together.
 
     Parameters
@@ -684,7 +714,7 @@ def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Re
     square, count, white : ndarray of float, shape (n_i, n_j, n_b)
         Sum of squares, number of real values and p-value of serial correlation, by channel and
         band.
-    size : _Size
+    size : _SizeTest
         Reference for the sums of squares.
 
     Returns
@@ -694,7 +724,7 @@ def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Re
         here and below.
     least : ndarray of float, shape (2,)
         Smallest adjusted p-value of all families.
-    telling : ndarray of float, shape (2, n_i, n_j, n_b)
+    contributing_p : ndarray of float, shape (2, n_i, n_j, n_b)
         Unadjusted p-values of the channels and bands that contribute to the smallest one; inf
         elsewhere.
     """
@@ -708,119 +738,137 @@ def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Re
     if white.size > 1:
         axes.append(None)
     share = 1.0 + len(axes)
-    alone = np.stack([size.p(square, count), white])
-    places = np.minimum(share * adjusted(alone), 1.0)
-    least, telling = places.min(axis=(1, 2)), alone.copy()
+    unadjusted = np.stack([size.p_values(square, count), white])
+    places = np.minimum(share * adjust_p_values(unadjusted), 1.0)
+    least, contributing_p = places.min(axis=(1, 2)), unadjusted.copy()
     for axis in axes:
         parts = (np.asarray(values.sum(axis=axis)) for values in (square, count))
-        sums = size.p(*parts)
-        pair = np.minimum(share * adjusted(np.stack([sums, _combined(white, axis)])), 1.0)
+        sums = size.p_values(*parts)
+        pair = np.minimum(
+            share * adjust_p_values(np.stack([sums, _combine_p_values(white, axis)])), 1.0
+        )
         for kind, p in enumerate(pair):
             if p.min() < least[kind]:
                 least[kind] = p.min()
-                made_of = np.zeros(p.shape, dtype=np.bool_)
-                made_of.flat[np.argmin(p)] = True
+                is_contributing = np.zeros(p.shape, dtype=np.bool_)
+                is_contributing.flat[np.argmin(p)] = True
                 if axis == 1:
-                    made_of = made_of[:, None]
-                telling[kind] = np.where(made_of, alone[kind], np.inf)
-    return places.reshape(2, *shape), least, telling.reshape(2, *shape)
+                    is_contributing = is_contributing[:, None]
+                contributing_p[kind] = np.where(is_contributing, unadjusted[kind], np.inf)
+    return places.reshape(2, *shape), least, contributing_p.reshape(2, *shape)
 
 
-def _noisy(
-    found: Adequacy, square: _Real, count: _Real, white: _Real, n_unknowns: int
-) -> tuple[Noisy, ...]:
+def _explain_by_sensor_noise(
+    found: Adequacy, square: _Real, count: _Real, serial_p_values: _Real, n_unknowns: int
+) -> tuple[NoisySensor, ...]:
     """Return the noisy sensors; none if the residual deviates from noise in other ways too.
 
     The test is repeated with the residual of each sensor divided by its own rms value.
     """
     sums, numbers = square.sum(axis=(1, 2)), count.sum(axis=(1, 2))
-    there = sums > 0.0
-    if there.sum() < 2:
+    has_residual = sums > 0.0
+    if has_residual.sum() < 2:
         return ()
-    own = np.sqrt(sums / np.maximum(numbers, 1.0))
-    levelled = square / np.where(there, own, 1.0)[:, None, None] ** 2
-    size = _Size(float(levelled.sum()), float(count.sum()), n_unknowns, False, None)
-    _, least, _ = _tested(levelled, count, white, size)
+    std = np.sqrt(sums / np.maximum(numbers, 1.0))
+    equalised = square / np.where(has_residual, std, 1.0)[:, None, None] ** 2
+    size = _SizeTest(float(equalised.sum()), float(count.sum()), n_unknowns, False, None)
+    _, least, _ = _test_families(equalised, count, serial_p_values, size)
     if least.min() <= found.level:
         return ()
-    return _louder_than_most(np.where(there, own, np.nan), found.responses)
+    return _find_noisy_sensors(np.where(has_residual, std, np.nan), found.responses)
 
 
-def _louder_than_most(std: _Real, responses: Sequence[str]) -> tuple[Noisy, ...]:
+def _find_noisy_sensors(std: _Real, responses: Sequence[str]) -> tuple[NoisySensor, ...]:
     """Return the sensors with more noise than most, the noisiest first; NaN marks unknown noise."""
-    times = std / _usual(std[np.isfinite(std)])
-    loud = np.flatnonzero(times >= _NOISY)
-    order = loud[np.argsort(-times[loud], kind="stable")]
-    return tuple(Noisy(responses[i], float(times[i])) for i in order)
+    ratio = std / _lower_median(std[np.isfinite(std)])
+    noisy = np.flatnonzero(ratio >= _NOISY)
+    order = noisy[np.argsort(-ratio[noisy], kind="stable")]
+    return tuple(NoisySensor(responses[i], float(ratio[i])) for i in order)
 
 
-def _usual(std: _Real) -> float:
+def _lower_median(std: _Real) -> float:
     """Return the lower median of the standard deviations of sensors."""
     return float(np.quantile(std, 0.5, method="lower"))
 
 
-def _combined(p: _Real, axis: int | None) -> _Real:
+def _combine_p_values(p: _Real, axis: int | None) -> _Real:
     """Combine independent p-values by Stouffer's method; values of 1 were not tested."""
     from scipy.special import ndtr, ndtri
 
-    tested = p < 1.0
-    score = np.where(tested, -ndtri(np.where(tested, p, 0.5)), 0.0)
-    number = tested.sum(axis=axis)
-    whole = score.sum(axis=axis) / np.sqrt(np.maximum(number, 1))
-    return np.asarray(np.where(number > 0, ndtr(-whole), 1.0))
+    is_tested = p < 1.0
+    score = np.where(is_tested, -ndtri(np.where(is_tested, p, 0.5)), 0.0)
+    number = is_tested.sum(axis=axis)
+    combined_score = score.sum(axis=axis) / np.sqrt(np.maximum(number, 1))
+    return np.asarray(np.where(number > 0, ndtr(-combined_score), 1.0))
 
 
-def _length(values: _Complex) -> _Real:
+def _estimate_correlation_length(values: _Complex) -> _Real:
     """Return the correlation length of each column in lines, 1 + 2 sum of autocorrelations."""
     n = len(values)
     power = np.nansum(np.abs(values) ** 2, axis=0)
-    out, going = np.ones(values.shape[1]), power > 0
+    length, is_correlated = np.ones(values.shape[1]), power > 0
     for lag in range(1, n // 2):
         product = values[lag:] * values[:-lag].conj()
         pairs = np.maximum(np.isfinite(product).sum(axis=0), 1)
-        rho = np.nansum(product.real, axis=0) / np.where(going, power, 1.0)
-        going &= rho * n / pairs >= 2.0 / np.sqrt(2.0 * pairs)
-        if not going.any():
+        rho = np.nansum(product.real, axis=0) / np.where(is_correlated, power, 1.0)
+        is_correlated &= rho * n / pairs >= 2.0 / np.sqrt(2.0 * pairs)
+        if not is_correlated.any():
             break
-        out[going] += 2.0 * rho[going]
-    return np.where(power > 0, out, np.nan)
+        length[is_correlated] += 2.0 * rho[is_correlated]
+    return np.where(power > 0, length, np.nan)
 
 
-def _worst(
-    found: Adequacy, telling: _Real, whitened: _Complex, freq: _Real, cut: list[slice]
+def _find_worst_misfits(
+    found: Adequacy,
+    contributing_p: _Real,
+    whitened: _Complex,
+    freq: _Real,
+    band_slices: list[slice],
 ) -> tuple[Misfit, ...]:
     """Return the significant misfits, or the one of the smallest p-value if none is significant."""
     at = np.argwhere(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level)
     if not len(at):
-        at = np.argwhere(telling == telling.min())[:1]
+        at = np.argwhere(contributing_p == contributing_p.min())[:1]
     strength = found.misfit * np.sqrt(
         np.where(found.whiteness_p <= found.level, found.correlation_length, 1.0)
     )
     order = np.argsort(-strength[tuple(at.T)], kind="stable")[:_LISTED]
-    return tuple(_place(found, whitened, freq, cut, *map(int, index)) for index in at[order])
+    return tuple(
+        _describe_misfit(found, whitened, freq, band_slices, *map(int, index))
+        for index in at[order]
+    )
 
 
-def _lone(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
+def _find_isolated_lines(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
     """Return the frequencies of isolated lines with most of the excess misfit; empty if many.
 
     A mode that the model lacks also affects the neighbouring lines.
     """
-    seen = np.isfinite(whitened)
-    number = np.maximum(seen.sum(axis=(1, 2)), 1)
-    power = np.where(seen, np.abs(whitened) ** 2, 0.0).sum(axis=(1, 2)) / number
-    beside = np.pad(power, 1)
-    usual = np.median(power)
-    out = power > _ALONE * np.maximum(np.maximum(beside[:-2], beside[2:]), usual)
-    excess = np.maximum(power - usual, 0.0)
-    if out.sum() > _FEW_LINES * len(freq) or excess[out].sum() <= 0.5 * excess.sum():
+    is_measured = np.isfinite(whitened)
+    number = np.maximum(is_measured.sum(axis=(1, 2)), 1)
+    power = np.where(is_measured, np.abs(whitened) ** 2, 0.0).sum(axis=(1, 2)) / number
+    padded = np.pad(power, 1)
+    median = np.median(power)
+    is_isolated = power > _ALONE * np.maximum(np.maximum(padded[:-2], padded[2:]), median)
+    excess = np.maximum(power - median, 0.0)
+    if (
+        is_isolated.sum() > _FEW_LINES * len(freq)
+        or excess[is_isolated].sum() <= 0.5 * excess.sum()
+    ):
         return ()
-    return tuple(freq[out].tolist())
+    return tuple(freq[is_isolated].tolist())
 
 
-def _place(
-    found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice], i: int, j: int, k: int
+def _describe_misfit(
+    found: Adequacy,
+    whitened: _Complex,
+    freq: _Real,
+    band_slices: list[slice],
+    i: int,
+    j: int,
+    k: int,
 ) -> Misfit:
-    band = cut[k]
+    band = band_slices[k]
     square = np.nan_to_num(np.abs(whitened[band, i, j]) ** 2)
     smooth = np.convolve(square, np.ones(min(3, len(square))), mode="same")
     first = max(int(np.argmax(smooth)) - 1, 0)
@@ -839,11 +887,11 @@ def _place(
     )
 
 
-def _words(found: Adequacy) -> str:
+def _describe_outcome(found: Adequacy) -> str:
     if found.outcome == "noise":
         known = "" if found.absolute else ", whose size was taken from it"
         if found.noisy:
-            known += f", sensor by sensor: {_louder(found.noisy)}"
+            known += f", sensor by sensor: {_describe_noisy_sensors(found.noisy)}"
         return f"The residual cannot be distinguished from noise{known}."
     first = found.worst[0]
     where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
@@ -856,10 +904,12 @@ def _words(found: Adequacy) -> str:
             how = "serially correlated"
         return (
             f"The residual is {how} over many channels or bands, though no place stands out by"
-            f" itself; most in {where}.{_standing_alone(found.lone)}"
+            f" itself; most in {where}.{_describe_isolated_lines(found.lone)}"
         )
     if found.noisy:
-        return f"The residual is noise, but not of one size: {_louder(found.noisy)}."
+        return (
+            f"The residual is noise, but not of one size: {_describe_noisy_sensors(found.noisy)}."
+        )
     start = "More noise than expected, or outliers, in"
     if found.outcome == "structure":
         start = "The model cannot explain"
@@ -871,10 +921,10 @@ def _words(found: Adequacy) -> str:
         more = "; and 1 more place"
     elif number > 2:
         more = f"; and {number - 1} more places"
-    return f"{start} {where}: {size}, {over}{more}.{_standing_alone(found.lone)}"
+    return f"{start} {where}: {size}, {over}{more}.{_describe_isolated_lines(found.lone)}"
 
 
-def _standing_alone(lone: Sequence[float]) -> str:
+def _describe_isolated_lines(lone: Sequence[float]) -> str:
     """Return the sentence on isolated lines; empty without any."""
     if not lone:
         return ""
@@ -885,10 +935,10 @@ def _standing_alone(lone: Sequence[float]) -> str:
     return f" Most of it is in {which} {shown} Hz alone, and not beside."
 
 
-def _louder(noisy: Sequence[Noisy]) -> str:
+def _describe_noisy_sensors(noisy: Sequence[NoisySensor]) -> str:
     """Return the text on the noisy sensors and their noise relative to most sensors."""
-    named = [f"{one.times:.2g} times that of most sensors at {one.response}" for one in noisy]
-    text = ", ".join(named[:_NAMED])
-    if len(named) > _NAMED:
-        text += f", and larger at {len(named) - _NAMED} more"
+    phrases = [f"{one.times:.2g} times that of most sensors at {one.response}" for one in noisy]
+    text = ", ".join(phrases[:_NAMED])
+    if len(phrases) > _NAMED:
+        text += f", and larger at {len(phrases) - _NAMED} more"
     return text

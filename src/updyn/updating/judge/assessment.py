@@ -20,7 +20,7 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import complement, covariance_within, null_space
-from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
+from updyn.updating.judge.adequacy import LEVEL, Adequacy, add_suspects, assess_residual
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, alternatives
 from updyn.updating.judge.discrepancy import Discrepancy, estimate_discrepancy
@@ -553,7 +553,7 @@ def examine(
             whitened = np.where(counted, weight * misfit, np.nan)
         base = noise.bulk
         found.append(
-            assess(
+            assess_residual(
                 whitened,
                 H,
                 part.frf.freq,
@@ -564,7 +564,7 @@ def examine(
                 averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
                 relative=_relative(misfit, part),
-                course=np.where(counted, weight * H, np.nan),
+                whitened_H=np.where(counted, weight * H, np.nan),
             )
         )
     residual = Each(tuple(errors))
@@ -580,7 +580,7 @@ def examine(
             beyond += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
         beyond += problem.n
     suspects = localise(problem, x, residual, limited, beyond)
-    return tuple(blamed(a, suspects) for a in found)
+    return tuple(add_suspects(a, suspects) for a in found)
 
 
 def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:

@@ -9,13 +9,13 @@ from scipy.stats import chi2, combine_pvalues, f, false_discovery_control
 from updyn.updating.judge.adequacy import (
     LEVEL,
     Suspect,
-    _combined,
-    adjusted,
-    assess,
-    bands,
-    blamed,
-    clipped,
-    serial_p,
+    _combine_p_values,
+    add_suspects,
+    adjust_p_values,
+    assess_residual,
+    clip_outliers,
+    divide_into_bands,
+    serial_correlation_p,
 )
 
 RNG = np.random.default_rng
@@ -36,8 +36,10 @@ def noise(seed, shape=(N_F, N_I, N_J)):
 def look(whitened, **options):
     n_i, n_j = whitened.shape[1:]
     settings = {"n_unknowns": 0, "absolute": True} | options
-    settings.setdefault("course", 100.0 * H[:, :n_i, :n_j] / np.abs(H[:, :n_i, :n_j]))
-    return assess(whitened, H[:, :n_i, :n_j], FREQ, RESPONSES[:n_i], REFERENCES[:n_j], **settings)
+    settings.setdefault("whitened_H", 100.0 * H[:, :n_i, :n_j] / np.abs(H[:, :n_i, :n_j]))
+    return assess_residual(
+        whitened, H[:, :n_i, :n_j], FREQ, RESPONSES[:n_i], REFERENCES[:n_j], **settings
+    )
 
 
 # -- likeness along lines ------------------------------------------------------------------------------------
@@ -55,60 +57,62 @@ def test_of_two_neighbours_the_tail_is_known_in_closed_form():
     a = np.array([0.75 - r, -r, -1.0001 * r, -0.9999 * r, -0.75 - r])
     exact = np.prod([a[0] / (a[0] - a[k]) for k in range(1, 5)], axis=0)
     assert len(positive) > 50
-    assert serial_p(e)[positive] == pytest.approx(exact[positive], rel=0.06)
+    assert serial_correlation_p(e)[positive] == pytest.approx(exact[positive], rel=0.06)
 
 
 @pytest.mark.parametrize("m", [5, 12, 60])
 def test_p_values_of_noise_are_uniform_far_into_the_tail(m):
-    p = serial_p(noise(m, (m, 40_000)))
+    p = serial_correlation_p(noise(m, (m, 40_000)))
     for q in (0.5, 0.1, 0.01, 0.001):
         assert np.mean(p < q) == pytest.approx(q, rel=0.15 if q > 0.001 else 0.35)
 
 
 def test_cutting_outliers_back_leaves_the_p_values_of_noise_and_silences_an_outlier():
-    p = serial_p(clipped(noise(3, (20, 20_000))))
+    p = serial_correlation_p(clip_outliers(noise(3, (20, 20_000))))
     assert np.mean(p < 0.01) == pytest.approx(0.01, rel=0.2)
     hit = noise(4, (60, 1000))
     hit[30:35] *= 30.0  # a glitch of five lines, each of its own phase
-    assert np.mean(serial_p(hit) < 0.001) > 0.05
-    assert np.mean(serial_p(clipped(hit)) < 0.001) < 0.02
+    assert np.mean(serial_correlation_p(hit) < 0.001) > 0.05
+    assert np.mean(serial_correlation_p(clip_outliers(hit)) < 0.001) < 0.02
 
 
 def test_likeness_does_not_depend_on_the_scale_and_is_one_sided():
     e = noise(5, (30, 50))
-    assert serial_p(1e-9 * e) == pytest.approx(serial_p(e))
+    assert serial_correlation_p(1e-9 * e) == pytest.approx(serial_correlation_p(e))
     smooth = np.exp(0.05j * np.arange(30))[:, None]
-    assert serial_p(smooth + 0.3 * e).max() < 1e-6
+    assert serial_correlation_p(smooth + 0.3 * e).max() < 1e-6
     alternating = smooth * (-1.0) ** np.arange(30)[:, None]
-    assert serial_p(alternating + 0.3 * e).min() > 0.5
+    assert serial_correlation_p(alternating + 0.3 * e).min() > 0.5
 
 
 def test_too_few_values_or_none_are_not_tested():
     e = noise(6, (10, 3))
     e[4:, 0] = np.nan
     e[:, 1] = 0.0
-    assert serial_p(e)[:2].tolist() == [1.0, 1.0]
-    assert serial_p(e)[2] == serial_p(e[:, 2:])[0] < 1.0
+    assert serial_correlation_p(e)[:2].tolist() == [1.0, 1.0]
+    assert serial_correlation_p(e)[2] == serial_correlation_p(e[:, 2:])[0] < 1.0
 
 
 # -- many tests ------------------------------------------------------------------------------------------------
 def test_adjusted_p_values_by_hand():
     """Benjamini & Hochberg: p_(k) n / k, made monotone from above; Table of four by hand."""
-    assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx(
+    assert adjust_p_values(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx(
         [4 * 0.04 / 3, 0.04, 4 * 0.04 / 3, 0.5]
     )
 
 
 def test_adjusted_and_combined_p_values_as_scipy_has_them():
     p = RNG(5).random((7, 6)) ** 4
-    assert adjusted(p).ravel() == pytest.approx(false_discovery_control(p.ravel()), rel=1e-12)
+    assert adjust_p_values(p).ravel() == pytest.approx(
+        false_discovery_control(p.ravel()), rel=1e-12
+    )
     for axis in (0, 1, None):
         expected = combine_pvalues(p, "stouffer", axis=axis).pvalue
-        assert _combined(p, axis) == pytest.approx(expected, rel=1e-9)
+        assert _combine_p_values(p, axis) == pytest.approx(expected, rel=1e-9)
     untested = np.where(np.arange(6) % 2 == 0, p, 1.0)
     expected = combine_pvalues(untested[:, ::2], "stouffer", axis=1).pvalue
-    assert _combined(untested, 1) == pytest.approx(expected, rel=1e-9)
-    assert _combined(np.ones((2, 3)), 1) == pytest.approx([1.0, 1.0])
+    assert _combine_p_values(untested, 1) == pytest.approx(expected, rel=1e-9)
+    assert _combine_p_values(np.ones((2, 3)), 1) == pytest.approx([1.0, 1.0])
 
 
 @pytest.mark.parametrize("absolute", [True, False])
@@ -128,7 +132,7 @@ def test_noise_whose_size_was_told_from_averages_seldom_raises_an_alarm():
     for seed in range(100):
         e = noise(seed).copy()
         rng = RNG(1000 + seed)
-        for k in bands(np.log(np.abs(H[:, 0, 0]))):
+        for k in divide_into_bands(np.log(np.abs(H[:, 0, 0]))):
             n = k.stop - k.start
             e[k] /= np.sqrt(rng.gamma(4.0 * n, 1.0 / (4.0 * n), (N_I, N_J)))
         alarms += not look(e, averages=5).adequate
@@ -174,12 +178,16 @@ def test_p_values_of_size_are_those_of_chi_square_and_of_f():
     for absolute in (True, False):
         found = look(e, absolute=absolute, n_unknowns=3)
         square = np.stack(
-            [np.sum(np.abs(e[k]) ** 2, axis=0) for k in bands(np.log(np.abs(H[:, 0, 0])))], axis=-1
+            [
+                np.sum(np.abs(e[k]) ** 2, axis=0)
+                for k in divide_into_bands(np.log(np.abs(H[:, 0, 0])))
+            ],
+            axis=-1,
         )
         count = np.stack(
             [
                 np.full((N_I, N_J), 2.0 * (k.stop - k.start))
-                for k in bands(np.log(np.abs(H[:, 0, 0])))
+                for k in divide_into_bands(np.log(np.abs(H[:, 0, 0])))
             ],
             -1,
         )
@@ -246,7 +254,7 @@ def test_a_weak_misfit_of_all_channels_is_found_in_their_sum():
 @pytest.mark.parametrize("where", ["channel", "band"])
 def test_where_no_place_stands_out_the_most_telling_of_many_is_named(where, seed):
     """A quarter too loud all along a channel, or a fifth in one band of all channels."""
-    e, cut = noise(seed), bands(np.log(np.abs(H[:, 0, 0])))
+    e, cut = noise(seed), divide_into_bands(np.log(np.abs(H[:, 0, 0])))
     e *= np.sqrt(2.0) / np.abs(e)
     if where == "channel":
         e[:, 2, 1] *= 1.25
@@ -317,7 +325,7 @@ def test_noise_that_was_stated_far_too_large_is_said_with_its_factor():
     for known in (look(noise(3) / 1.6), look(noise(3) / 20.0, absolute=False)):
         assert "larger" not in known.verdict
     few = noise(5)[:1] / 2.5
-    alone = assess(
+    alone = assess_residual(
         few[:, :1, :1], H[:1, :1, :1], FREQ[:1], ["1:Z"], ["2:Z"], n_unknowns=0, absolute=True
     )
     assert "larger" not in alone.verdict
@@ -337,16 +345,16 @@ def test_what_cannot_be_tested_is_said():
 
 def test_one_channel_in_one_band():
     flat = np.ones((6, 1, 1))
-    found = assess(
+    found = assess_residual(
         noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True
     )
     assert found.bands.tolist() == [[FREQ[0], FREQ[5]]]
     assert found.adequate
-    loud = assess(
+    loud = assess_residual(
         9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=True
     )
     assert loud.outcome == "excess"
-    relative = assess(
+    relative = assess_residual(
         9.0 * noise(0, (6, 1, 1)), flat, FREQ[:6], ["1:Z"], ["1:Z"], n_unknowns=1, absolute=False
     )
     assert relative.adequate  # nothing to compare with
@@ -358,7 +366,7 @@ def test_what_would_explain_it_is_said():
         Suspect("gear 2", "mass", 0.8, -0.1, 0.2, confirmed=True),
         Suspect("shaft", "mass", 0.3, 0.1, 0.1, confirmed=True),
     ]
-    found = blamed(look(planted(4.0)), suspects)
+    found = add_suspects(look(planted(4.0)), suspects)
     assert found.verdict.endswith(
         " An error in the stiffness of gear 2 (9.5 % too low) or the mass of gear 2 (11 % too high)"
         " would explain 90 % of it."
@@ -369,10 +377,10 @@ def test_what_would_explain_it_is_said():
     loud = look(e)
     assert loud.noisy
     # As a wrong calibration leaves it, where lines are too far apart for serial correlation.
-    assert blamed(loud, suspects).outcome == "structure"
-    assert blamed(loud, suspects).noisy == ()
-    assert "not of one size" not in blamed(loud, suspects).verdict
-    assert blamed(look(noise(0)), suspects).explained_by == ()
+    assert add_suspects(loud, suspects).outcome == "structure"
+    assert add_suspects(loud, suspects).noisy == ()
+    assert "not of one size" not in add_suspects(loud, suspects).verdict
+    assert add_suspects(look(noise(0)), suspects).explained_by == ()
 
 
 @pytest.mark.parametrize(
@@ -403,12 +411,12 @@ def test_what_would_explain_it_is_said():
     ],
 )
 def test_how_far_off_and_how_sure_is_said(suspect, said):
-    assert blamed(look(planted(4.0)), [suspect]).verdict.endswith(said)
+    assert add_suspects(look(planted(4.0)), [suspect]).verdict.endswith(said)
 
 
 # -- bands -------------------------------------------------------------------------------------------------------
 def test_bands_lie_about_the_resonances():
-    cut = bands(np.log(np.abs(H[:, 0, 0])))
+    cut = divide_into_bands(np.log(np.abs(H[:, 0, 0])))
     assert [k.start for k in cut[1:]] == [k.stop for k in cut[:-1]]
     assert (cut[0].start, cut[-1].stop) == (0, N_F)
     assert all(k.stop - k.start >= 7 for k in cut)
@@ -417,8 +425,8 @@ def test_bands_lie_about_the_resonances():
 
 
 def test_many_resonances_and_few_lines():
-    many = bands(np.sin(np.arange(2000) / 2.0))
+    many = divide_into_bands(np.sin(np.arange(2000) / 2.0))
     assert len(many) <= 24
     assert sum(k.stop - k.start for k in many) == 2000
-    assert bands(np.zeros(3)) == [slice(0, 3)]
-    assert bands(np.zeros(1)) == [slice(0, 1)]
+    assert divide_into_bands(np.zeros(3)) == [slice(0, 3)]
+    assert divide_into_bands(np.zeros(1)) == [slice(0, 1)]

@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.updating.fit.method import Fit
-from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.ending import Ending
 from updyn.updating.judge.identifiability import analyse
@@ -86,18 +86,20 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     rng = np.random.default_rng(0)
     e = rng.standard_normal((40, 2, 1)) + 1j * rng.standard_normal((40, 2, 1)) + 5.0
     freq = np.linspace(1.0, 40.0, 40)
-    found = assess(e, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True)
+    found = assess_residual(
+        e, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
+    )
     fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse(SURE, NAMES)
     status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(found.verdict)
     assert remedy.startswith("Check units")
-    told = blamed(found, [Suspect("c", "mass", 0.9, 0.1, 0.4, confirmed=True)])
+    told = add_suspects(found, [Suspect("c", "mass", 0.9, 0.1, 0.4, confirmed=True)])
     _, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
     assert "Test 'locked': The model cannot explain" in message
     # Where an unknown explains it, that is the one next step.
     assert remedy == FREE_IT
-    partly = blamed(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
+    partly = add_suspects(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
     _, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": partly})
     assert remedy.startswith("Look for a part that the model lacks")
     # A search whose tries do not agree may lack just that unknown; a mere hint is no reason.
@@ -107,7 +109,7 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     assert remedy.startswith(f"{FREE_IT}{STEP}Raise starts")
     assert verdict(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith("Raise starts")
     fit = Fit(np.zeros(2), "converged", SURE, ({},))
-    calm = assess(
+    calm = assess_residual(
         e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
     assert verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
@@ -118,7 +120,7 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
     e = rng.standard_normal((80, 3, 2)) + 1j * rng.standard_normal((80, 3, 2))
     e[:, 2] *= 8.0
     freq, ones = np.linspace(1.0, 40.0, 80), np.ones(e.shape)
-    found = assess(
+    found = assess_residual(
         e,
         ones,
         freq,
@@ -126,7 +128,7 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
         ["1:X", "2:X"],
         n_unknowns=2,
         absolute=False,
-        course=100.0 * ones,
+        whitened_H=100.0 * ones,
     )
     fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse(SURE, NAMES)
     status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
