@@ -263,7 +263,7 @@ def test_a_measured_mode_that_resembles_none_is_left_out(
         for m in (modes, with_stray)
     )
     assert result.noise["modes"] == 5
-    assert "left out: 13 Hz" in result.remedy
+    assert "omitted: 13 Hz" in result.remedy
     assert result.noise["left_out"] == "13 Hz"
     assert vector(result) == pytest.approx(vector(clean), rel=1e-9)
 

@@ -170,7 +170,7 @@ def test_a_mode_that_the_model_lacks_is_left_out_and_said() -> None:
     result = updyn.update(start, both, updyn.parameters(start, stiffness="all"))
     assert vector(result) == pytest.approx(TRUE, rel=1e-6)
     assert result.noise["left_out"] == "9 Hz"
-    assert "left out: 9 Hz" in result.remedy
+    assert "omitted: 9 Hz" in result.remedy
     assert result.trust["plausible"].why.startswith("4 of 5 measured modes")
 
 

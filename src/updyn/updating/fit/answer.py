@@ -27,7 +27,7 @@ class Answer:
         The estimate.
     reason : str
         Why the descent ended.
-    unlikelihood : float
+    negative_log_likelihood : float
         Minus the log-likelihood, except for a constant that all answers share.
     noises : sequence of NoiseModel
         Noise model of the last descent, for each part of the problem.
@@ -35,14 +35,14 @@ class Answer:
         The residual whitened by this noise.
     local : Local or None
         The reduced problem at x, including priors; None after a stop.
-    held : int or None
-        The unknown that was held, at the far end of a valley.
+    fixed_unknown : int or None
+        Index of the fixed unknown, at the far end of a valley.
     """
 
     x: _Vector
     reason: str
-    unlikelihood: float
+    negative_log_likelihood: float
     noises: Sequence[NoiseModel]
     residual: Each
     local: Local | None
-    held: int | None = None
+    fixed_unknown: int | None = None

@@ -27,21 +27,21 @@ from updyn.updating.problem.problem import Problem
 
 __all__ = [
     "AS_WELL",
-    "as_likely",
+    "are_distinct",
+    "choose_answer",
     "contradicts",
-    "differ",
     "distance",
-    "elsewhere",
-    "equals",
-    "exchanged",
-    "explains",
-    "improves",
-    "is_again",
-    "is_at",
-    "preferred",
-    "put_back",
-    "restarted",
-    "weakly_held",
+    "exchange_groups",
+    "find_promising_points",
+    "find_rivals",
+    "has_noise_residual",
+    "is_better",
+    "is_same",
+    "is_within_uncertainty",
+    "move_uncertain_unknowns",
+    "reset_far_unknowns",
+    "restart_uncertain_unknowns",
+    "select_as_likely",
 ]
 
 _Vector = NDArray[np.float64]
@@ -72,7 +72,7 @@ _RESTARTED, _RESTARTS = 0.01, 6
 _EXCHANGES, _PROMISING = 200, 4
 
 
-def explains(problem: Problem, answer: Answer) -> bool:
+def has_noise_residual(problem: Problem, answer: Answer) -> bool:
     """Return whether the residual of an answer looks like noise.
 
     It must not be larger than noise of known size, nor serially correlated.
@@ -110,19 +110,19 @@ def _exceeds(
     return p < _SELDOM / len(problem.parts)
 
 
-def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
+def choose_answer(problem: Problem, answers: Sequence[Answer]) -> Answer:
     """Return the best answer; of those that fit equally well, the one nearest to the start."""
-    best = min(answer.unlikelihood for answer in answers)
-    equal = [answer for answer in answers if answer.unlikelihood <= best + AS_WELL]
+    best = min(answer.negative_log_likelihood for answer in answers)
+    equal = [answer for answer in answers if answer.negative_log_likelihood <= best + AS_WELL]
 
-    def implausible(answer: Answer) -> float:
-        far = (answer.x - problem.coordinates.home) / _usual(problem)
-        return answer.unlikelihood + 0.5 * float(far @ far)
+    def negative_log_posterior(answer: Answer) -> float:
+        far = (answer.x - problem.coordinates.home) / _usual_spread(problem)
+        return answer.negative_log_likelihood + 0.5 * float(far @ far)
 
-    return min(equal, key=implausible)
+    return min(equal, key=negative_log_posterior)
 
 
-def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
+def find_rivals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
     """Return the other answers that fit equally well and contradict the chosen one.
 
     An answer that ran out of steps counts, because it fits equally well already. An answer with
@@ -130,8 +130,10 @@ def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> l
     decrease of the log-likelihood.
     """
     found: list[Answer] = []
-    for other in sorted(as_likely(chosen, others, less), key=lambda answer: answer.unlikelihood):
-        if contradicts(other, chosen) and all(differ(known, other) for known in found):
+    for other in sorted(
+        select_as_likely(chosen, others, less), key=lambda answer: answer.negative_log_likelihood
+    ):
+        if contradicts(other, chosen) and all(are_distinct(known, other) for known in found):
             found.append(other)
     return found
 
@@ -143,7 +145,11 @@ def contradicts(other: Answer, chosen: Answer) -> bool:
     """
     if chosen.local is None or other.local is None:
         return False
-    return not (is_at(chosen.x, other) if improves(other, chosen) else is_at(other.x, chosen))
+    return not (
+        is_within_uncertainty(chosen.x, other)
+        if is_better(other, chosen)
+        else is_within_uncertainty(other.x, chosen)
+    )
 
 
 def distance(answer: Answer, x: _Vector) -> float:
@@ -153,33 +159,43 @@ def distance(answer: Answer, x: _Vector) -> float:
     return float(np.linalg.norm(answer.local.R @ (x - answer.x)))
 
 
-def is_at(x: _Vector, answer: Answer) -> bool:
+def is_within_uncertainty(x: _Vector, answer: Answer) -> bool:
     """Return whether a point, shape (n,), is within the uncertainty of an answer."""
     if answer.local is None:
         return False
-    return not _apart(x, answer.x, _std(answer.local))
+    return not _are_apart(x, answer.x, _standard_deviations(answer.local))
 
 
-def is_again(found: Answer, answer: Answer) -> bool:
+def is_same(found: Answer, answer: Answer) -> bool:
     """Return whether two answers are the same, by the standard deviations of the better one."""
-    return is_at(answer.x, found) if improves(found, answer) else is_at(found.x, answer)
+    return (
+        is_within_uncertainty(answer.x, found)
+        if is_better(found, answer)
+        else is_within_uncertainty(found.x, answer)
+    )
 
 
-def as_likely(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
+def select_as_likely(
+    chosen: Answer, others: Sequence[Answer], less: float = AS_WELL
+) -> list[Answer]:
     """Return the other answers whose log-likelihoods are lower by no more than `less`."""
-    return [other for other in others if other.unlikelihood <= chosen.unlikelihood + less]
+    return [
+        other
+        for other in others
+        if other.negative_log_likelihood <= chosen.negative_log_likelihood + less
+    ]
 
 
-def improves(answer: Answer, other: Answer) -> bool:
+def is_better(answer: Answer, other: Answer) -> bool:
     """Return whether an answer fits better than another by more than `AS_WELL`.
 
     The other one is then not an answer, and its standard deviations are meaningless: if the misfit
     is larger than the noise, its Jacobian can be singular, as at a point between two answers.
     """
-    return answer.unlikelihood < other.unlikelihood - AS_WELL
+    return answer.negative_log_likelihood < other.negative_log_likelihood - AS_WELL
 
 
-def differ(a: Answer, b: Answer) -> bool:
+def are_distinct(a: Answer, b: Answer) -> bool:
     """Return whether some unknown differs by more than both answers allow.
 
     If one answer improves on the other, only its standard deviations are used.
@@ -187,28 +203,30 @@ def differ(a: Answer, b: Answer) -> bool:
     if a.local is None or b.local is None:
         return False
     for one, other in ((a, b), (b, a)):
-        if improves(one, other):
-            return not is_at(other.x, one)
-    return _apart(a.x, b.x, np.maximum(_std(a.local), _std(b.local)))
+        if is_better(one, other):
+            return not is_within_uncertainty(other.x, one)
+    return _are_apart(
+        a.x, b.x, np.maximum(_standard_deviations(a.local), _standard_deviations(b.local))
+    )
 
 
-def _apart(a: _Vector, b: _Vector, std: _Vector) -> bool:
+def _are_apart(a: _Vector, b: _Vector, std: _Vector) -> bool:
     return bool((np.abs(a - b) > _APART * std + 1e-6).any())
 
 
-def _usual(problem: Problem) -> _Vector:
+def _usual_spread(problem: Problem) -> _Vector:
     """Return the usual spread of the unknowns about their start, shape (n,)."""
     return np.where(problem.coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
 
 
-def _std(local: Local) -> _Vector:
+def _standard_deviations(local: Local) -> _Vector:
     """Return the standard deviations of the unknowns; inf for undetermined ones."""
     found = resolve(local.R)
     return np.where(found.involved, np.inf, np.sqrt(np.diag(found.covariance)))
 
 
-def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
-    """Yield points, shape (n,), with one unknown moved that the data hardly determine.
+def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
+    """Yield points, shape (n,), each with one poorly determined unknown moved.
 
     Moving a single unknown leaves the valley of the misfit; steps along the valley were measured to
     fall back.
@@ -216,7 +234,7 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     if answer.local is None:
         return
     home = problem.coordinates.home
-    std = _std(answer.local)
+    std = _standard_deviations(answer.local)
     for i in np.argsort(-std)[:_HOPS]:
         if std[i] <= _UNSURE:
             return
@@ -227,15 +245,15 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
                 yield moved
 
 
-def restarted(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
-    """Yield points, shape (n,), with the most uncertain unknowns at random about their start.
+def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
+    """Yield points, shape (n,), with the most uncertain unknowns drawn at random about the start.
 
     They are moved together: light parts whose resonances have been exchanged cannot be corrected
     one by one. The other unknowns keep their values.
     """
     if answer.local is None:
         return
-    coordinates, std = problem.coordinates, _std(answer.local)
+    coordinates, std = problem.coordinates, _standard_deviations(answer.local)
     least = np.argsort(-std)[:_HOPS]
     loose = least[std[least] > _RESTARTED]
     if len(loose) < 2:
@@ -243,28 +261,28 @@ def restarted(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
     drawn = np.random.default_rng(seed).normal(size=(_RESTARTS, len(loose)))
     for row in drawn:
         x = answer.x.copy()
-        x[loose] = coordinates.home[loose] + _usual(problem)[loose] * row
+        x[loose] = coordinates.home[loose] + _usual_spread(problem)[loose] * row
         yield np.clip(x, *coordinates.bounds)
 
 
-def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
-    """Yield points, shape (n,), with the unknowns farthest from their start put back to it.
+def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
+    """Yield points, shape (n,), with the unknowns farthest from their start reset to it.
 
     One, two, four, eight: unknowns that the data hardly determine may have moved far together, each
     compensating for the others. If the data determine all unknowns, no point is yielded.
     """
-    if answer.local is None or _std(answer.local).max() <= _UNSURE:
+    if answer.local is None or _standard_deviations(answer.local).max() <= _UNSURE:
         return
     coordinates = problem.coordinates
-    far = np.abs(answer.x - coordinates.home) / _usual(problem)
+    far = np.abs(answer.x - coordinates.home) / _usual_spread(problem)
     order, number = np.argsort(-far), 1
     while number <= np.count_nonzero(far > _UNSURE):
         yield np.where(np.isin(range(len(far)), order[:number]), coordinates.home, answer.x)
         number *= 2
 
 
-def elsewhere(
-    models: Models, answer: Answer, unlikelihood: Callable[[_Vector], float], most: int
+def find_promising_points(
+    models: Models, answer: Answer, negative_log_likelihood: Callable[[_Vector], float], most: int
 ) -> list[_Vector]:
     """Return points, shape (n,), away from an answer that fit fairly well without a descent.
 
@@ -277,13 +295,13 @@ def elsewhere(
         Models in which the points are compared.
     answer : Answer
         The known answer.
-    unlikelihood : callable
+    negative_log_likelihood : callable
         Returns minus the log-likelihood at a point.
     most : int
         Largest number of points that are evaluated, most of them on few lines.
     """
     problem = models.exact
-    points = chain(exchanged(problem, answer.x), _moved(problem, answer.x))
+    points = chain(exchange_groups(problem, answer.x), _move_each_unknown(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]
     screen = Screen.of(models.rough, answer.x, answer.noises, answer.residual)
     if models.ranks:
@@ -293,19 +311,19 @@ def elsewhere(
         tries = [
             x
             for lot in (near, far)
-            for x in screen.ranked(lot, [distance(answer, x) for x in lot], _PROMISING)
+            for x in screen.rank(lot, [distance(answer, x) for x in lot], _PROMISING)
         ]
     else:
-        tries = screen.promising(tries, _PROMISING)
-    worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
+        tries = screen.select_best(tries, _PROMISING)
+    worse = np.array([negative_log_likelihood(x) for x in tries]) - answer.negative_log_likelihood
     # Points are kept if they double the misfit at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]
     return [tries[i] for i in promising[:_PROMISING]]  # with heavy tails, all pass
 
 
-def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     home = problem.coordinates.home
-    far = _usual(problem)
+    far = _usual_spread(problem)
     for i in range(len(x)):
         for value in (home[i], x[i] - far[i], x[i] + far[i]):
             moved = problem.coordinates.with_one(x, i, value)
@@ -313,36 +331,36 @@ def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
                 yield moved
 
 
-def exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def exchange_groups(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     """Yield points with groups exchanged: similar groups in mirrored order, and pairs of groups.
 
     The stiffnesses and masses are exchanged, not their factors.
     """
-    own: dict[str, dict[str, int]] = {}
+    indices: dict[str, dict[str, int]] = {}
     for i, p in enumerate(problem.coordinates.parameters):
         if not p.drives and not p.is_channel:
-            own.setdefault(p.group, {})[p.quantity] = i
-    size = _sizes(problem)
-    mirrors = [_reverse(like) for like in _alike(problem, list(own))]
+            indices.setdefault(p.group, {})[p.quantity] = i
+    size = _log_sizes(problem)
+    mirrors = [_pair_mirrored(similar) for similar in _find_similar_groups(problem, list(indices))]
     together = [[pair for mirror in mirrors for pair in mirror]] if len(mirrors) > 1 else []
-    singles = [[pair] for pair in combinations(own, 2)]
+    singles = [[pair] for pair in combinations(indices, 2)]
     for swaps in [*together, *mirrors, *singles[:_EXCHANGES]]:
         moved = x.copy()
         for a, b in swaps:
-            for quantity in own[a].keys() & own[b].keys():
-                here, there = own[a][quantity], own[b][quantity]
-                moved[here] = x[there] + size[there] - size[here]
-                moved[there] = x[here] + size[here] - size[there]
+            for quantity in indices[a].keys() & indices[b].keys():
+                i_a, i_b = indices[a][quantity], indices[b][quantity]
+                moved[i_a] = x[i_b] + size[i_b] - size[i_a]
+                moved[i_b] = x[i_a] + size[i_a] - size[i_b]
         if (moved != x).any():
             yield np.clip(moved, *problem.coordinates.bounds)
 
 
-def _reverse(names: Sequence[str]) -> list[tuple[str, str]]:
+def _pair_mirrored(names: Sequence[str]) -> list[tuple[str, str]]:
     """Return the pairs of names that change places when their order is reversed."""
     return [(names[i], names[-1 - i]) for i in range(len(names) // 2)]
 
 
-def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
+def _find_similar_groups(problem: Problem, names: Sequence[str]) -> list[list[str]]:
     """Return lists of two or more groups whose matrices have the same entries up to a factor."""
     system = problem.system
     classes: dict[tuple[object, ...], list[str]] = {}
@@ -354,10 +372,10 @@ def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
                 share = np.sort(entries[entries > 0.0]) / max(entries.sum(), np.finfo(float).tiny)
                 kind += [quantity, len(share), round(float(share @ share), 9)]
         classes.setdefault(tuple(kind), []).append(name)
-    return [like for like in classes.values() if len(like) > 1]
+    return [similar for similar in classes.values() if len(similar) > 1]
 
 
-def _sizes(problem: Problem) -> _Vector:
+def _log_sizes(problem: Problem) -> _Vector:
     """Return the logarithm of the size of a factor of 1, shape (n,); 0 for other unknowns."""
     system, parameters = problem.system, problem.coordinates.parameters
     sizes = np.zeros(problem.n)

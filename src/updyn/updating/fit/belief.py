@@ -48,7 +48,7 @@ class Belief:
     problem: Problem
     noise_known: bool = False
 
-    def believed(self, ends: Sequence[Outcome]) -> bool:
+    def is_accepted(self, ends: Sequence[Outcome]) -> bool:
         """Return whether the best basin was found often enough.
 
         Once is enough for exact data, twice if the residual looks like noise, three times if it may
@@ -59,20 +59,20 @@ class Belief:
             return False
         best = min(ends, key=lambda end: end.local.cost)
         agree = sum(end.local.cost <= best.local.cost * (1.0 + SAME) for end in ends)
-        if self.exact(best):
+        if self.is_exact(best):
             return True
         gross = _power(self._misfits(best.x)) > _GROSS**2
-        if gross or (self.noise_known and not self._explained(best.local.cost)):
+        if gross or (self.noise_known and not self._is_explained_by_noise(best.local.cost)):
             return agree >= _OFTEN
         return agree >= (_TWICE if self.is_noise(best.x) else _THRICE)
 
-    def exact(self, end: Outcome) -> bool:
+    def is_exact(self, end: Outcome) -> bool:
         """Return whether the residual of an end is only rounding of the data."""
         return _power(self._misfits(end.x)) < _EXACT**2
 
-    def plausible(self, end: Outcome) -> bool:
+    def is_plausible(self, end: Outcome) -> bool:
         """Return whether an end may be the answer: its residual is like noise, or no larger."""
-        if self._explained(end.local.cost):
+        if self._is_explained_by_noise(end.local.cost):
             return True
         return not self.noise_known and self.is_noise(end.x, _UNCORRELATED)
 
@@ -81,7 +81,9 @@ class Belief:
 
         `cost` is half the sum of the squared log error at x.
         """
-        return self.is_noise(x, _UNCORRELATED) and (not self.noise_known or self._explained(cost))
+        return self.is_noise(x, _UNCORRELATED) and (
+            not self.noise_known or self._is_explained_by_noise(cost)
+        )
 
     def is_noise(self, x: _Vector, most: float = _CORRELATED) -> bool:
         """Return whether the residual at x looks like noise: small, and hardly serially correlated.
@@ -95,10 +97,10 @@ class Belief:
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
         return float(np.mean(products)) < most * power
 
-    def _explained(self, cost: float) -> bool:
-        return cost <= _MARGIN * self.expected()
+    def _is_explained_by_noise(self, cost: float) -> bool:
+        return cost <= _MARGIN * self.expected_cost()
 
-    def expected(self) -> float:
+    def expected_cost(self) -> float:
         """Return the approximate log error of the noise alone, at the true values."""
         total = 0.0
         for part, error in zip(self.problem.parts, log_error(self.problem).errors, strict=True):

@@ -292,10 +292,10 @@ class Method(ABC):
         problem: Problem,
         noises: Sequence[NoiseModel],
         x: _Vector,
-        held: int | None = None,
-        beside: Answer | None = None,
+        fixed_unknown: int | None = None,
+        valley_start: Answer | None = None,
     ) -> Answer | None:
-        """Return the answer at the end of a fit; None (default): no others are sought.
+        """Return the answer at the end of a fit; None (default) if no others are searched for.
 
         Parameters
         ----------
@@ -303,9 +303,9 @@ class Method(ABC):
             As for `fit`.
         x : ndarray of float, shape (n,)
             End of the fit.
-        held : int, optional
-            The unknown that was held, at the far end of a valley.
-        beside : Answer, optional
+        fixed_unknown : int, optional
+            Index of the fixed unknown, at the far end of a valley.
+        valley_start : Answer, optional
             Beginning of that valley.
         """
         return None

@@ -54,9 +54,11 @@ class Models:
         """Return whether a point is the same as an answer and need not be fitted."""
         return False
 
-    def leads_back(self, x: NDArray[np.float64], answer: Answer, unlikelihood: float) -> bool:
+    def leads_back(
+        self, x: NDArray[np.float64], answer: Answer, negative_log_likelihood: float
+    ) -> bool:
         """Return whether a descent from a point is known to end in an answer.
 
-        `unlikelihood` is minus the log-likelihood at the point.
+        `negative_log_likelihood` is minus the log-likelihood at the point.
         """
         return False

@@ -83,15 +83,15 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
         values.
     """
     scale, s, Vt = _scaled_svd(R if even is None else even)
-    seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
-    unseen = _orthonormal(Vt[~seen].T / scale[:, None])
+    visible = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
+    invisible = _orthonormal(Vt[~visible].T / scale[:, None])
     # Columns are directions of one standard deviation each.
     if even is None:
-        spread = (Vt[seen].T / s[seen]) / scale[:, None]
+        spread = (Vt[visible].T / s[visible]) / scale[:, None]
         # Of directions determined up to the null space, keep the part orthogonal to it.
-        spread -= unseen @ (unseen.T @ spread)
+        spread -= invisible @ (invisible.T @ spread)
     else:
-        within = complement(unseen)
+        within = complement(invisible)
         _, size, turn = np.linalg.svd(R @ within)
         spread = within @ (turn.T / np.maximum(size, _BLIND))
     spread = inflation * spread
@@ -100,11 +100,13 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     axes, std, _ = np.linalg.svd(short, full_matrices=False)
     # Along a direction without data, a prior of this standard deviation gives it up to rounding.
     known = std <= WIDEST * (1.0 + _ROUNDING)
-    blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
+    blind = _orthonormal(np.hstack([invisible, axes[:, ~known]]))
     # Not computed from the axes, where a huge standard deviation reduces small ones to rounding.
     covariance = spread @ spread.T
-    involved = (np.linalg.norm(unseen, axis=1) > VISIBLE) | _led(axes[:, ~known], std[~known])
-    return Resolution(s, bool(seen.all()), blind, covariance, involved)
+    involved = (np.linalg.norm(invisible, axis=1) > VISIBLE) | _find_undetermined(
+        axes[:, ~known], std[~known]
+    )
+    return Resolution(s, bool(visible.all()), blind, covariance, involved)
 
 
 def null_space(R: _Matrix) -> _Matrix:
@@ -139,8 +141,8 @@ def _scaled_svd(R: _Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64], _
     return scale, s, Vt
 
 
-def _led(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which unknowns the noisy directions leave undetermined.
+def _find_undetermined(axes: _Matrix, std: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which unknowns are undetermined because of noisy directions.
 
     These are the leading unknowns of a direction, and all with a standard deviation along it above
     half of `WIDEST`. Others have a small share in it and remain determined.

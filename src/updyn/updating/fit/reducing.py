@@ -39,13 +39,13 @@ from updyn.linalg.solver import Factorised
 from updyn.model import Model
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
-    as_likely,
-    differ,
+    are_distinct,
+    choose_answer,
     distance,
-    equals,
-    is_again,
-    is_at,
-    preferred,
+    find_rivals,
+    is_same,
+    is_within_uncertainty,
+    select_as_likely,
 )
 from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.method import Fit, Method, Rival, descend
@@ -55,6 +55,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import keeps_to_directions
 from updyn.updating.fit.search import coarse, scattered
 from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.fit.valley import fix_in_box
 from updyn.updating.problem.noise import Approximate, NoiseModel
 from updyn.updating.problem.problem import Part, Problem, shares_of
 from updyn.updating.problem.residuals import log_error
@@ -425,11 +426,11 @@ class Reducing:
         noises: Sequence[NoiseModel],
         monitor: Monitor,
         x: _Vector,
-        held: int | None = None,
+        fixed_unknown: int | None = None,
     ) -> tuple[Problem, Fit]:
         """Fit within a box about the point of the basis, renewed until the basis is certified.
 
-        If `held` is given, that unknown stays at its value in x.
+        If `fixed_unknown` is given, that unknown stays at its value in x.
         """
         near, left = False, strategy.max_iterations
         fit = Fit.blind(x, "stopped")
@@ -443,7 +444,9 @@ class Reducing:
                         self._enrich(x)
                 share = _FURTHER ** max(number + 1 - _RENEWED, 0)
                 problem, box = self.inside(problem), self._box(share)
-                boxed = problem.with_box(box if held is None else _holding(box, x, held))
+                boxed = problem.with_box(
+                    box if fixed_unknown is None else fix_in_box(box, x, fixed_unknown)
+                )
                 before = len(monitor.history)
                 steps = left
                 if not near:
@@ -487,15 +490,18 @@ class Reducing:
         with suppress(Stopped):
             for _ in range(_HOPS):
                 known += self._others(chosen, known, strategy, noises, monitor)
-                before, best = chosen.answer, preferred(problem, _answers(known, held=False))
-                ends = as_likely(best, _answers(known, held=True))
-                as_well = [*equals(best, _answers(known, held=False)), *ends]
+                before, best = chosen.answer, choose_answer(problem, _answers(known, held=False))
+                ends = select_as_likely(best, _answers(known, held=True))
+                as_well = [*find_rivals(best, _answers(known, held=False)), *ends]
                 (chosen,) = (one for one in known if one.answer is best)
                 rivals = [one for one in known if any(one.answer is answer for answer in as_well)]
-                if not differ(best, before):
+                if not are_distinct(best, before):
                     break
         self._use_again(chosen)
-        worse = [one.answer.unlikelihood - chosen.answer.unlikelihood for one in rivals]
+        worse = [
+            one.answer.negative_log_likelihood - chosen.answer.negative_log_likelihood
+            for one in rivals
+        ]
         found = [Rival(r.answer.x, w, r.problem) for r, w in zip(rivals, worse, strict=True)]
         reason = "stopped" if monitor.stopped else chosen.fit.reason
         return chosen.problem, replace(chosen.fit, reason=reason, rivals=tuple(found))
@@ -518,13 +524,15 @@ class Reducing:
             for point in strategy.others(models, noises, monitor, chosen.answer, self._ends):
                 if monitor.stopped:
                     break
-                if any(is_again(point, one.answer) for one in [*known, *found]):
+                if any(is_same(point, one.answer) for one in [*known, *found]):
                     continue
                 with monitor.stage("reduce"):
                     self._make(point.x)
-                about = chosen.problem, strategy, noises, monitor, point.x, point.held
+                about = chosen.problem, strategy, noises, monitor, point.x, point.fixed_unknown
                 problem, fit = self._rounds(*about)
-                one = self._known(problem, strategy, noises, fit, point.held, chosen.answer)
+                one = self._known(
+                    problem, strategy, noises, fit, point.fixed_unknown, chosen.answer
+                )
                 found += [] if one is None else [one]
         return found
 
@@ -534,15 +542,15 @@ class Reducing:
         strategy: Method,
         noises: Sequence[NoiseModel],
         fit: Fit,
-        held: int | None = None,
-        beside: Answer | None = None,
+        fixed_unknown: int | None = None,
+        valley_start: Answer | None = None,
     ) -> _Certified | None:
         """Return a fit with the answer at its end; None if it is not certified."""
         if not self.certified or fit.reason in ("stopped", "failed"):
             return None
-        if held is None:
-            beside = None
-        answer = strategy.answer(problem, noises, fit.x, held, beside)
+        if fixed_unknown is None:
+            valley_start = None
+        answer = strategy.answer(problem, noises, fit.x, fixed_unknown, valley_start)
         if answer is None:
             return None
         certificates = [part.certificate for part in self._parts]
@@ -746,14 +754,14 @@ class _About(Models):
 
     def is_known(self, x: _Vector, answer: Answer) -> bool:
         """Return whether a point lies within the uncertainty of an answer."""
-        return is_at(x, answer)
+        return is_within_uncertainty(x, answer)
 
-    def leads_back(self, x: _Vector, answer: Answer, unlikelihood: float) -> bool:
+    def leads_back(self, x: _Vector, answer: Answer, negative_log_likelihood: float) -> bool:
         """Return whether the misfit at a point is about that of the quadratic model of an answer.
 
         The misfit then falls along the path to the answer, and no other minimum is near.
         """
-        rise = unlikelihood - answer.unlikelihood
+        rise = negative_log_likelihood - answer.negative_log_likelihood
         return rise > _PARABOLA * 0.5 * distance(answer, x) ** 2
 
     def _is_enriched(self, x: _Vector, number: int) -> bool:
@@ -776,14 +784,7 @@ class _About(Models):
 
 
 def _answers(known: Sequence[_Certified], *, held: bool) -> list[Answer]:
-    return [one.answer for one in known if (one.answer.held is not None) == held]
-
-
-def _holding(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vector, _Vector]:
-    """Return a box in which unknown `i` is fixed at its value in x."""
-    lower, upper = (side.copy() for side in box)
-    lower[i] = upper[i] = x[i]
-    return lower, upper
+    return [one.answer for one in known if (one.answer.fixed_unknown is not None) == held]
 
 
 def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:

@@ -594,8 +594,8 @@ class _Held(Wrapping):
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         return self.base.variance(H, frf)
 
-    def unlikelihood(self, H: NDArray[np.complex128], frf: FRF) -> float:
-        return self.base.unlikelihood(H, frf)
+    def negative_log_likelihood(self, H: NDArray[np.complex128], frf: FRF) -> float:
+        return self.base.negative_log_likelihood(H, frf)
 
     def figures(self) -> dict[str, Any]:
         return self.base.figures()

@@ -54,14 +54,14 @@ class _Piece:
     H: NDArray[np.complex128]
     weight: NDArray[np.float64]
 
-    def left_at(self, x: _Vector) -> float:
+    def squared_error_at(self, x: _Vector) -> float:
         """Return the sum of squared residuals at x; inf if the model cannot be solved."""
         try:
-            return self.left(self.part.responses(x))
+            return self.squared_error(self.part.responses(x))
         except SolverError:
             return np.inf
 
-    def left(self, H: NDArray[np.complex128]) -> float:
+    def squared_error(self, H: NDArray[np.complex128]) -> float:
         """Return the sum of squared residuals of a model, in variances of the data.
 
         If noise grows with the response, that of the larger response of both models is used.
@@ -79,12 +79,12 @@ class Screen:
     ----------
     pieces : tuple
         Sets of lines: a few, twice as many others, and so on, each spread over the band.
-    most : float
+    limit : float
         Sum of squares above which a point is far off.
     """
 
     pieces: tuple[_Piece, ...]
-    most: float
+    limit: float
 
     @classmethod
     def of(
@@ -94,30 +94,32 @@ class Screen:
         if any(noise.heavy_tails for noise in noises):
             return cls((), np.inf)  # a few lines are not representative
         pieces = [
-            list(_pieces(part, residual.of(i).weight / np.sqrt(2.0), x))
+            list(_split_lines(part, residual.of(i).weight / np.sqrt(2.0), x))
             for i, part in enumerate(problem.parts)
         ]
-        left = sum(piece.left(piece.H) for own in pieces for piece in own)
-        most = _FAR * max(left, float(problem.n_values), _FEWEST)
+        total = sum(
+            piece.squared_error(piece.H) for pieces_of_part in pieces for piece in pieces_of_part
+        )
+        limit = _FAR * max(total, float(problem.n_values), _FEWEST)
         by_turns = chain.from_iterable(zip_longest(*pieces))
-        return cls(tuple(piece for piece in by_turns if piece is not None), most)
+        return cls(tuple(piece for piece in by_turns if piece is not None), limit)
 
-    def promising(self, points: Sequence[_Vector], number: int) -> list[_Vector]:
+    def select_best(self, points: Sequence[_Vector], number: int) -> list[_Vector]:
         """Return the points of least sum of squares, best first, without those that are far off.
 
         After each piece the worse half of the points is dropped, down to `number` points.
         """
         kept = [(0.0, x) for x in points]
         for piece in self.pieces:
-            summed = [(left + piece.left_at(x), x) for left, x in kept]
-            near = [one for one in summed if one[0] <= self.most]
+            summed = [(squares + piece.squared_error_at(x), x) for squares, x in kept]
+            near = [one for one in summed if one[0] <= self.limit]
             near.sort(key=itemgetter(0))
             kept = near[: max(number, -(-len(near) // 2))]
             if len(kept) <= number:
                 break
         return [x for _, x in kept]
 
-    def ranked(
+    def rank(
         self, points: Sequence[_Vector], distances: Sequence[float], number: int
     ) -> list[_Vector]:
         """Return the points of least sum of squares over distance from the answer, best first.
@@ -132,7 +134,7 @@ class Screen:
         tiny = np.finfo(float).tiny
         kept = [(0.0, max(far, tiny), x) for far, x in zip(distances, points, strict=True)]
         for piece in self.pieces:
-            summed = [(left + piece.left_at(x), far, x) for left, far, x in kept]
+            summed = [(squares + piece.squared_error_at(x), far, x) for squares, far, x in kept]
             summed.sort(key=lambda one: one[0] / one[1])
             kept = summed[: max(number, math.ceil(_RANKED * len(summed)))]
             if len(kept) <= number:
@@ -140,19 +142,21 @@ class Screen:
         return [x for _, _, x in kept[:number]]
 
 
-def _pieces(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
+def _split_lines(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
     """Yield the lines of a part: a few of them, twice as many others, and so on."""
     H, freq = part.responses(x), part.frf.freq
     few = max(_TOGETHER, -(-part.n // H[0].size))
     # The number of points halves with each piece, so the work of each piece is about the same.
     ends = few * (2 ** np.arange(1, int(np.log2(len(freq) / few + 1.0)) + 1) - 1)
-    for some in np.split(_spread(len(freq)), ends):
+    for some in np.split(_order_bit_reversed(len(freq)), ends):
         if len(some):
-            own = np.sort(some)
-            yield _Piece(replace(part, frf=part.frf.select(lines=freq[own])), H[own], weight[own])
+            lines = np.sort(some)
+            yield _Piece(
+                replace(part, frf=part.frf.select(lines=freq[lines])), H[lines], weight[lines]
+            )
 
 
-def _spread(number: int) -> NDArray[np.intp]:
+def _order_bit_reversed(number: int) -> NDArray[np.intp]:
     """Return 0 ... number - 1 in bit-reversed order, in which every run spans the range."""
     bits = int(number - 1).bit_length()
     order = np.zeros(1, dtype=np.intp)

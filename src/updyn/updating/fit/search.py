@@ -132,17 +132,17 @@ class Search:
                 starts = self._points(problem, number)
                 agreed = self._tried(problem, way, starts, belief, monitor, ends)
                 in_vain = not agreed and not monitor.stopped and monitor.is_in_vain()
-                if agreed and way is not problem and not belief.plausible(min(ends, key=_cost)):
+                if agreed and way is not problem and not belief.is_plausible(min(ends, key=_cost)):
                     agreed = self._again(problem, belief, monitor, ends)
                 if agreed or in_vain or monitor.stopped:
                     break
                 self._deepen(problem, way, begun, belief, monitor, ends)
-                if ends and belief.plausible(min(ends, key=_cost)):
+                if ends and belief.is_plausible(min(ends, key=_cost)):
                     break
         home = problem.coordinates.home
         found = [end.x for end in _distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
-        exact = agreed and belief.exact(min(ends, key=_cost))
+        exact = agreed and belief.is_exact(min(ends, key=_cost))
         return Starts(points, agreed, exact, in_vain)
 
     def _tried(
@@ -161,7 +161,7 @@ class Search:
                 outcome = self._try_from(problem, way, start, monitor)
                 if outcome is not None:
                     ends.append(outcome)
-                believed = belief.believed(ends)
+                believed = belief.is_accepted(ends)
                 if monitor.stopped or believed or self._is_in_vain(belief, monitor, ends):
                     return believed
         return False
@@ -169,7 +169,7 @@ class Search:
     @staticmethod
     def _is_in_vain(belief: Belief, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
         """Return whether the first tries found no answer because of a fault of the data."""
-        if len(ends) < _DOUBTED or belief.plausible(min(ends, key=_cost)):
+        if len(ends) < _DOUBTED or belief.is_plausible(min(ends, key=_cost)):
             return False
         return monitor.is_in_vain()
 
@@ -234,7 +234,7 @@ class Search:
         """
         number = last = 0
         while number - last < _HOPS_A_TRY * self.starts and not (
-            monitor.stopped or belief.plausible(best)
+            monitor.stopped or belief.is_plausible(best)
         ):
             end = self._try_beside(problem, way, best.x, number, monitor)
             number += 1

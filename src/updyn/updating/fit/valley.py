@@ -19,7 +19,7 @@ from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.problem.problem import Problem
 
-__all__ = ["Valley", "holding", "valleys"]
+__all__ = ["Valley", "find_valleys", "fix_in_box", "fix_unknown"]
 
 _Vector = NDArray[np.float64]
 
@@ -35,11 +35,16 @@ _OPEN = 0.25
 _SWELL = 0.5
 
 
-def holding(problem: Problem, x: _Vector, i: int) -> Problem:
+def fix_unknown(problem: Problem, x: _Vector, i: int) -> Problem:
     """Return the problem with unknown `i` fixed at its value in x."""
-    lower, upper = (bound.copy() for bound in problem.coordinates.bounds)
+    return problem.with_box(fix_in_box(problem.coordinates.bounds, x, i))
+
+
+def fix_in_box(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vector, _Vector]:
+    """Return a box in which unknown `i` is fixed at its value in x."""
+    lower, upper = (side.copy() for side in box)
     lower[i] = upper[i] = x[i]
-    return problem.with_box((lower, upper))
+    return lower, upper
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,24 +76,24 @@ class Valley:
         """Standard deviation of the unknown from the curvature at the answer."""
         return float(self.ridge[self.unknown])
 
-    def end(self, refitted: Callable[[_Vector, int], Answer | None]) -> Answer | None:
+    def find_end(self, refit: Callable[[_Vector, int], Answer | None]) -> Answer | None:
         """Return the far end if the data are fitted equally well all along, else None.
 
-        `refitted` returns the answer from a point with one unknown held, or None if the fit fails.
+        `refit` returns the answer from a point with one unknown held, or None if the fit fails.
         """
         last, slope, step, gone = self.answer, self.side * self.ridge, _STEP, 0.0
-        while gone < _FAR - 1e-9 and not self._at_bound(last.x):
-            x = self._ahead(last.x, slope, min(step, _FAR - gone))
-            here = refitted(x, self.unknown)
+        while gone < _FAR - 1e-9 and not self._is_at_bound(last.x):
+            x = self._step_along(last.x, slope, min(step, _FAR - gone))
+            here = refit(x, self.unknown)
             far = self.distance(x)
-            if here is None or self._rise(here) > max(AS_WELL, _SWELL * _parabola(far)):
+            if here is None or self._misfit_rise(here) > max(AS_WELL, _SWELL * _parabola(far)):
                 if step < _STEP:
                     return None
                 step = 0.5 * _STEP  # the valley may curve away from the straight line
                 continue
             slope, step = (here.x - last.x) / (far - gone), _STEP
             gone, last = far, here
-        is_open = self._rise(last) <= min(AS_WELL, _OPEN * _parabola(gone))
+        is_open = self._misfit_rise(last) <= min(AS_WELL, _OPEN * _parabola(gone))
         return last if gone >= _LEAST and is_open else None
 
     def distance(self, x: _Vector) -> float:
@@ -99,13 +104,13 @@ class Valley:
         """Return whether a point is at least `_LEAST` away from the answer on this side."""
         return self.distance(x) >= _LEAST
 
-    def _rise(self, other: Answer) -> float:
-        return other.unlikelihood - self.answer.unlikelihood
+    def _misfit_rise(self, other: Answer) -> float:
+        return other.negative_log_likelihood - self.answer.negative_log_likelihood
 
-    def _ahead(self, x: _Vector, slope: _Vector, step: float) -> _Vector:
+    def _step_along(self, x: _Vector, slope: _Vector, step: float) -> _Vector:
         return np.clip(x + step * slope, *self.problem.coordinates.bounds)
 
-    def _at_bound(self, x: _Vector) -> bool:
+    def _is_at_bound(self, x: _Vector) -> bool:
         lower, upper = self.problem.coordinates.bounds
         return bool(x[self.unknown] in (lower[self.unknown], upper[self.unknown]))
 
@@ -115,7 +120,7 @@ def _parabola(far: float) -> float:
     return 0.5 * far**2
 
 
-def valleys(problem: Problem, answer: Answer) -> Iterator[Valley]:
+def find_valleys(problem: Problem, answer: Answer) -> Iterator[Valley]:
     """Yield both sides of each determined unknown, the most uncertain first."""
     if answer.local is None:
         return

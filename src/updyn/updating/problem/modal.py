@@ -414,7 +414,7 @@ class ModalPart:
         return ModalRows(*self.recall(_kind(shapes=shapes), x, compute))
 
     def left_out(self, rows: ModalRows) -> dict[str, str]:
-        """Return, for the record, the frequencies of modes that resemble none of the model."""
+        """Return the record of the frequencies of modes that resemble no mode of the model."""
         lost = self.target.frequency[rows.lost(self.like)]
         if not len(lost):
             return {}
@@ -689,7 +689,7 @@ class ModalError:
         number = sum(rows.freedom(kind) for kind in self.noise.added)
         return float(np.sum((rows.r / self.noise.std(rows)) ** 2)), number
 
-    def unlikelihood(self, part: ModalPart, x: _Real) -> float:
+    def negative_log_likelihood(self, part: ModalPart, x: _Real) -> float:
         """Return the negative log-likelihood at x, up to a constant."""
         rows = part.rows(x, shapes=self.shapes, derivatives=False)
         std = self.noise.std(rows)

@@ -12,18 +12,18 @@ import updyn
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     AS_WELL,
-    differ,
+    are_distinct,
+    choose_answer,
     distance,
-    elsewhere,
-    equals,
-    exchanged,
-    explains,
-    improves,
-    is_again,
-    is_at,
-    preferred,
-    put_back,
-    weakly_held,
+    exchange_groups,
+    find_promising_points,
+    find_rivals,
+    has_noise_residual,
+    is_better,
+    is_same,
+    is_within_uncertainty,
+    move_uncertain_unknowns,
+    reset_far_unknowns,
 )
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.models import Models
@@ -71,10 +71,12 @@ def problem_of(model: updyn.Model, frf: updyn.FRF, unknowns: object) -> Problem:
     return Problem.of([Part.build(model, frf, unknowns)])
 
 
-def answer_at(x: np.ndarray, unlikelihood: float = 0.0, std: object = 0.01) -> Answer:
+def answer_at(x: np.ndarray, negative_log_likelihood: float = 0.0, std: object = 0.01) -> Answer:
     """A converged answer whose unknowns have these standard deviations, independent of each other."""
     R = np.diag(1.0 / np.broadcast_to(std, len(x)))
-    return Answer(np.asarray(x), "converged", unlikelihood, (), Each(()), Local(0.0, R, R[0] * 0))
+    return Answer(
+        np.asarray(x), "converged", negative_log_likelihood, (), Each(()), Local(0.0, R, R[0] * 0)
+    )
 
 
 def weighted_at(problem: Problem, x: np.ndarray) -> Answer:
@@ -97,9 +99,9 @@ def misfit(problem: Problem):
 
 def test_a_point_within_what_an_answer_allows_is_that_answer():
     answer = answer_at(np.zeros(2), std=[0.01, 0.1])
-    assert is_at(np.array([0.02, 0.2]), answer)
-    assert not is_at(np.array([0.04, 0.2]), answer)
-    assert not is_at(np.zeros(2), replace(answer, local=None))
+    assert is_within_uncertainty(np.array([0.02, 0.2]), answer)
+    assert not is_within_uncertainty(np.array([0.04, 0.2]), answer)
+    assert not is_within_uncertainty(np.zeros(2), replace(answer, local=None))
 
 
 def test_the_distance_from_an_answer_counts_standard_deviations():
@@ -121,7 +123,7 @@ def test_stiffnesses_are_exchanged_and_not_their_factors():
     unknowns = updyn.parameters(start, stiffness=["left", "right"])
     problem = problem_of(start, frf, unknowns)
     x = np.log([factors[name] for name in unknowns.names])
-    found = elsewhere(Models(problem), weighted_at(problem, x), misfit(problem), 100)
+    found = find_promising_points(Models(problem), weighted_at(problem, x), misfit(problem), 100)
     np.testing.assert_allclose(np.exp(found[0]), [1.75, 0.6], rtol=1e-12)
 
 
@@ -143,7 +145,7 @@ def test_like_groups_change_places_all_at_once_where_the_structure_is_mirrored()
     x = np.log([1.5, 0.8, 1.3, 0.7])
     image = np.log([1.75, 1.3, 0.8, 0.6])
     assert cost(image) == pytest.approx(0.0, abs=1e-12)
-    best = elsewhere(Models(problem), weighted_at(problem, x), cost, 100)[0]
+    best = find_promising_points(Models(problem), weighted_at(problem, x), cost, 100)[0]
     np.testing.assert_allclose(best, image, atol=1e-12)
     for only in ([1.75, 0.8, 1.3, 0.6], [1.5, 1.3, 0.8, 0.7]):  # one pair alone fits badly
         assert cost(np.log(only)) > 1e3
@@ -155,7 +157,7 @@ def test_points_that_fit_badly_as_they_stand_are_left_out():
     true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
     frf = updyn.response(true, FREQ, ["1:X"], ["2:X"])
     problem = problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
-    found = elsewhere(
+    found = find_promising_points(
         Models(problem), weighted_at(problem, np.log([1.5, 0.7])), misfit(problem), 100
     )
     assert not any(np.allclose(np.exp(x), [1.75, 0.6]) for x in found)
@@ -169,7 +171,7 @@ def test_exchanged_unknowns_stay_within_their_bounds():
         start, stiffness=["left", "right"], bounds={"left.stiffness": (0.5, 1.6)}
     )
     problem = problem_of(start, frf, unknowns)
-    found = list(exchanged(problem, np.log([1.5, 0.7])))
+    found = list(exchange_groups(problem, np.log([1.5, 0.7])))
     assert len(found) == 2  # all like groups at once, and two alone
     lower, upper = problem.coordinates.bounds
     assert all(((x >= lower) & (x <= upper)).all() for x in found)
@@ -181,8 +183,8 @@ def test_only_unknowns_that_the_data_hardly_hold_are_moved():
     unknowns = updyn.parameters(start, stiffness=["left", "first", "right"])
     problem = problem_of(start, frf, unknowns)
     x = np.log([1.5, 1.2, 0.7])
-    assert list(weakly_held(problem, answer_at(x, std=[0.01, 0.02, 0.03]))) == []
-    moved = list(weakly_held(problem, answer_at(x, std=[0.01, 0.1, 0.03])))
+    assert list(move_uncertain_unknowns(problem, answer_at(x, std=[0.01, 0.02, 0.03]))) == []
+    moved = list(move_uncertain_unknowns(problem, answer_at(x, std=[0.01, 0.1, 0.03])))
     # back to its start, and to either side by eight standard deviations
     np.testing.assert_allclose([at[1] for at in moved], [0.0, x[1] - 0.8, x[1] + 0.8])
     assert all(at[0] == x[0] and at[2] == x[2] for at in moved)
@@ -195,8 +197,8 @@ def test_unknowns_are_put_back_the_farthest_first_where_one_is_hardly_held():
     springs = ["left", "first", "second", "right"]
     problem = problem_of(start, frf, updyn.parameters(start, stiffness=springs))
     x = np.array([0.3, -1.0, 0.0, 0.6])
-    assert list(put_back(problem, answer_at(x, std=[0.01, 0.02, 0.04, 0.04]))) == []
-    found = list(put_back(problem, answer_at(x, std=[0.01, 0.02, 0.06, 0.04])))
+    assert list(reset_far_unknowns(problem, answer_at(x, std=[0.01, 0.02, 0.04, 0.04]))) == []
+    found = list(reset_far_unknowns(problem, answer_at(x, std=[0.01, 0.02, 0.06, 0.04])))
     np.testing.assert_array_equal(found, [[0.3, 0.0, 0.0, 0.6], [0.3, 0.0, 0.0, 0.0]])
 
 
@@ -211,14 +213,14 @@ def two_factors() -> Problem:
 
 def test_the_better_likelihood_is_taken_however_far_it_is(two_factors):
     far, near = answer_at(np.array([2.0, 2.0])), answer_at(np.zeros(2), 1.01 * AS_WELL)
-    assert preferred(two_factors, [near, far]) is far
+    assert choose_answer(two_factors, [near, far]) is far
 
 
 def test_of_answers_that_fit_equally_well_the_one_nearest_to_the_start_is_taken(two_factors):
     far, near = answer_at(np.array([2.0, 2.0])), answer_at(np.array([0.1, 0.0]), 0.9 * AS_WELL)
-    assert preferred(two_factors, [far, near]) is far  # 2^2 / 2 twice is 4: less than 4.1
+    assert choose_answer(two_factors, [far, near]) is far  # 2^2 / 2 twice is 4: less than 4.1
     nearer = answer_at(np.array([0.1, 0.0]), 0.5 * AS_WELL)
-    assert preferred(two_factors, [far, near, nearer]) is nearer
+    assert choose_answer(two_factors, [far, near, nearer]) is nearer
 
 
 # -- which are others ---------------------------------------------------------------------------
@@ -229,23 +231,26 @@ def test_distinct_answers_that_fit_as_well_are_kept():
     image_again = answer_at(np.array([0.31, -0.3]), 1.5)
     third = answer_at(np.array([-0.3, 0.0]), 0.5)
     worse = answer_at(np.array([0.8, 0.0]), 1.01 * AS_WELL)
-    found = equals(chosen, [chosen, same, image_again, worse, image, third])
+    found = find_rivals(chosen, [chosen, same, image_again, worse, image, third])
     assert [id(one) for one in found] == [id(third), id(image)]
 
 
 def test_an_answer_counts_that_contradicts_the_chosen_one_though_it_reaches_it_itself():
     """A gear train: the chosen answer claimed 7 of its standard deviations that the other denied."""
     firm, loose = answer_at(np.zeros(2)), answer_at(np.array([0.07, 0.0]), 1.0, std=[0.05, 0.01])
-    assert equals(firm, [loose]) == [loose]
+    assert find_rivals(firm, [loose]) == [loose]
     # Seen from the other, what it claims holds for both.
-    loose, firm = replace(loose, unlikelihood=0.0), replace(firm, unlikelihood=1.0)
-    assert equals(loose, [firm]) == []
+    loose, firm = (
+        replace(loose, negative_log_likelihood=0.0),
+        replace(firm, negative_log_likelihood=1.0),
+    )
+    assert find_rivals(loose, [firm]) == []
 
 
 def test_answers_that_differ_only_in_what_the_data_leave_open_are_one():
     """The first unknown is not determined: its standard deviation is above 1."""
     chosen, other = (answer_at(np.array([x, 0.0]), std=[30.0, 0.01]) for x in (0.0, 2.0))
-    assert equals(chosen, [other]) == []
+    assert find_rivals(chosen, [other]) == []
 
 
 def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
@@ -253,20 +258,20 @@ def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
     fold = answer_at(np.zeros(2), 1.01 * AS_WELL, std=[30.0, 0.01])
     answer = answer_at(np.array([0.5, 0.0]))
     near = answer_at(np.array([0.5, 0.0]), 0.02 * AS_WELL)  # fits no better than the fold
-    assert improves(answer, fold)
-    assert differ(answer, fold)
-    assert differ(fold, answer)
-    assert not is_again(answer, fold)
-    assert equals(fold, [answer], less=15.0) == [answer]
-    assert not improves(near, fold)
-    assert not differ(near, fold)
-    assert is_again(near, fold)
-    assert equals(fold, [near], less=15.0) == []
+    assert is_better(answer, fold)
+    assert are_distinct(answer, fold)
+    assert are_distinct(fold, answer)
+    assert not is_same(answer, fold)
+    assert find_rivals(fold, [answer], less=15.0) == [answer]
+    assert not is_better(near, fold)
+    assert not are_distinct(near, fold)
+    assert is_same(near, fold)
+    assert find_rivals(fold, [near], less=15.0) == []
     # One that fits better where the worse one ended is the same, more exactly.
     again = answer_at(np.array([0.02, 0.0]))
-    assert improves(again, fold)
-    assert not differ(again, fold)
-    assert is_again(again, fold)
+    assert is_better(again, fold)
+    assert not are_distinct(again, fold)
+    assert is_same(again, fold)
 
 
 def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_not():
@@ -274,7 +279,7 @@ def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_no
     cut = Answer(other.x, "max-iterations", 0.0, (), Each(()), other.local)
     lost = Answer(other.x, "stopped", np.inf, (), Each(()), other.local)
     blind = Answer(other.x, "converged", 0.0, (), Each(()), None)
-    assert equals(chosen, [cut, lost, blind]) == [cut]
+    assert find_rivals(chosen, [cut, lost, blind]) == [cut]
 
 
 # -- whether an answer explains the data --------------------------------------------------------
@@ -299,7 +304,9 @@ def looked_at(
     noise = Stated(relative, 0.0) if averages is None else Variance()
     weight = np.sqrt(2.0 / noise.variance(clean.values, frf))
     residual = Each((OutputError(weight),))
-    return explains(problem, Answer(np.zeros(2), "converged", 0.0, (noise,), residual, None))
+    return has_noise_residual(
+        problem, Answer(np.zeros(2), "converged", 0.0, (noise,), residual, None)
+    )
 
 
 def white(size: float, lines: int = len(FREQ)) -> np.ndarray:
@@ -348,18 +355,20 @@ def test_a_better_answer_is_not_agreed_on_before_tries_come_back_to_it(two_facto
     """A beam with light boxes: the search agreed on an answer, the first better one looked like
     noise, too, and a third, 55 better in chi-square, was never looked for."""
     x = np.zeros(2)
-    first, better, best = (answer_at(x, unlikelihood=u) for u in (200.0, 50.0, 20.0))
+    first, better, best = (answer_at(x, negative_log_likelihood=u) for u in (200.0, 50.0, 20.0))
     found = [first, better, best, best, best]
 
     def further(self, models, noises, points, monitor, at, most=None):
         return [found.pop(0)]
 
     monkeypatch.setattr(Search, "beside", lambda self, *given: x)
-    monkeypatch.setattr(MaximumLikelihood, "_further", further)
+    monkeypatch.setattr(MaximumLikelihood, "_fit_promising", further)
     monkeypatch.setattr(
-        MaximumLikelihood, "_explains", staticmethod(lambda problem, answer: answer is not first)
+        MaximumLikelihood,
+        "_has_noise_residual",
+        staticmethod(lambda problem, answer: answer is not first),
     )
     noises, monitor = [Stated(0.01, 0.0)], Monitor(two_factors)
-    answers = MaximumLikelihood()._beside(two_factors, noises, monitor, first, True)
+    answers = MaximumLikelihood()._search_nearby(two_factors, noises, monitor, first, True)
     assert best in answers
     assert not found

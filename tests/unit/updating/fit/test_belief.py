@@ -33,9 +33,9 @@ def end_at(problem, x):
 def test_an_end_that_noise_explains_is_believed_when_found_twice(searched):
     rough = searched(0.05)
     belief, end = Belief(rough, noise_known=True), end_at(rough, rough.coordinates.home)
-    assert end.local.cost == pytest.approx(belief.expected(), rel=0.1)
-    assert belief.plausible(end)
-    assert [belief.believed([end] * n) for n in (0, 1, 2)] == [False, False, True]
+    assert end.local.cost == pytest.approx(belief.expected_cost(), rel=0.1)
+    assert belief.is_plausible(end)
+    assert [belief.is_accepted([end] * n) for n in (0, 1, 2)] == [False, False, True]
 
 
 def test_where_the_noise_is_known_more_misfit_is_believed_when_found_six_times(searched):
@@ -43,11 +43,11 @@ def test_where_the_noise_is_known_more_misfit_is_believed_when_found_six_times(s
     rough = searched(0.01)
     end = end_at(rough, rough.coordinates.home)
     known, not_known = Belief(rough, noise_known=True), Belief(rough)
-    assert end.local.cost == pytest.approx(25.0 * known.expected(), rel=0.1)
-    assert not known.plausible(end)
-    assert not_known.plausible(end)
-    assert [known.believed([end] * n) for n in (2, 3, 5, 6)] == [False, False, False, True]
-    assert not_known.believed([end] * 2)
+    assert end.local.cost == pytest.approx(25.0 * known.expected_cost(), rel=0.1)
+    assert not known.is_plausible(end)
+    assert not_known.is_plausible(end)
+    assert [known.is_accepted([end] * n) for n in (2, 3, 5, 6)] == [False, False, False, True]
+    assert not_known.is_accepted([end] * 2)
 
 
 def test_away_from_the_answer_the_misfit_is_correlated_and_takes_more(searched):
@@ -55,8 +55,8 @@ def test_away_from_the_answer_the_misfit_is_correlated_and_takes_more(searched):
     belief = Belief(rough)
     near, far = (end_at(rough, rough.coordinates.home + by) for by in (0.02, 1.0))
     assert not belief.is_noise(near.x)
-    assert [belief.believed([near] * n) for n in (2, 3)] == [False, True]
-    assert [belief.believed([far] * n) for n in (3, 5, 6)] == [False, False, True]
+    assert [belief.is_accepted([near] * n) for n in (2, 3)] == [False, True]
+    assert [belief.is_accepted([far] * n) for n in (3, 5, 6)] == [False, False, True]
 
 
 def test_exact_data_are_believed_at_once(chain12):
@@ -65,20 +65,20 @@ def test_exact_data_are_believed_at_once(chain12):
     rough = coarse(Problem.of([Part.build(chain12, clean, unknowns)]), [Stated(0.01, 0.0)])
     end = end_at(rough, rough.coordinates.home)
     other = replace(end, x=end.x + 1.0, local=end_at(rough, end.x + 1.0).local)
-    assert Belief(rough).believed([other, end])
+    assert Belief(rough).is_accepted([other, end])
 
 
 def test_only_the_ends_of_the_best_basin_count(searched):
     rough = searched(0.05)
     best, other = (end_at(rough, rough.coordinates.home + by) for by in (0.0, 0.1))
-    assert not Belief(rough).believed([other, other, other, other, other, other, best])
+    assert not Belief(rough).is_accepted([other, other, other, other, other, other, best])
 
 
 def test_an_answer_leaves_noise_no_larger_than_what_is_known_of_it(searched):
     rough = searched(0.01)
     known, not_known = Belief(rough, noise_known=True), Belief(rough)
     x = rough.coordinates.home
-    noise = known.expected()
+    noise = known.expected_cost()
     assert not_known.is_answer(x, 25.0 * noise)
     assert known.is_answer(x, 1.2 * noise)
     assert not known.is_answer(x, 25.0 * noise)

@@ -282,5 +282,5 @@ def test_weights_and_estimate_that_swing_are_no_convergence():
     unknowns += updyn.link(model, "both.loss", ["p1.loss_factor", "p2.loss_factor"])
     result = updyn.update(model, frf, unknowns, starts=0, max_iterations=1000)
     assert result.status == "stalled"
-    assert "do not settle on each other" in result.message
+    assert "do not converge together" in result.message
     assert not result.trust["converged"]

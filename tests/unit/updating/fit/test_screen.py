@@ -83,7 +83,7 @@ def test_many_lines_make_few_pieces(problem: Problem):
 
 def test_what_all_pieces_leave_is_what_the_whole_leaves(problem: Problem):
     x = TRUTH + np.array([0.1, -0.05, 0.02])
-    assert sum(piece.left_at(x) for piece in screen_of(problem).pieces) == pytest.approx(
+    assert sum(piece.squared_error_at(x) for piece in screen_of(problem).pieces) == pytest.approx(
         left(problem, x)
     )
 
@@ -95,21 +95,21 @@ def test_no_point_is_left_out_that_all_lines_leave_in(problem: Problem):
     limit = np.e * max(left(problem, TRUTH), 2 * FREQ.size)
     near = [x for x in points if left(problem, x) <= limit]
     assert 5 < len(near) < 35
-    found = screen_of(problem).promising(points, len(points))
+    found = screen_of(problem).select_best(points, len(points))
     assert all(any(x is y for y in found) for x in near)
     assert len(found) < len(points)
 
 
 def test_points_that_are_all_far_off_are_left_out(problem: Problem):
     points = [TRUTH + 0.5, TRUTH - 0.5, TRUTH + np.array([0.5, 0.0, -0.5])]
-    assert screen_of(problem).promising(points, 1) == []
+    assert screen_of(problem).select_best(points, 1) == []
 
 
 def test_the_nearest_are_found_without_all_lines(problem: Problem):
     rng = np.random.default_rng(2)
     points = [TRUTH + far * rng.standard_normal(3) for far in np.geomspace(0.02, 1.0, 24)]
     points.insert(11, TRUTH + 1e-4)
-    found = screen_of(problem).promising(points, 2)
+    found = screen_of(problem).select_best(points, 2)
     assert len(found) == 2
     assert found[0] is points[11]
 
@@ -117,7 +117,7 @@ def test_the_nearest_are_found_without_all_lines(problem: Problem):
 def test_heavy_tails_keep_all_points(problem: Problem):
     """A few values that are far off say nothing of the rest."""
     points = [TRUTH, TRUTH + 1.0]
-    found = screen_of(problem, Robust(Stated(0.02, 0.0))).promising(points, 1)
+    found = screen_of(problem, Robust(Stated(0.02, 0.0))).select_best(points, 1)
     assert len(found) == 2
 
 
@@ -127,7 +127,7 @@ def test_points_where_the_model_cannot_be_solved_are_left_out(problem: Problem, 
 
     screen = screen_of(problem)
     monkeypatch.setattr(Part, "responses", fails)
-    assert screen.promising([TRUTH, TRUTH + 0.1], 1) == []
+    assert screen.select_best([TRUTH, TRUTH + 0.1], 1) == []
 
 
 def test_points_are_ranked_by_what_they_leave_for_their_distance(problem: Problem):
@@ -136,10 +136,10 @@ def test_points_are_ranked_by_what_they_leave_for_their_distance(problem: Proble
     points = [TRUTH + d for d in rng.normal(scale=0.6, size=(40, 3))]
     points.append(TRUTH + 1e-3)  # the best fit, but so close that it says nothing
     distances = [100.0 * float(np.linalg.norm(x - TRUTH)) for x in points]
-    found = screen_of(problem).ranked(points, distances, 3)
+    found = screen_of(problem).rank(points, distances, 3)
     shares = [left(problem, x) / far for x, far in zip(points, distances, strict=True)]
     assert len(found) == 3
     best = np.argsort(shares)[:6]
     assert any(found[0] is points[i] for i in best[:2])
     assert all(any(x is points[i] for i in best) for x in found)
-    assert screen_of(problem).promising(points[:-1], 3) == []  # none fits as well
+    assert screen_of(problem).select_best(points[:-1], 3) == []  # none fits as well

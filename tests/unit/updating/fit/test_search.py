@@ -148,7 +148,7 @@ def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noi
         part = Part.build(chain12, data, clean.coordinates.parameters)
         rough = coarse(Problem.of([part]), [Stated(relative, floor)])
         cost = log_error(rough).local(rough, truth).cost
-        assert cost == pytest.approx(Belief(rough).expected(), rel=0.3)
+        assert cost == pytest.approx(Belief(rough).expected_cost(), rel=0.3)
 
 
 def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
@@ -163,7 +163,7 @@ def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
     without = coarse(
         Problem.of([Part.build(chain12, data.select(lines=freq[1:]), unknowns)]), [Stated(0.0, 0.1)]
     )
-    assert Belief(rough).expected() == pytest.approx(Belief(without).expected(), rel=0.1)
+    assert Belief(rough).expected_cost() == pytest.approx(Belief(without).expected_cost(), rel=0.1)
 
 
 def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
@@ -224,10 +224,10 @@ def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise
         return True
 
     monkeypatch.setattr(Search, "_tried", made)
-    monkeypatch.setattr(Belief, "exact", lambda self, end: False)
+    monkeypatch.setattr(Belief, "is_exact", lambda self, end: False)
     for enough, tries, expected in ((1.5, [False, True], answer), (3.0, [False], elsewhere)):
         seen.clear()
-        monkeypatch.setattr(Belief, "plausible", lambda self, end, e=enough: end.local.cost < e)
+        monkeypatch.setattr(Belief, "is_plausible", lambda self, end, e=enough: end.local.cost < e)
         found = Search().run(rough, [Stated(0.01, 0.0)], Monitor(rough))
         assert seen == tries
         assert np.array_equal(found.points[0], np.clip(expected, *rough.coordinates.bounds))
@@ -253,8 +253,8 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
 
     monkeypatch.setattr(Search, "_tried", made)
     monkeypatch.setattr(Search, "_try_beside", beside)
-    monkeypatch.setattr(Belief, "plausible", lambda self, end: end.local.cost < 2.0)
-    monkeypatch.setattr(Belief, "exact", lambda self, end: False)
+    monkeypatch.setattr(Belief, "is_plausible", lambda self, end: end.local.cost < 2.0)
+    monkeypatch.setattr(Belief, "is_exact", lambda self, end: False)
     rounds += [end(3.0, best), end(3.0, best), end(4.0, other)]
     found = Search(starts=2).run(rough, [Stated(0.01, 0.0)], Monitor(rough))
     assert np.array_equal(found.points[0], answer)

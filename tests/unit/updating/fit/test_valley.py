@@ -11,7 +11,7 @@ import updyn
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
-from updyn.updating.fit.valley import holding, valleys
+from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -79,14 +79,14 @@ def ends(floor: float) -> dict[tuple[str, float], Answer | None]:
     problem, residual = problem_of(frf), weighted(frf)
     names = problem.coordinates.parameters.names
     at = answer_at_truth(problem, residual)
-    found = valleys(problem, at)
-    return {(names[v.unknown], v.side): v.end(best_beside(problem, residual)) for v in found}
+    found = find_valleys(problem, at)
+    return {(names[v.unknown], v.side): v.find_end(best_beside(problem, residual)) for v in found}
 
 
 def std_of_mount(floor: float) -> float:
     frf = measured(floor)
     problem = problem_of(frf)
-    (first, *_) = valleys(problem, answer_at_truth(problem, weighted(frf)))
+    (first, *_) = find_valleys(problem, answer_at_truth(problem, weighted(frf)))
     assert problem.coordinates.parameters.names[first.unknown] == "mount.stiffness"
     return first.std
 
@@ -99,7 +99,7 @@ def test_a_stiffness_beyond_the_band_is_open_upwards_and_not_downwards():
     assert softer is None
     assert stiffer is not None
     assert stiffer.x[1] > 6.0 * std_of_mount(0.04)
-    assert 0.0 < stiffer.unlikelihood <= AS_WELL
+    assert 0.0 < stiffer.negative_log_likelihood <= AS_WELL
 
 
 def test_the_end_of_a_valley_fits_as_a_rigid_mount_does():
@@ -115,7 +115,7 @@ def test_the_end_of_a_valley_fits_as_a_rigid_mount_does():
         return float(np.sum(np.abs(rigid - frf.values[:, 0, 0]) ** 2 / frf.variance[:, 0, 0]))
 
     rigid = min(misfit(step) for step in np.linspace(-0.05, 0.05, 2001))
-    assert stiffer.unlikelihood == pytest.approx(rigid, rel=0.2)
+    assert stiffer.negative_log_likelihood == pytest.approx(rigid, rel=0.2)
 
 
 def test_what_the_data_hold_firmly_is_closed_on_both_sides():
@@ -126,11 +126,11 @@ def test_what_the_data_hold_firmly_is_closed_on_both_sides():
 def test_what_the_data_know_to_less_than_a_hundredth_is_not_followed():
     frf = measured(1e-4)
     problem = problem_of(frf)
-    assert not list(valleys(problem, answer_at_truth(problem, weighted(frf))))
+    assert not list(find_valleys(problem, answer_at_truth(problem, weighted(frf))))
 
 
 def test_an_unknown_is_held_where_it_is_and_the_others_are_not():
-    problem = holding(problem_of(measured(0.04)), np.array([0.1, 0.7]), 1)
+    problem = fix_unknown(problem_of(measured(0.04)), np.array([0.1, 0.7]), 1)
     for coordinates in (problem.coordinates, problem.parts[0].coordinates):
         lower, upper = coordinates.bounds
         assert lower[1] == upper[1] == 0.7
@@ -140,7 +140,7 @@ def test_an_unknown_is_held_where_it_is_and_the_others_are_not():
 def test_without_a_local_model_there_is_nothing_to_follow():
     frf = measured(0.04)
     blind = Answer(np.zeros(2), "stopped", 0.0, (), weighted(frf), None)
-    assert not list(valleys(problem_of(frf), blind))
+    assert not list(find_valleys(problem_of(frf), blind))
 
 
 def test_a_far_end_counts_as_another_answer_of_the_update():
@@ -162,7 +162,7 @@ def test_local_model_is_of_the_whole_problem():
     local = residual.local(problem, np.zeros(2))
     assert isinstance(local, Local)
     information = local.R.T @ local.R
-    (first, *_) = valleys(problem, answer_at_truth(problem, residual))
+    (first, *_) = find_valleys(problem, answer_at_truth(problem, residual))
     assert first.std == pytest.approx(
         np.sqrt(np.linalg.solve(information, [0.0, 1.0])[1]), rel=1e-6
     )
@@ -173,12 +173,12 @@ def test_an_end_that_a_better_answer_leaves_behind_is_no_rival(monkeypatch):
     behind: list[np.ndarray] = []
 
     def reached(self, problem, noises, monitor, at, most=None):
-        better = replace(at, unlikelihood=at.unlikelihood - 10.0 * AS_WELL)
+        better = replace(at, negative_log_likelihood=at.negative_log_likelihood - 10.0 * AS_WELL)
         end = replace(at, x=at.x + 0.5)
         behind.append(end.x)
         return [end], [better]
 
-    monkeypatch.setattr(MaximumLikelihood, "_valleys", reached)
+    monkeypatch.setattr(MaximumLikelihood, "_follow_valleys", reached)
     start = carried_mass(1.9e4)
     result = updyn.update(start, measured(1e-3), updyn.parameters(start, stiffness="all"))
     assert behind

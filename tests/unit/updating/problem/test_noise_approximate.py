@@ -34,7 +34,7 @@ def test_the_noise_itself_is_that_of_the_base() -> None:
     data, base = frf(), Stated(0.02, 0.003)
     made, H = Approximate(base, SHARE), 1.1 * VALUES
     np.testing.assert_array_equal(made.variance(H, data), base.variance(H, data))
-    assert made.unlikelihood(H, data) == base.unlikelihood(H, data)
+    assert made.negative_log_likelihood(H, data) == base.negative_log_likelihood(H, data)
     assert (made.kind, made.source, made.scale_known) == (base.kind, base.source, True)
     assert made.figures() == base.figures() == {"relative": 0.02, "floor": 0.003}
 

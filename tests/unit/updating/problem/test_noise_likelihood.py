@@ -145,7 +145,7 @@ def test_likelihood_is_that_of_complex_gaussian_noise(H, noisy, number):
     """Up to one constant for all models H, whatever their variance."""
     model, data = models(noisy)[number]
     sums = [
-        model.unlikelihood(A, data) + gaussian(noisy - A, model.variance(A, data))
+        model.negative_log_likelihood(A, data) + gaussian(noisy - A, model.variance(A, data))
         for A in candidates(H)
     ]
     assert sums == pytest.approx([-noisy.size * np.log(np.pi)] * 4, rel=1e-9)
@@ -157,7 +157,7 @@ def test_robust_likelihood_is_that_of_student(H, noisy, factor):
     sums = []
     for A in candidates(H):
         variance = factor * Stated(0.05, 0.02).variance(A, data)
-        sums.append(model.unlikelihood(A, data) + student(noisy - A, variance))
+        sums.append(model.negative_log_likelihood(A, data) + student(noisy - A, variance))
     # At r = 0 the bivariate density is 1 / (2 pi |Sigma|^(1/2)) = 1 / (pi v).
     assert sums == pytest.approx([-noisy.size * np.log(np.pi)] * 4, rel=1e-9)
 
@@ -168,7 +168,7 @@ def test_weights_of_outliers_do_not_change_the_likelihood(H, noisy):
     model = Robust(Stated(0.05, 0.02)).refit(H, data, 0)
     assert model.weight is not None
     plain = Robust(Stated(0.05, 0.02), factor=model.factor)
-    assert model.unlikelihood(H, data) == plain.unlikelihood(H, data)
+    assert model.negative_log_likelihood(H, data) == plain.negative_log_likelihood(H, data)
 
 
 def test_noise_of_unknown_size_counts_with_the_size_that_suits_it_best(H, noisy):
@@ -184,7 +184,7 @@ def test_noise_of_unknown_size_counts_with_the_size_that_suits_it_best(H, noisy)
             return -gaussian(noisy - A, np.exp(log) * v)
 
         least = scipy.optimize.minimize_scalar(unlikely, bracket=(-1.0, 1.0), tol=1e-12)
-        sums.append(model.unlikelihood(A, data) - float(least.fun))
+        sums.append(model.negative_log_likelihood(A, data) - float(least.fun))
     # Where the factor is best, the mean of |r|^2 / v is 1: N in the exponent, and N ln pi.
     assert sums == pytest.approx([-noisy.size * (np.log(np.pi) + 1.0)] * 4, rel=1e-9)
 
@@ -195,6 +195,6 @@ def test_a_factor_on_noise_of_unknown_size_changes_no_comparison(H, noisy):
     differences = []
     for data in (weak, strong):
         model = choose_noise("coherence", data)
-        found = [model.unlikelihood(A, data) for A in candidates(H)]
+        found = [model.negative_log_likelihood(A, data) for A in candidates(H)]
         differences.append(np.diff(found))
     assert differences[0] == pytest.approx(differences[1], rel=1e-2)

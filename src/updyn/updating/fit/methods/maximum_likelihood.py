@@ -17,16 +17,16 @@ from updyn.modal.sensitivity import WHOLE
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     AS_WELL,
-    as_likely,
-    differ,
-    elsewhere,
-    equals,
-    explains,
-    improves,
-    preferred,
-    put_back,
-    restarted,
-    weakly_held,
+    are_distinct,
+    choose_answer,
+    find_promising_points,
+    find_rivals,
+    has_noise_residual,
+    is_better,
+    move_uncertain_unknowns,
+    reset_far_unknowns,
+    restart_uncertain_unknowns,
+    select_as_likely,
 )
 from updyn.updating.fit.method import (
     Fit,
@@ -43,7 +43,7 @@ from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import coarse, scattered
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.fit.valley import holding, valleys
+from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
@@ -60,17 +60,17 @@ _Vector = NDArray[np.float64]
 _ROUNDS = 12
 #: If the last renewal moved the estimate by more standard deviations than this, weights and
 #: estimate have not settled.
-_SWINGS = 1.0
-_SWINGING = (
-    "The weights of the noise and the values that they lead to do not settle on each other: the"
-    " model misses the data by so much that each set of weights has another minimum."
+_SETTLED = 1.0
+_UNSETTLED_CAUSE = (
+    "The weights of the noise and the estimate do not converge together: the misfit is so large"
+    " that each set of weights has another minimum."
 )
 #: Negligible decrease of half the chi-square: a hundredth of a standard deviation.
 _FALL = 5e-5
 #: First descent from a further point: largest number of steps, and the decrease of half the
 #: chi-square at which it ends. A fit follows if its log-likelihood is lower than the best by at
 #: most the third number.
-_GLANCE, _NEAR, _WORTH = 40, 0.1, 15.0
+_SHORT_DESCENT, _NEAR, _WORTH = 40, 0.1, 15.0
 #: Least number of tries with which agreement between tries is required.
 _AGREE = 3
 #: Number of tries near an answer for each try of the search, and their largest number;
@@ -95,14 +95,14 @@ _FOLLOWING, _FEWEST = 12, 50
 #: 0.3.
 _TRIES, _FAR_FACTOR, _FAR_LOSS = 20, float(np.log(5.0)), 0.3
 #: Plural names of the kinds of modal residuals.
-_KINDS_IN_WORDS = {
+_KIND_PLURALS = {
     "frequency": "frequencies",
     "shape": "shapes",
     "loss_factor": "loss factors",
 }
 
 
-def _one(local: Local) -> float:
+def _unit_std(local: Local) -> float:
     """Return 1, the standard deviation of residuals that are weighted with the noise."""
     return 1.0
 
@@ -138,8 +138,8 @@ class MaximumLikelihood(SearchingMethod):
     ) -> Fit:
         """Fit the unknowns from x, weighted by the noise."""
         with monitor.stage(self.name):
-            answer = self._answer(problem, noises, x, monitor)
-            return self._judged(problem, noises, answer)
+            answer = self._fit_answer(problem, noises, x, monitor)
+            return self._finish_fit(problem, noises, answer)
 
     def fit_best(
         self,
@@ -154,41 +154,43 @@ class MaximumLikelihood(SearchingMethod):
         first, *others = starts.points
         models = Models(problem)
         with monitor.stage(self.name):
-            answers = [self._answer(problem, noises, first, monitor)]
-            answers += self._further(models, noises, others, monitor, answers[0])
-            chosen = preferred(problem, answers)
-            if self._is_in_vain(problem, monitor, chosen):
-                return self._judged(problem, noises, chosen)
+            answers = [self._fit_answer(problem, noises, first, monitor)]
+            answers += self._fit_promising(models, noises, others, monitor, answers[0])
+            chosen = choose_answer(problem, answers)
+            if self._has_data_fault(problem, monitor, chosen):
+                return self._finish_fit(problem, noises, chosen)
         fitted = max(len(monitor.history), _FEWEST)
         if problem.parts and not starts.exact:  # no better answer exists
-            answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
-        chosen = preferred(problem, answers)
+            answers += self._search_nearby(problem, noises, monitor, chosen, starts.agreed)
+        chosen = choose_answer(problem, answers)
         ends: list[Answer] = []
         with monitor.stage("other answers"):
             if not problem.parts:  # tries cover all unknowns: one pass suffices
-                answers += self._across(models, noises, monitor, chosen, fitted)
-                chosen = preferred(problem, answers)
+                answers += self._search_globally(models, noises, monitor, chosen, fitted)
+                chosen = choose_answer(problem, answers)
             for _ in range(_HOPS if problem.parts else 0):
-                others = self._elsewhere(models, monitor, chosen)
-                answers += self._further(models, noises, others, monitor, chosen)
-                before, chosen = chosen, preferred(problem, answers)
-                if not differ(chosen, before):
+                others = self._find_starting_points(models, monitor, chosen)
+                answers += self._fit_promising(models, noises, others, monitor, chosen)
+                before, chosen = chosen, choose_answer(problem, answers)
+                if not are_distinct(chosen, before):
                     break
             most = None if problem.parts else fitted
             for _ in range(_HOPS):
-                ends, reached = self._valleys(models, noises, monitor, chosen, most)
+                ends, reached = self._follow_valleys(models, noises, monitor, chosen, most)
                 answers += reached
-                before, chosen = chosen, preferred(problem, answers)
-                if not differ(chosen, before):
+                before, chosen = chosen, choose_answer(problem, answers)
+                if not are_distinct(chosen, before):
                     break
         with monitor.stage(self.name):
-            fit = self._judged(problem, noises, chosen)
+            fit = self._finish_fit(problem, noises, chosen)
         # Ends of valleys of an earlier answer may be too unlikely compared with a better one.
-        as_well = [*equals(chosen, answers), *as_likely(chosen, ends)]
-        rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in as_well]
+        as_well = [*find_rivals(chosen, answers), *select_as_likely(chosen, ends)]
+        rivals = [
+            Rival(a.x, a.negative_log_likelihood - chosen.negative_log_likelihood) for a in as_well
+        ]
         if monitor.stopped:
             return replace(fit, reason="stopped", rivals=tuple(rivals))
-        settled = self.starts < _AGREE or starts.agreed or self._explains(problem, chosen)
+        settled = self.starts < _AGREE or starts.agreed or self._has_noise_residual(problem, chosen)
         if fit.reason == "converged" and not settled:
             return replace(fit, reason="unsettled", rivals=tuple(rivals))
         return replace(fit, rivals=tuple(rivals))
@@ -198,8 +200,8 @@ class MaximumLikelihood(SearchingMethod):
         problem: Problem,
         noises: Sequence[NoiseModel],
         x: _Vector,
-        held: int | None = None,
-        beside: Answer | None = None,
+        fixed_unknown: int | None = None,
+        valley_start: Answer | None = None,
     ) -> Answer | None:
         """Return the answer at the end of a fit; None if this method makes no search."""
         if not self.starts:
@@ -208,13 +210,15 @@ class MaximumLikelihood(SearchingMethod):
         local = residual.local(problem, x)
         if local is None:
             return None
-        here = _unlikelihood(problem, known, residual, x)
-        answer = Answer(x, "", here, known, residual, with_prior(local, problem, x), held)
-        if beside is None:
+        misfit = _negative_log_likelihood(problem, known, residual, x)
+        answer = Answer(
+            x, "", misfit, known, residual, with_prior(local, problem, x), fixed_unknown
+        )
+        if valley_start is None:
             return answer
-        there = beside.residual.local(problem, x)
-        assert there is not None
-        return _least(answer, beside, with_prior(there, problem, x))
+        start_weighted = valley_start.residual.local(problem, x)
+        assert start_weighted is not None
+        return _limit_likelihood(answer, valley_start, with_prior(start_weighted, problem, x))
 
     def others(
         self,
@@ -225,17 +229,17 @@ class MaximumLikelihood(SearchingMethod):
         points: Sequence[_Vector],
     ) -> list[Answer]:
         """Return candidates for other answers that fit equally well, ends of valleys last."""
-        if self._is_in_vain(models.rough, monitor, at):
+        if self._has_data_fault(models.rough, monitor, at):
             return []
         # At most as many steps as the fit took, if each costs more than a step of the fit.
         most = max(len(monitor.history), _FEWEST) if models.ranks else None
         with monitor.stage("other answers"):
-            points = [*points, *self._elsewhere(models, monitor, at)]
-            found = self._further(models, noises, points, monitor, at, most)
-            ends, reached = self._valleys(models, noises, monitor, at, most)
-        return [*equals(at, [*found, *reached], _WORTH), *ends]
+            points = [*points, *self._find_starting_points(models, monitor, at)]
+            found = self._fit_promising(models, noises, points, monitor, at, most)
+            ends, reached = self._follow_valleys(models, noises, monitor, at, most)
+        return [*find_rivals(at, [*found, *reached], _WORTH), *ends]
 
-    def _beside(
+    def _search_nearby(
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
@@ -252,7 +256,7 @@ class MaximumLikelihood(SearchingMethod):
             return []
         rough, found = coarse(problem, noises), list[Answer]()
         back = last = 0
-        explained = self._explains(problem, best)
+        explained = self._has_noise_residual(problem, best)
         for number in range(_MOST_TRIES):
             if monitor.stopped or number - last == _A_TRY * self.starts:
                 break
@@ -264,19 +268,19 @@ class MaximumLikelihood(SearchingMethod):
             if x is None:
                 continue
             with monitor.stage(self.name):
-                near = self._further(Models(problem), noises, [x], monitor, best)
+                near = self._fit_promising(Models(problem), noises, [x], monitor, best)
             found += near
             for answer in near:
-                gained = best.unlikelihood - answer.unlikelihood
+                gained = best.negative_log_likelihood - answer.negative_log_likelihood
                 if gained > _SAME:  # the search did not agree on this one
                     back, last, agreed = 0, number + 1, False
                 elif gained > -_SAME:
                     back += 1
                 if gained > 0.0:
-                    best, explained = answer, self._explains(problem, answer)
+                    best, explained = answer, self._has_noise_residual(problem, answer)
         return found
 
-    def _across(
+    def _search_globally(
         self,
         models: Models,
         noises: Sequence[NoiseModel],
@@ -297,59 +301,59 @@ class MaximumLikelihood(SearchingMethod):
         than the best do not count.
         """
         problem, coordinates = models.exact, models.exact.coordinates
-        best, found, ends = first, [first], [first.unlikelihood]
-        begun = len(monitor.history)
+        best, found, ends = first, [first], [first.negative_log_likelihood]
+        n_before = len(monitor.history)
         overdetermined = problem.n_numbers > problem.n
-        settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
+        settings = TrustRegion(min(_SHORT_DESCENT, self.max_iterations), self.tolerance, fall=_NEAR)
         far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
         for start in scattered(coordinates.home, far, _TRIES * self.starts, self.seed):
-            agreed = sum(end <= best.unlikelihood + _WORTH for end in ends)
-            number = len(as_likely(best, found, _WORTH))
+            agreed = sum(end <= best.negative_log_likelihood + _WORTH for end in ends)
+            number = len(select_as_likely(best, found, _WORTH))
             enough = overdetermined and agreed > 2 * number**2 + 3 * number + 2
-            tired = problem.system.n > WHOLE and len(monitor.history) - begun >= most
-            if enough or tired or monitor.stopped:
+            exhausted = problem.system.n > WHOLE and len(monitor.history) - n_before >= most
+            if enough or exhausted or monitor.stopped:
                 break
             with suppress(Stopped, SolverError):
                 x = np.clip(start, *coordinates.bounds)
-                _, x = _descended(models, x, monitor, settings, best)
-                here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
-                ends.append(here)
-                if here > best.unlikelihood + _WORTH:
+                _, x = _descend_with_weights(models, x, monitor, settings, best)
+                misfit = _negative_log_likelihood(problem, *_weigh(problem, noises, x), x)
+                ends.append(misfit)
+                if misfit > best.negative_log_likelihood + _WORTH:
                     continue
                 if not any(models.is_known(x, answer) for answer in found):
-                    answer = self._answer(problem, noises, x, monitor)
-                    same = [i for i, other in enumerate(found) if not differ(answer, other)]
+                    answer = self._fit_answer(problem, noises, x, monitor)
+                    same = [i for i, other in enumerate(found) if not are_distinct(answer, other)]
                     if not same:
                         found.append(answer)
-                    elif improves(answer, found[same[0]]):
+                    elif is_better(answer, found[same[0]]):
                         found[same[0]] = answer
-                    if improves(answer, best):
+                    if is_better(answer, best):
                         best = answer
         return [answer for answer in found if answer is not first]
 
     @classmethod
-    def _is_in_vain(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
+    def _has_data_fault(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
         """Return whether a residual is larger than noise because of a fault of the data."""
-        if monitor.stopped or cls._explains(problem, answer):
+        if monitor.stopped or cls._has_noise_residual(problem, answer):
             return False
         with suppress(Stopped):
             return monitor.is_in_vain()
         return False
 
     @staticmethod
-    def _explains(problem: Problem, answer: Answer) -> bool:
+    def _has_noise_residual(problem: Problem, answer: Answer) -> bool:
         with suppress(Stopped):
-            return explains(problem, answer)
+            return has_noise_residual(problem, answer)
         return True
 
-    def _elsewhere(self, models: Models, monitor: Monitor, at: Answer) -> list[_Vector]:
+    def _find_starting_points(self, models: Models, monitor: Monitor, at: Answer) -> list[_Vector]:
         """Return points away from an answer from which other answers may be reached."""
         if monitor.stopped:
             return []
 
-        def unlikelihood(x: _Vector) -> float:
+        def negative_log_likelihood(x: _Vector) -> float:
             try:
-                return _looked(models, x, at)
+                return _evaluate_point(models, x, at)
             except SolverError:
                 return np.inf
 
@@ -357,15 +361,20 @@ class MaximumLikelihood(SearchingMethod):
         points: list[_Vector] = []
         with suppress(Stopped):
             most = 2 * len(monitor.history)  # no more work than the fit took
-            further = elsewhere(models, at, unlikelihood, most)
-            loose = restarted(problem, at, self.seed)
+            further = find_promising_points(models, at, negative_log_likelihood, most)
+            loose = restart_uncertain_unknowns(problem, at, self.seed)
             # The most promising first: points that fit fairly well before any descent.
-            for x in chain(further, loose, weakly_held(problem, at), put_back(problem, at)):
+            for x in chain(
+                further,
+                loose,
+                move_uncertain_unknowns(problem, at),
+                reset_far_unknowns(problem, at),
+            ):
                 if not any(np.array_equal(x, point) for point in points):
                     points.append(x)
         return points
 
-    def _further(
+    def _fit_promising(
         self,
         models: Models,
         noises: Sequence[NoiseModel],
@@ -380,21 +389,21 @@ class MaximumLikelihood(SearchingMethod):
         after `most` steps.
         """
         found: list[Answer] = []
-        begun = len(monitor.history)
-        settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
+        n_before = len(monitor.history)
+        settings = TrustRegion(min(_SHORT_DESCENT, self.max_iterations), self.tolerance, fall=_NEAR)
         for x in points:
-            if monitor.stopped or (most is not None and len(monitor.history) - begun >= most):
+            if monitor.stopped or (most is not None and len(monitor.history) - n_before >= most):
                 break
             with suppress(Stopped, SolverError):
-                problem, x = _descended(models, x, monitor, settings, at)
-                here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
-                if models.is_known(x, at) and here >= at.unlikelihood - AS_WELL:
+                problem, x = _descend_with_weights(models, x, monitor, settings, at)
+                misfit = _negative_log_likelihood(problem, *_weigh(problem, noises, x), x)
+                if models.is_known(x, at) and misfit >= at.negative_log_likelihood - AS_WELL:
                     continue
-                if here <= at.unlikelihood + _WORTH:
-                    found.append(self._answer(problem, noises, x, monitor))
+                if misfit <= at.negative_log_likelihood + _WORTH:
+                    found.append(self._fit_answer(problem, noises, x, monitor))
         return found
 
-    def _valleys(
+    def _follow_valleys(
         self,
         models: Models,
         noises: Sequence[NoiseModel],
@@ -410,33 +419,35 @@ class MaximumLikelihood(SearchingMethod):
             return [], []
         settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
 
-        def refitted(x: _Vector, held: int) -> Answer | None:
+        def refit(x: _Vector, fixed_unknown: int) -> Answer | None:
             with suppress(SolverError):
-                problem, x = _descended(models, x, monitor, settings, at, held)
+                problem, x = _descend_with_weights(models, x, monitor, settings, at, fixed_unknown)
                 known, residual = _weigh(problem, noises, x)
-                here = _unlikelihood(problem, known, residual, x)
+                misfit = _negative_log_likelihood(problem, known, residual, x)
                 local = at.residual.local(problem, x)
                 assert local is not None
                 local = with_prior(local, problem, x)
-                return _least(Answer(x, "held", here, known, residual, local, held), at, local)
+                return _limit_likelihood(
+                    Answer(x, "held", misfit, known, residual, local, fixed_unknown), at, local
+                )
             return None
 
         ends, reached = list[Answer](), list[Answer]()
-        begun = len(monitor.history)
-        most = max(begun, _FEWEST) if most is None else most
+        n_before = len(monitor.history)
+        most = max(n_before, _FEWEST) if most is None else most
         with suppress(Stopped):
-            for valley in valleys(models.exact, at):
-                if monitor.stopped or len(monitor.history) - begun >= most:
+            for valley in find_valleys(models.exact, at):
+                if monitor.stopped or len(monitor.history) - n_before >= most:
                     break
                 if any(valley.is_covered(end.x) for end in ends):
                     continue
-                end = valley.end(refitted)
+                end = valley.find_end(refit)
                 if end is not None:
                     ends.append(end)
-                    reached += self._further(models, noises, [end.x], monitor, at)
+                    reached += self._fit_promising(models, noises, [end.x], monitor, at)
         return ends, reached
 
-    def _answer(
+    def _fit_answer(
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
@@ -444,7 +455,7 @@ class MaximumLikelihood(SearchingMethod):
         monitor: Monitor,
     ) -> Answer:
         """Return the end of the descent from x, with weights renewed until it no longer moves."""
-        left, reason, length = self.max_iterations, "converged", 0.0
+        remaining, reason, length = self.max_iterations, "converged", 0.0
         residual, local = Each(()), None
         try:
             for number in range(_ROUNDS):
@@ -453,13 +464,13 @@ class MaximumLikelihood(SearchingMethod):
                 if assumed:  # residuals far from the answer do not show the modal noise
                     modal = tuple(ModalError(part.noise) for part in problem.modal)
                     residual = replace(residual, modal=modal)
-                if monitor.stopped or left <= 0:
+                if monitor.stopped or remaining <= 0:
                     reason = "stopped" if monitor.stopped else "max-iterations"
                     break
                 before = len(monitor.history)
-                settings = TrustRegion(left, self.tolerance, fall=_FALL, noise=_one)
+                settings = TrustRegion(remaining, self.tolerance, fall=_FALL, noise=_unit_std)
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
-                left -= len(monitor.history) - before
+                remaining -= len(monitor.history) - before
                 moved, x, reason, local = outcome.x - x, outcome.x, outcome.reason, outcome.local
                 if reason in ("stopped", "max-iterations"):
                     break
@@ -469,21 +480,23 @@ class MaximumLikelihood(SearchingMethod):
                 if (number > 0 and length < 1e-2) or np.abs(moved).max() <= self.tolerance:
                     break
             else:
-                if length > _SWINGS:
+                if length > _SETTLED:
                     reason = "unsettled"
-            here = _unlikelihood(problem, noises, residual, x)
-            return Answer(x, reason, here, noises, residual, local)
+            misfit = _negative_log_likelihood(problem, noises, residual, x)
+            return Answer(x, reason, misfit, noises, residual, local)
         except Stopped:
             return Answer(x, "stopped", np.inf, noises, residual, local)
 
-    def _judged(self, problem: Problem, noises: Sequence[NoiseModel], answer: Answer) -> Fit:
+    def _finish_fit(self, problem: Problem, noises: Sequence[NoiseModel], answer: Answer) -> Fit:
         if answer.residual.errors or answer.residual.modal:
             with suppress(Stopped):
-                fit = self._judge(problem, answer.x, answer.noises, answer.residual, answer.reason)
-                return replace(fit, cause=_SWINGING if fit.reason == "unsettled" else "")
+                fit = self._make_fit(
+                    problem, answer.x, answer.noises, answer.residual, answer.reason
+                )
+                return replace(fit, cause=_UNSETTLED_CAUSE if fit.reason == "unsettled" else "")
         return stopped_at(coarse(problem, noises), answer.x)  # from values that the search cached
 
-    def _judge(
+    def _make_fit(
         self,
         problem: Problem,
         x: NDArray[np.float64],
@@ -493,8 +506,8 @@ class MaximumLikelihood(SearchingMethod):
     ) -> Fit:
         residual = replace(residual, modal=_refit_modes(problem, residual.of_frfs, x))
         found = [
-            _known_of_frfs(problem, x, noises, residual),
-            _known_of_modes(problem, x, residual),
+            _information_of_frfs(problem, x, noises, residual),
+            _information_of_modes(problem, x, residual),
         ]
         local = residual.local(problem, x)
         assert local is not None
@@ -512,13 +525,13 @@ class MaximumLikelihood(SearchingMethod):
         )
 
 
-def _descended(
+def _descend_with_weights(
     models: Models,
     x: _Vector,
     monitor: Monitor,
     settings: TrustRegion,
     at: Answer,
-    held: int | None = None,
+    fixed_unknown: int | None = None,
 ) -> tuple[Problem, _Vector]:
     """Return the end of a descent with the weights of answer `at`, and the model there.
 
@@ -526,53 +539,60 @@ def _descended(
     of its end, unless it has returned to the answer or its misfit is far larger. All descents
     together take at most `settings.max_iterations` steps.
     """
-    problem, worse, left = models.near(x), np.inf, settings.max_iterations
+    problem, worse, remaining = models.near(x), np.inf, settings.max_iterations
     for _ in range(_RENEWED):
-        there = problem if held is None else holding(problem, x, held)
-        begun = len(monitor.history)
-        some = replace(settings, max_iterations=left)
-        x = descend(there, at.residual, x, monitor, some, relax=held is None).x
-        left -= len(monitor.history) - begun
+        constrained = problem if fixed_unknown is None else fix_unknown(problem, x, fixed_unknown)
+        n_before = len(monitor.history)
+        some = replace(settings, max_iterations=remaining)
+        x = descend(constrained, at.residual, x, monitor, some, relax=fixed_unknown is None).x
+        remaining -= len(monitor.history) - n_before
         before, problem = problem, models.near(x)
-        if problem is before or left <= 0 or monitor.stopped or models.is_known(x, at):
+        if problem is before or remaining <= 0 or monitor.stopped or models.is_known(x, at):
             break
-        last, worse = worse, _unlikelihood(problem, at.noises, at.residual, x) - at.unlikelihood
+        last, worse = (
+            worse,
+            _negative_log_likelihood(problem, at.noises, at.residual, x)
+            - at.negative_log_likelihood,
+        )
         if worse > max(_FALLING * last, problem.n_numbers / 2, 50):
             break
     return problem, x
 
 
-def _looked(models: Models, x: _Vector, at: Answer) -> float:
+def _evaluate_point(models: Models, x: _Vector, at: Answer) -> float:
     """Return minus the log-likelihood at a point, in a model that is accurate there.
 
     Return inf if a descent would lead back to the answer. The model is refined only while that
     improves the likelihood of the point.
     """
     problem = models.rough
-    here, is_rough = _unlikelihood(problem, at.noises, at.residual, x), models.is_rough(x)
+    misfit, is_rough = (
+        _negative_log_likelihood(problem, at.noises, at.residual, x),
+        models.is_rough(x),
+    )
     while is_rough:
-        before, last, problem = problem, here, models.near(x)
-        here = _unlikelihood(problem, at.noises, at.residual, x)
-        is_rough = problem is not before and here - at.unlikelihood <= _FALLING * (
-            last - at.unlikelihood
+        before, last, problem = problem, misfit, models.near(x)
+        misfit = _negative_log_likelihood(problem, at.noises, at.residual, x)
+        is_rough = problem is not before and misfit - at.negative_log_likelihood <= _FALLING * (
+            last - at.negative_log_likelihood
         )
-    return np.inf if models.leads_back(x, at, here) else here
+    return np.inf if models.leads_back(x, at, misfit) else misfit
 
 
-def _least(answer: Answer, beside: Answer, local: Local) -> Answer:
+def _limit_likelihood(answer: Answer, valley_start: Answer, local: Local) -> Answer:
     """Limit the likelihood of a valley's far end by that with the weights of its beginning.
 
     The beginning is a minimum with its own weights; with renewed weights, and an error of the
     model, it need not be one. `local` is the reduced problem at the far end, with the weights of
     the beginning.
     """
-    assert beside.local is not None
-    least = beside.unlikelihood + local.cost - beside.local.cost
-    return replace(answer, unlikelihood=max(answer.unlikelihood, least))
+    assert valley_start.local is not None
+    least = valley_start.negative_log_likelihood + local.cost - valley_start.local.cost
+    return replace(answer, negative_log_likelihood=max(answer.negative_log_likelihood, least))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Known:
+class _Information:
     """Information on the unknowns from data of one kind, at the end of a fit.
 
     Attributes
@@ -590,9 +610,9 @@ class _Known:
     note: str = ""
 
 
-def _known_of_frfs(
+def _information_of_frfs(
     problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
-) -> _Known | None:
+) -> _Information | None:
     """Return the information from FRFs; None without FRFs."""
     if not problem.parts:
         return None
@@ -616,10 +636,10 @@ def _known_of_frfs(
         "inflation": inflation,
     }
     by_part = [{"kind": noise.kind, **record, **noise.figures()} for noise in noises]
-    return _Known(in_units(local, inflation), by_part)
+    return _Information(in_units(local, inflation), by_part)
 
 
-def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | None:
+def _information_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Information | None:
     """Return the information from modes; None without modes."""
     if not problem.modal:
         return None
@@ -649,7 +669,7 @@ def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | No
     note = _modal_note(records, missing)
     if not all(part.target.has_shapes for part in problem.modal):
         note = f"{BY_FREQUENCY} {note}".rstrip()
-    return _Known(joined(locals_, problem.n), records, note)
+    return _Information(joined(locals_, problem.n), records, note)
 
 
 def _with_common_freedom(
@@ -678,28 +698,28 @@ def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) ->
     """Return the note for the user on omitted modes and on their noise."""
     notes = []
     if missing:
-        said = ", ".join(missing)
-        notes.append(f"Measured modes that resemble none of the model are left out: {said}.")
+        names = ", ".join(missing)
+        notes.append(f"Measured modes that resemble no mode of the model are omitted: {names}.")
     kinds = dict.fromkeys(kind for record in records for kind in record.get("by_ratio", ()))
     if kinds:
-        *others, last = [_KINDS_IN_WORDS[kind] for kind in kinds]
+        *others, last = [_KIND_PLURALS[kind] for kind in kinds]
         named = f"{', '.join(others)} and {last}" if others else last
         notes.append(
-            f"State how exact {named} are (noise): too few are left to see it, and the usual sizes"
-            " were taken."
+            f"State the accuracy of {named} (noise): too few residuals to estimate it, so the"
+            " usual values are assumed."
         )
     return " ".join(notes)
 
 
-def _unlikelihood(
+def _negative_log_likelihood(
     problem: Problem, noises: Sequence[NoiseModel], residual: Each, x: _Vector
 ) -> float:
     """Return minus the log-likelihood of the data and the priors at x, except for a constant."""
     total = 0.0
     for part, noise in zip(problem.parts, noises, strict=True):
-        total += noise.unlikelihood(part.responses(x), part.frf)
+        total += noise.negative_log_likelihood(part.responses(x), part.frf)
     for modal, error in zip(problem.modal, residual.modal, strict=True):
-        total += error.unlikelihood(modal, x)
+        total += error.negative_log_likelihood(modal, x)
     centre, weight = problem.coordinates.prior
     return total + 0.5 * float(np.sum((weight * (x - centre)) ** 2))
 
@@ -708,16 +728,16 @@ def _weigh(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> tuple[Sequence[NoiseModel], Each]:
     """Return the noise models refitted to the residual at x, and the residual weighted by them."""
-    looked, errors = [], []
+    fitted, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)
         # The degrees of freedom of each part are reduced by its share of the unknowns.
-        looked.append(noise.refit(H, part.frf, problem.share(part)))
+        fitted.append(noise.refit(H, part.frf, problem.share(part)))
         errors.append(
-            OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood")
+            OutputError(np.sqrt(2.0 / fitted[-1].variance(H, part.frf)), "maximum-likelihood")
         )
     of_frfs = Each(tuple(errors))
-    return looked, replace(of_frfs, modal=_weigh_modes(problem, x))
+    return fitted, replace(of_frfs, modal=_weigh_modes(problem, x))
 
 
 def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:

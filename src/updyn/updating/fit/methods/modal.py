@@ -158,7 +158,7 @@ class ModalMethod(Method):
         note = ""
         if missing:
             said = ", ".join(missing)
-            note = f"Measured modes that resemble none of the model are left out: {said}."
+            note = f"Measured modes that resemble no mode of the model are omitted: {said}."
         return Fit(
             x,
             outcome.reason,

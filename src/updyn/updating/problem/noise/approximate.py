@@ -49,9 +49,9 @@ class Approximate(Wrapping):
         """Return E|dH|^2 of the noise, shape (n_f, n_i, n_j)."""
         return self.base.variance(H, frf)
 
-    def unlikelihood(self, H: _Complex, frf: FRF) -> float:
+    def negative_log_likelihood(self, H: _Complex, frf: FRF) -> float:
         """Return the negative log-likelihood under the noise, up to a constant."""
-        return self.base.unlikelihood(H, frf)
+        return self.base.negative_log_likelihood(H, frf)
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Approximate:
         """Return the model with its noise refitted to the residual frf - H."""

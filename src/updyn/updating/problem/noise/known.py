@@ -118,7 +118,7 @@ class NoiseModel(ABC):
         """Return E|dH|^2 as far as it is known before a fit, shape (n_f, n_i, n_j)."""
         return self.variance(frf.values, frf)
 
-    def unlikelihood(self, H: _Complex, frf: FRF) -> float:
+    def negative_log_likelihood(self, H: _Complex, frf: FRF) -> float:
         """Return the negative log-likelihood of the data, up to a constant.
 
         If the variance is known only up to a factor, the factor is estimated from the residual.

@@ -75,7 +75,7 @@ class Robust(Wrapping):
             return plain
         return plain / self.weight
 
-    def unlikelihood(self, H: _Complex, frf: FRF) -> float:
+    def negative_log_likelihood(self, H: _Complex, frf: FRF) -> float:
         """Return the negative log-likelihood of Student's distribution, up to a constant."""
         v = self.factor * self.base.variance(H, frf)
         power = np.abs(frf.values - H) ** 2 / v
