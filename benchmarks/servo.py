@@ -45,7 +45,7 @@ from updyn.control.ports import as_ports
 from updyn.control.servo.controller import Controller, Notch
 from updyn.control.servo.record import Servo
 from updyn.control.space import projection
-from updyn.control.spectrum import Spectrum
+from updyn.control.spectrum import SpectralDecomposition
 from updyn.demos.antenna import TRUTH
 from updyn.demos.antenna_model import antenna
 from updyn.dynamics.affine import AffineSystem
@@ -202,7 +202,9 @@ def receptance(truth: Model) -> Callable[[np.ndarray], np.ndarray]:
     """
     system = AffineSystem.compile(truth)
     ports = as_ports([MOTOR], "input"), as_ports([MOTOR, TURNTABLE], "output")
-    found = Spectrum.of(projection(truth, system, *ports, BAND), system.start).receptance
+    found = SpectralDecomposition.of(
+        projection(truth, system, *ports, BAND), system.start
+    ).receptance
     freq = np.geomspace(*BAND, 12)
     exact = updyn.response(truth, freq, [MOTOR, TURNTABLE], [MOTOR], tier="sparse").values
     off = (np.abs(found(freq) - exact) / np.abs(exact)).max(axis=(0, 2))

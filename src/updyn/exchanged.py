@@ -1,4 +1,4 @@
-"""`Exchanged`: variant of a group with exchanged section axes of its beams (Iy and Iz).
+"""`AxisExchange`: variant of a group with exchanged section axes of its beams (Iy and Iz).
 
 Exchanged section axes, or an orientation vector turned by 90 degrees, are frequent mistakes in
 models of beams. The elements of a group know their sections and keep a recipe for the matrices of
@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from updyn.errors import ModelError
 
-__all__ = ["Exchanged", "Recipe", "StiffnessAndMass"]
+__all__ = ["AxisExchange", "Recipe", "StiffnessAndMass"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class Recipe(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exchanged:
+class AxisExchange:
     """Stiffness and mass of a group with exchanged section axes, computed on demand.
 
     Parameters
@@ -70,7 +70,7 @@ class Exchanged:
     stiffness: float = 1.0
     mass: float = 1.0
 
-    def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> Exchanged:
+    def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> AxisExchange:
         """Return a copy with factors on the matrices.
 
         Parameters
@@ -80,11 +80,11 @@ class Exchanged:
 
         Returns
         -------
-        Exchanged
+        AxisExchange
         """
         return replace(self, stiffness=self.stiffness * stiffness, mass=self.mass * mass)
 
-    def transformed(self, T: Any) -> Exchanged:
+    def transformed(self, T: Any) -> AxisExchange:
         """Return a copy whose matrices A are T^T A T.
 
         Parameters
@@ -94,7 +94,7 @@ class Exchanged:
 
         Returns
         -------
-        Exchanged
+        AxisExchange
         """
         return replace(self, maps=(*self.maps, T))
 

@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import ModelError, suggest
-from updyn.exchanged import Exchanged
+from updyn.exchanged import AxisExchange
 
 __all__ = [
     "DAMPING",
@@ -94,7 +94,7 @@ class Group:
 
     Attributes
     ----------
-    exchanged : Exchanged or None
+    exchanged : AxisExchange or None
         The same part with exchanged section axes of its beams, if it was made of elements with
         known sections (`with_exchanged`); used by the search for causes. None for other matrices;
         not stored with a model.
@@ -121,7 +121,7 @@ class Group:
     mass_damping: float
     stiffness_damping: float
     loss_table: LossTable | None
-    exchanged: Exchanged | None = field(init=False)
+    exchanged: AxisExchange | None = field(init=False)
 
     def __init__(
         self,
@@ -173,7 +173,7 @@ class Group:
         mass: Matrix,
         viscous: Matrix,
         damping: Mapping[str, Any],
-        exchanged: Exchanged | None = None,
+        exchanged: AxisExchange | None = None,
     ) -> Group:
         """Build from matrices of an existing `Group`, without a second check."""
         out = cls.__new__(cls)
@@ -348,12 +348,12 @@ class Group:
         exchanged = None if self.exchanged is None else self.exchanged.transformed(T)
         return self.with_matrices(K, M, C).with_exchanged(exchanged)
 
-    def with_exchanged(self, exchanged: Exchanged | None) -> Group:
+    def with_exchanged(self, exchanged: AxisExchange | None) -> Group:
         """Return the group with a description of its variant with exchanged section axes.
 
         Parameters
         ----------
-        exchanged : Exchanged or None
+        exchanged : AxisExchange or None
             The variant; None if unknown.
 
         Returns

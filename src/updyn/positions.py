@@ -30,8 +30,8 @@ from updyn.model import Model
 __all__ = [
     "GROSS",
     "UNITS",
+    "CoordinateSystem",
     "LabelCheck",
-    "System",
     "check_labels",
     "is_in_line",
     "model_size",
@@ -57,7 +57,7 @@ Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class System:
+class CoordinateSystem:
     """Unit, axes and origin of the test's positions: x_model = rotation @ (factor x_test) + shift.
 
     Attributes
@@ -106,7 +106,7 @@ class LabelCheck:
 
     Attributes
     ----------
-    system : System
+    system : CoordinateSystem
         System in which the positions of the test are compared.
     contradiction : str
         The message on the contradiction, with a remedy; empty if numbers and positions agree.
@@ -116,7 +116,7 @@ class LabelCheck:
         Remarks on the system; empty if it is that of the model.
     """
 
-    system: System = field(default_factory=System)
+    system: CoordinateSystem = field(default_factory=CoordinateSystem)
     contradiction: str = ""
     proposal: Mapping[str, Any] = field(default_factory=dict)
     note: str = ""
@@ -286,7 +286,7 @@ class _Comparison:
 
     def result(self) -> LabelCheck:
         """Return the first system in which the pairs agree, or the contradiction."""
-        here = System()
+        here = CoordinateSystem()
         if not self.gross(here).any():
             return LabelCheck()
         if len(self.nodes) > 1 and self.n_places == 1:
@@ -320,17 +320,17 @@ class _Comparison:
         used = _used(self.model)
         return KDTree(geometry.xyz[used]), geometry.nodes[used]
 
-    def apart(self, system: System) -> Points:
+    def apart(self, system: CoordinateSystem) -> Points:
         """Return the vectors between the nodes of each pair, shape (n, 3)."""
         return system.apply(self.x) - self.y
 
-    def nearest(self, system: System) -> tuple[Points, NDArray[np.int64]]:
+    def nearest(self, system: CoordinateSystem) -> tuple[Points, NDArray[np.int64]]:
         """Return the distance to the nearest node of the model, and that node."""
         tree, names = self.tree
         distance, at = tree.query(system.apply(self.x))
         return distance, names[at]
 
-    def gross(self, system: System) -> NDArray[np.bool_]:
+    def gross(self, system: CoordinateSystem) -> NDArray[np.bool_]:
         """Return a mask of the pairs that are too far apart."""
         distance = np.linalg.norm(self.apart(system), axis=1)
         far = distance > self.limit
@@ -339,19 +339,19 @@ class _Comparison:
         is_nearest = distance <= (1.0 + 1e-9) * self.nearest(system)[0]
         return np.asarray(far & ~(is_nearest & (distance <= _COARSE * self.size)))
 
-    def stretch(self, system: System) -> float:
+    def stretch(self, system: CoordinateSystem) -> float:
         """Return the size of the test relative to that of the nodes of the model."""
         points = system.apply(self.x)
         own = _rms(points - points.mean(axis=0))
         return own / self.radius if own > 0 and self.radius > 0 else math.inf
 
     # -- systems
-    def fits_labels(self, unit: System) -> bool:
+    def fits_labels(self, unit: CoordinateSystem) -> bool:
         """Return whether the pairs agree in another unit."""
         shape = _rms(self.apart(unit)) <= _SAME_SHAPE * self.radius
         return shape and not self.gross(unit).any()
 
-    def fits_coordinates(self, unit: System) -> bool:
+    def fits_coordinates(self, unit: CoordinateSystem) -> bool:
         """Return whether most pairs are wrong, and all nodes of the test lie on other nodes."""
         gross = self.gross(unit)
         if 2 * np.sum(gross) <= len(gross):
@@ -363,23 +363,23 @@ class _Comparison:
         distinct = len(np.unique(names)) >= self.n_places
         return near and distinct and _rms(distance) < _BETTER * _rms(self.apart(unit))
 
-    def moved(self, unit: System) -> System:
+    def moved(self, unit: CoordinateSystem) -> CoordinateSystem:
         """Return the system with the rigid motion that best aligns the pairs."""
         R, shift = rigid_motion(unit.factor * self.x, self.y)
         system = replace(unit, rotation=R, shift=shift)
         return replace(system, residual=_rms(self.apart(system)))
 
-    def fits_moved(self, system: System) -> bool:
+    def fits_moved(self, system: CoordinateSystem) -> bool:
         """Return whether the pairs agree after a rigid motion."""
         assert system.residual is not None
-        most = min(_RIGID_SHAPE * self.radius, _BETTER * _rms(self.apart(System())))
+        most = min(_RIGID_SHAPE * self.radius, _BETTER * _rms(self.apart(CoordinateSystem())))
         if system.factor != 1.0 and self.n_places < 3:
             most *= 0.1  # with a free unit, any two distances can be made similar
         shape = system.residual <= max(most, 1e-12 * self.size)
         return shape and not self.gross(system).any()
 
     # -- results
-    def in_system(self, system: System) -> LabelCheck:
+    def in_system(self, system: CoordinateSystem) -> LabelCheck:
         """Return the remarks on pairs that agree after a rigid motion."""
         n = len(self.nodes)
         x, y, z = (f"{v:.4g}" for v in np.where(abs(system.shift) < 1e-12, 0.0, system.shift))
@@ -415,7 +415,7 @@ class _Comparison:
         off = np.linalg.norm(np.cross(y - y[first], y[second] - y[first]), axis=1)
         return [int(self.nodes[i]) for i in sorted({first, second, int(np.argmax(off))})]
 
-    def contradiction(self, system: System, proposal: dict[str, Any]) -> LabelCheck:
+    def contradiction(self, system: CoordinateSystem, proposal: dict[str, Any]) -> LabelCheck:
         """Return the contradiction with the worst pairs and the remedy."""
         gross = np.flatnonzero(self.gross(system))
         distance = np.linalg.norm(self.apart(system), axis=1)
@@ -459,17 +459,17 @@ class _Comparison:
         )
 
 
-def _other_units() -> Iterator[System]:
+def _other_units() -> Iterator[CoordinateSystem]:
     """Yield systems with other units of the test, then of the model."""
     for name, factor in UNITS.items():
         if name != "m":
-            yield System(factor, name)
+            yield CoordinateSystem(factor, name)
     for name, factor in UNITS.items():
         if name != "m":
-            yield System(1.0 / factor)
+            yield CoordinateSystem(1.0 / factor)
 
 
-def _in_unit(system: System) -> LabelCheck:
+def _in_unit(system: CoordinateSystem) -> LabelCheck:
     """Return the remark on pairs that agree in another unit."""
     if system.unit is not None:
         text = f"The positions of the test look like {system.unit}: read so, they are those of"
@@ -483,7 +483,7 @@ def _in_unit(system: System) -> LabelCheck:
     )
 
 
-def _model_unit(system: System) -> str:
+def _model_unit(system: CoordinateSystem) -> str:
     """Return the unit that the model must have for its nodes to match those of the test."""
     return next(name for name, factor in UNITS.items() if 1.0 / factor == system.factor)
 

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 __all__ = [
     "NotebookBar",
     "ProgressBar",
-    "Stage",
+    "RunPosition",
+    "RunProgress",
+    "RunStage",
     "StageClock",
-    "Step",
-    "Where",
     "asks_to_stop",
     "shown_progress",
 ]
@@ -45,7 +45,7 @@ _BETWEEN_PICTURES = 0.2
 _BAR_WIDTH = 12
 
 
-class Step(Protocol):
+class RunProgress(Protocol):
     """Progress to display; `updyn.updating.fit.monitor.Progress` describes the entries."""
 
     @property
@@ -98,7 +98,7 @@ def asks_to_stop(answer: object) -> bool:
 
 # -- stages ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
-class Stage:
+class RunStage:
     """A stage of a run that is known in advance.
 
     Parameters
@@ -114,7 +114,7 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
+class RunPosition:
     """Position of a run in its stages.
 
     Attributes
@@ -142,18 +142,18 @@ class StageClock:
 
     Parameters
     ----------
-    stages : sequence of Stage
+    stages : sequence of RunStage
         The stages in order. Progress of other stages counts for the preceding one.
     """
 
-    def __init__(self, stages: Sequence[Stage] = ()) -> None:
+    def __init__(self, stages: Sequence[RunStage] = ()) -> None:
         self._stages = tuple(stages)
         self._reached = -1
         self._name = ""
         # Start time of the stage, and the numbers of lines solved then and at the last call.
         self._begun, self._first, self._last = 0.0, 0, 0
 
-    def read(self, progress: Step) -> Where:
+    def read(self, progress: RunProgress) -> RunPosition:
         """Return the position of the run.
 
         Parameters
@@ -163,7 +163,7 @@ class StageClock:
 
         Returns
         -------
-        Where
+        RunPosition
         """
         found = self._find(progress.stage)
         name = progress.stage if found < 0 else self._stages[found].name
@@ -174,7 +174,9 @@ class StageClock:
         self._last = progress.lines_done
         self._reached = max(self._reached, found)
         share, left = self._estimate(progress, found)
-        return Where(self._reached + 1, len(self._stages), _short(progress.stage), share, left)
+        return RunPosition(
+            self._reached + 1, len(self._stages), _short(progress.stage), share, left
+        )
 
     def _find(self, text: str) -> int:
         """Return the index of a stage; -1 if it is unknown."""
@@ -183,7 +185,7 @@ class StageClock:
                 return number
         return -1
 
-    def _estimate(self, progress: Step, found: int) -> tuple[float, float]:
+    def _estimate(self, progress: RunProgress, found: int) -> tuple[float, float]:
         """Return the completed share of the stage and its remaining time in s; nan if unknown."""
         lines = progress.n_lines * self._stages[found].most_steps if found >= 0 else 0
         done = progress.lines_done - self._first
@@ -216,11 +218,11 @@ class ProgressBar:
     ----------
     console : rich.console.Console
         Console to write to, usually stderr.
-    stages : sequence of Stage
+    stages : sequence of RunStage
         Known stages of the run.
     """
 
-    def __init__(self, console: Console, stages: Sequence[Stage] = ()) -> None:
+    def __init__(self, console: Console, stages: Sequence[RunStage] = ()) -> None:
         self.console = console
         self._clock = StageClock(stages)
         # Stage, step and time of the last plain line.
@@ -228,7 +230,7 @@ class ProgressBar:
         self._bar: Any = None
         self._task: Any = None
 
-    def show(self, progress: Step) -> None:
+    def show(self, progress: RunProgress) -> None:
         """Display a step, or the lines solved for the next step.
 
         Parameters
@@ -253,7 +255,7 @@ class ProgressBar:
         self.console.file.flush()
 
     # -- a bar
-    def _draw(self, progress: Step) -> None:
+    def _draw(self, progress: RunProgress) -> None:
         """Update the bar."""
         where = self._clock.read(progress)
         known = not math.isnan(where.share)
@@ -266,7 +268,7 @@ class ProgressBar:
         )
 
     # -- plain lines
-    def _print(self, progress: Step) -> None:
+    def _print(self, progress: RunProgress) -> None:
         """Print a plain line if one is due."""
         step = -1 if math.isnan(progress.cost) else progress.accepted
         if not self._is_due(progress.stage, step):
@@ -309,14 +311,14 @@ class ProgressBar:
         self._bar = None
 
 
-def _name(where: Where) -> str:
+def _name(where: RunPosition) -> str:
     """Return the name of a stage with its number."""
     if where.of and where.number:
         return f"stage {where.number} of {where.of} {where.name}"
     return where.name
 
 
-def _figures(progress: Step, where: Where) -> list[str]:
+def _figures(progress: RunProgress, where: RunPosition) -> list[str]:
     """Return the numbers displayed next to a bar."""
     figures = []
     if not math.isnan(progress.cost):
@@ -333,16 +335,16 @@ class NotebookBar:
     ----------
     display : callable
         `IPython.display.display`.
-    stages : sequence of Stage
+    stages : sequence of RunStage
         Known stages of the run.
     """
 
-    def __init__(self, display: Callable[..., Any], stages: Sequence[Stage] = ()) -> None:
+    def __init__(self, display: Callable[..., Any], stages: Sequence[RunStage] = ()) -> None:
         self._clock = StageClock(stages)
         self._handle = display(_Html(_bar("starting", math.nan, "")), display_id=True)
         self._last = -math.inf
 
-    def show(self, progress: Step) -> None:
+    def show(self, progress: RunProgress) -> None:
         """Display a step, or the lines solved for the next step.
 
         Parameters
@@ -388,12 +390,12 @@ def _bar(name: str, share: float, figures: str) -> str:
 
 
 @contextmanager
-def shown_progress(stages: Sequence[Stage] = ()) -> Iterator[Callable[[Step], None]]:
+def shown_progress(stages: Sequence[RunStage] = ()) -> Iterator[Callable[[RunProgress], None]]:
     """Display progress in a notebook, in a terminal (stderr) or as lines of a log.
 
     Parameters
     ----------
-    stages : sequence of Stage
+    stages : sequence of RunStage
         Known stages of the run.
 
     Yields

@@ -7,7 +7,14 @@ import pytest
 import scipy.optimize
 
 import updyn
-from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table, element_matrices
+from updyn.elements.beam import (
+    BeamMass,
+    BeamSupport,
+    Segment,
+    beam,
+    beam_from_table,
+    element_matrices,
+)
 from updyn.errors import ModelError
 
 STEEL = {"E": 210e9, "rho": 7850.0, "width": 0.04, "height": 0.02, "nu": 0.3}
@@ -155,7 +162,7 @@ def test_euler_bernoulli_cantilever():
         width=0.01,
         height=0.001,
         n_elements=40,
-        supports=[Support("clamp", 0.0, 1e9, 1e9)],
+        supports=[BeamSupport("clamp", 0.0, 1e9, 1e9)],
     )
     EI, m = 210e9 * 0.01 * 0.001**3 / 12, 7850 * 1e-5
     exact = np.array([1.87510407, 4.69409113, 7.85475744]) ** 2 / (2 * np.pi) * np.sqrt(EI / m)
@@ -168,7 +175,7 @@ def test_mass_inertia_and_rigid_body_modes_are_exact():
         **STEEL,
         n_elements=13,
         stations=[0.11, 0.37],
-        masses=[PointMass("sensor", 0.37, 0.02, 3e-6)],
+        masses=[BeamMass("sensor", 0.37, 0.02, 3e-6)],
     )
     heave, pitch = rigid(model, LENGTH / 2)
     M, K = model.mass, model.stiffness
@@ -211,13 +218,13 @@ def test_supports_and_masses_stand_where_they_were_put():
         LENGTH,
         **STEEL,
         supports=[
-            Support("foam", 0.1, 2e4, 3.0, 0.3, 5.0),
-            Support("foam", 0.5, 1e4, loss_factor=0.3),
+            BeamSupport("foam", 0.1, 2e4, 3.0, 0.3, 5.0),
+            BeamSupport("foam", 0.5, 1e4, loss_factor=0.3),
         ],
         masses=[
-            PointMass("acc", 0.1, 0.004),
-            PointMass("acc", 0.1, 0.001),
-            PointMass("acc", 0.5, 0.002),
+            BeamMass("acc", 0.1, 0.004),
+            BeamMass("acc", 0.1, 0.001),
+            BeamMass("acc", 0.5, 0.002),
         ],
     )
     assert list(model.groups) == ["beam", "foam", "acc"]
@@ -278,8 +285,8 @@ def test_table_builds_the_same_beam():
         loss_factor=0.01,
         stations={101: 0.2, 102: 0.35},
         segments=[Segment("a", 0.0, 0.3), Segment("b", 0.3, 0.6)],
-        supports=[Support("foam", 0.1, 1e4)],
-        masses=[PointMass("acc", 0.2, 0.004)],
+        supports=[BeamSupport("foam", 0.1, 1e4)],
+        masses=[BeamMass("acc", 0.2, 0.004)],
     )
     assert model.dofs == same.dofs
     assert list(model.groups) == ["a", "b", "foam", "acc"]

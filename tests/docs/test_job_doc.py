@@ -25,7 +25,7 @@ from updyn.control.job.tables import (
     ServoTable,
     WindTable,
 )
-from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_table
+from updyn.elements.beam import BeamMass, BeamSupport, Segment, beam, beam_from_table
 from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
@@ -127,7 +127,7 @@ def test_keys_of_the_beam() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "part"), [("segments", Segment), ("supports", Support), ("masses", PointMass)]
+    ("name", "part"), [("segments", Segment), ("supports", BeamSupport), ("masses", BeamMass)]
 )
 def test_keys_of_the_parts_of_a_beam(name: str, part: Any) -> None:
     documented = TABLES[f"[[model.{name}]]"]

@@ -13,7 +13,7 @@ from updyn.elements.constraints import Equation, constrain, join
 from updyn.elements.structure import Beam, RigidLink, Section, Truss, rectangle, structure
 from updyn.errors import ModelError
 from updyn.io.hdf5 import read_model, write_model
-from updyn.matching.directions import Target, assign_dofs
+from updyn.matching.directions import SensorDirection, assign_dofs
 from updyn.variants import variants_of
 
 NODES = {
@@ -102,7 +102,7 @@ def test_a_variant_follows_the_model_through_scaling_damping_ties_and_joining():
 
 def test_a_variant_follows_turned_directions_of_the_nodes():
     oblique = np.array([0.6, 0.8, 0.0])
-    target = Target(Dof.parse("3:X"), "response", Dof.parse("3:X"), oblique)
+    target = SensorDirection(Dof.parse("3:X"), "response", Dof.parse("3:X"), oblique)
     (one, *_) = variants_of(assign_dofs(frame(OBLONG), [target])[0])
     assert_same(one.model(), assign_dofs(frame(OBLONG.exchanged), [target])[0])
 

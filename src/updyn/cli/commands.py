@@ -27,7 +27,7 @@ from updyn.cli.terminal import (
     stderr,
 )
 from updyn.errors import InputError, OptionError, StoppedError
-from updyn.progress import Stage
+from updyn.progress import RunStage
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -86,7 +86,7 @@ def new(
         Unit of length of the deck of a model: m, mm or in.
     """
     from updyn.job.files import check_encodable
-    from updyn.job.proposal import describe_inputs, job_text, look_at
+    from updyn.job.proposal import describe_inputs, job_text, read_inputs
 
     check_encodable(out.name)
     if out.exists():
@@ -94,7 +94,7 @@ def new(
     if not out.parent.is_dir():
         raise InputError(f"{out}: the folder {str(out.parent)!r} does not exist")
     stated = {"quantity": quantity, "scale": scale, "unit": unit}
-    inputs = look_at(model, measurement, stated)
+    inputs = read_inputs(model, measurement, stated)
     text = job_text(inputs, out, describe_model(inputs.model), _describe_measurement(inputs))
     with out.open("x", encoding="utf-8") as file:
         file.write(text)
@@ -472,7 +472,7 @@ def compare(
     """
     from updyn.comparison.table import listing
     from updyn.job import check_out, load_job, prepare
-    from updyn.job.comparison import COMPARED, compare_job
+    from updyn.job.comparison import COMPARISON_FILES, compare_job
     from updyn.job.folder import default_out
     from updyn.updating.fit.methods import METHODS
 
@@ -487,9 +487,9 @@ def compare(
     names = None
     if methods is not None:
         names = [name.strip() for name in methods.split(",") if name.strip()]
-    folder = check_out(loaded, out or default_out(loaded, "compare"), COMPARED)
+    folder = check_out(loaded, out or default_out(loaded, "compare"), COMPARISON_FILES)
     ready = prepare(loaded)
-    stages = [Stage(name) for name in names or METHODS]
+    stages = [RunStage(name) for name in names or METHODS]
     with (
         open_engine(workers, cluster, engine) as opened,
         show_progress(stderr(), stages) as display,
@@ -609,21 +609,21 @@ def _run(
     return done
 
 
-def _stages(job: Job) -> list[Stage]:
+def _stages(job: Job) -> list[RunStage]:
     """Return the stages of a run, in their order."""
     from updyn.job.job_table import JOB_TABLES
     from updyn.updating.fit.methods import make_method
     from updyn.updating.fit.monitor import JUDGE
 
-    stages = [Stage("start")]
+    stages = [RunStage("start")]
     for name, most_steps in make_method(job.method.name, job.method.options).stages:
-        stages.append(Stage(name, most_steps))
-    stages.append(Stage(JUDGE))
+        stages.append(RunStage(name, most_steps))
+    stages.append(RunStage(JUDGE))
     for name, table in job.tables.items():
         # Progress of a table counts its pieces of work as lines of one step.
-        stages += [Stage(begin, 1) for begin in JOB_TABLES[name].stages(table)]
+        stages += [RunStage(begin, 1) for begin in JOB_TABLES[name].stages(table)]
     if job.output.report:
-        stages.append(Stage("report"))
+        stages.append(RunStage("report"))
     return stages
 
 

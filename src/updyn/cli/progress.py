@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from updyn.cli.signals import LastResort, watch_signals
 from updyn.cli.terminal import print_note
-from updyn.progress import ProgressBar, Stage
+from updyn.progress import ProgressBar, RunStage
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -34,14 +34,14 @@ class ProgressDisplay(ProgressBar):
     ----------
     console : rich.console.Console
         Console to write to, usually stderr.
-    stages : sequence of Stage
+    stages : sequence of RunStage
         Stages of the run, as far as known.
     stopping : str
         Sentence on the behaviour after a request to stop.
     """
 
     def __init__(
-        self, console: Console, stages: Sequence[Stage] = (), stopping: str = _STOPPING
+        self, console: Console, stages: Sequence[RunStage] = (), stopping: str = _STOPPING
     ) -> None:
         super().__init__(console, stages)
         self._stopping = f"{stopping} {_AGAIN}"
@@ -85,7 +85,7 @@ class ProgressDisplay(ProgressBar):
 
 @contextmanager
 def show_progress(
-    console: Console, stages: Sequence[Stage] = (), stopping: str = _STOPPING
+    console: Console, stages: Sequence[RunStage] = (), stopping: str = _STOPPING
 ) -> Iterator[ProgressDisplay]:
     """Yield a display in a context: Ctrl-C asks the run to stop, a second one ends it.
 
@@ -93,7 +93,7 @@ def show_progress(
     ----------
     console : rich.console.Console
         Console to write to.
-    stages : sequence of Stage
+    stages : sequence of RunStage
         Stages of the run, as far as known.
     stopping : str
         Sentence on the behaviour after a request to stop.

@@ -17,7 +17,7 @@ from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import fewest_states
 from updyn.control.realised import realise, with_errors
-from updyn.control.structure import Structure
+from updyn.control.structure import CompiledStructure
 from updyn.control.task import task_of
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import FRF, QUANTITIES
@@ -129,7 +129,7 @@ def plant(
                 " 'rational' with error 'relative'"
             )
         return _plant_of_measurement(model, ports, band, tolerance, quantity)
-    own = Structure.of(model)
+    own = CompiledStructure.of(model)
     check_error(error)
     task, quantities = task_of(own, *ports, band, quantity, tier, backend, error)
     check_tolerance(tolerance)

@@ -28,9 +28,17 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from updyn.control.space import Conversion
-from updyn.control.target import Kept
+from updyn.control.target import CandidateSelection
 
-__all__ = ["GAIN", "NOTHING", "Circle", "Differs", "differences", "hankel_norm", "least_error"]
+__all__ = [
+    "GAIN",
+    "NOTHING",
+    "ChannelDifference",
+    "Circle",
+    "differences",
+    "hankel_norm",
+    "least_error",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -151,7 +159,7 @@ def hankel_norm(circle: Circle, values: _Complex) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Differs:
+class ChannelDifference:
     """Difference of a structure from a plant in one channel.
 
     Attributes
@@ -175,7 +183,7 @@ class Differs:
     growth: int = 0
 
 
-def least_error(channel: Differs, band: tuple[float, float], known: float = 0.0) -> float:
+def least_error(channel: ChannelDifference, band: tuple[float, float], known: float = 0.0) -> float:
     """Return a lower bound on the largest error of any stable system in a band, as a share.
 
     `known` is a bound such as that of another channel, which is returned if this one is lower; 0 if
@@ -230,10 +238,10 @@ def differences(
     freq: _Real,
     structure: Callable[[_Real], _Complex],
     level: _Real,
-    found: Kept,
+    found: CandidateSelection,
     outside: Conversion,
     growth: NDArray[np.intp],
-) -> list[Differs]:
+) -> list[ChannelDifference]:
     """Return the differences of a structure from a selection of candidates, channel by channel.
 
     `freq` are ascending lines of the band in Hz that resolve the structure; `structure` is its
@@ -271,8 +279,8 @@ def differences(
         least = NOTHING**2 * level.max(axis=0)  # for a channel without coupling
         limits.append(np.maximum(np.where(limit < _UNLIMITED, limit, _UNLIMITED), least))
 
-    def channel(i: int, j: int) -> Differs:
-        return Differs(
+    def channel(i: int, j: int) -> ChannelDifference:
+        return ChannelDifference(
             lambda lines: np.asarray(difference(lines)[:, i, j]),
             # Interpolation overestimates, as |H| is convex except at antiresonances.
             lambda lines: np.asarray(np.interp(lines, freq, level[:, i, j])),

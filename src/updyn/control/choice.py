@@ -8,8 +8,8 @@ from updyn.control.conversions import REFUSED, error_of
 from updyn.control.rational import Rational
 from updyn.control.rational_states import fewest_states, with_poles_of
 from updyn.control.real_modes import Biot
-from updyn.control.target import Kept, fewest, judge_selection
-from updyn.control.task import Task
+from updyn.control.target import CandidateSelection, fewest, judge_selection
+from updyn.control.task import PlantTask
 from updyn.errors import ModelError, OptionError, ToleranceError, suggest
 
 __all__ = ["ROUTES", "check_route", "choose_route", "like_another"]
@@ -18,7 +18,7 @@ __all__ = ["ROUTES", "check_route", "choose_route", "like_another"]
 ROUTES = ("auto", "modal", "complex", "rational", "biot")
 
 
-def check_route(route: str, task: Task, error: str) -> tuple[str, ...]:
+def check_route(route: str, task: PlantTask, error: str) -> tuple[str, ...]:
     """Return the routes to try; raises OptionError for an unknown or refused route."""
     if route in REFUSED:
         found = error_of(task, route)
@@ -35,13 +35,13 @@ def check_route(route: str, task: Task, error: str) -> tuple[str, ...]:
     return ("modal", "complex", "rational") if error == "relative" else ("modal", "complex")
 
 
-def choose_route(task: Task, routes: tuple[str, ...], tolerance: float) -> Kept:
+def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> CandidateSelection:
     """Return the selection of the first route that holds the tolerance, at least as stated.
 
     A rational approximation among several routes is preferred if it needs fewer states. Raises
     ModelError if no route is possible, ToleranceError if none holds the tolerance.
     """
-    reached: dict[str, Kept] = {}
+    reached: dict[str, CandidateSelection] = {}
     refused: dict[str, ModelError] = {}
     own = tuple(route for route in routes if route != "rational")
     best = _first_conversion(task, own, tolerance, reached, refused)
@@ -71,7 +71,7 @@ def choose_route(task: Task, routes: tuple[str, ...], tolerance: float) -> Kept:
     )
 
 
-def _why(task: Task, reached: dict[str, Kept], tolerance: float) -> str:
+def _why(task: PlantTask, reached: dict[str, CandidateSelection], tolerance: float) -> str:
     """Return whether causality prevents the tolerance from being reached."""
     if not task.space.lossy:
         return ""
@@ -92,12 +92,12 @@ def _why(task: Task, reached: dict[str, Kept], tolerance: float) -> str:
 
 
 def _first_conversion(
-    task: Task,
+    task: PlantTask,
     routes: tuple[str, ...],
     tolerance: float,
-    reached: dict[str, Kept],
+    reached: dict[str, CandidateSelection],
     refused: dict[str, ModelError],
-) -> Kept | None:
+) -> CandidateSelection | None:
     """Return the first conversion of the structure's modes that holds the tolerance; else None."""
     for lenient in (False, True):
         for route in (r for r in routes if r not in refused):
@@ -115,14 +115,16 @@ def _first_conversion(
     return None
 
 
-def _states(found: Kept) -> int:
+def _states(found: CandidateSelection) -> int:
     """Return the number of states of a selection."""
     if isinstance(found.conversion, Rational):
         return found.conversion.n_states
     return len(found.conversion.matrices(found.mask)[0])
 
 
-def like_another(task: Task, like: Kept, tolerance: float) -> Kept | None:
+def like_another(
+    task: PlantTask, like: CandidateSelection, tolerance: float
+) -> CandidateSelection | None:
     """Return the selection of another state of the model for a task; None if it does not apply."""
     own, target = like.conversion, task.target
     if isinstance(own, Rational):

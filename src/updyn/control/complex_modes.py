@@ -34,7 +34,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.space import Matrices, ModalSpace, imaginary, rates
-from updyn.control.target import Target
+from updyn.control.target import ResponseTarget
 from updyn.errors import ModelError
 
 __all__ = [
@@ -320,7 +320,7 @@ class FittedModes:
     ----------
     base : ComplexModes
         The modes.
-    target : Target
+    target : ResponseTarget
         The fitted response.
     extra : ndarray of float, shape (n,)
         Real poles, in rad/s; each has one state per input.
@@ -330,7 +330,7 @@ class FittedModes:
     """
 
     base: ComplexModes
-    target: Target
+    target: ResponseTarget
     extra: _Real
     at_rest: bool = True
     name: str = "complex"
@@ -440,7 +440,9 @@ def _constrained_least_squares(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
     return np.asarray((start + free @ found) / scale)
 
 
-def fit_outputs(base: ComplexModes, target: Target, n: int, *, at_rest: bool = True) -> FittedModes:
+def fit_outputs(
+    base: ComplexModes, target: ResponseTarget, n: int, *, at_rest: bool = True
+) -> FittedModes:
     """Return complex modes with fitted outputs and n real poles, evenly spaced in log frequency."""
     low, high = max(target.freq[0], 1e-3 * target.freq[-1]) / _BEYOND, target.freq[-1] * _BEYOND
     return FittedModes(base, target, _TWO_PI * np.geomspace(low, high, n), at_rest)

@@ -10,8 +10,8 @@ import numpy as np
 from updyn.control.options import Ports
 from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
-from updyn.control.structure import Structure
-from updyn.control.task import Task, task_of
+from updyn.control.structure import CompiledStructure
+from updyn.control.task import PlantTask, task_of
 from updyn.errors import ModelError
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
@@ -89,7 +89,7 @@ def conversions(
     True
     """
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
-    task, _ = task_of(Structure.of(model), *ports, band, quantity, tier, backend)
+    task, _ = task_of(CompiledStructure.of(model), *ports, band, quantity, tier, backend)
     return tuple(error_of(task, name) for name in (*_OWN, *REFUSED))
 
 
@@ -107,7 +107,7 @@ def state_of(name: str, plant: Plant | None) -> str:
     return "used, then outputs fitted" if "fitted" in plant.facts else "used"
 
 
-def error_of(task: Task, name: str) -> ConversionError:
+def error_of(task: PlantTask, name: str) -> ConversionError:
     """Return the errors of a conversion; those of its best variant."""
     best = ConversionError(name, float("nan"), float("nan"))
     try:

@@ -13,9 +13,9 @@ from updyn.control.build import plant
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
-from updyn.control.shared import Shared
-from updyn.control.structure import Structure
-from updyn.control.target import Kept
+from updyn.control.shared import SharedPlantBasis
+from updyn.control.structure import CompiledStructure
+from updyn.control.target import CandidateSelection
 from updyn.dofs import Dof
 from updyn.dynamics.affine import State
 from updyn.engines import Engine, opened_engine
@@ -324,7 +324,7 @@ def plant_family(
     else:
         drawn = _from_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
-    making = _Making(own.start, own.parameters, *ports, band, tolerance, options)
+    making = _PlantMaker(own.start, own.parameters, *ports, band, tolerance, options)
     shared = None if tier is not None else _share_basis(own, making, drawn)
     with opened_engine(engine) as made:
         nominal, members = making.plants(own.model, shared, drawn.values, route, made)
@@ -341,7 +341,7 @@ def plant_family(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
+class _ParameterDraws:
     """Draws of the parameters.
 
     Attributes
@@ -364,22 +364,22 @@ class _Drawn:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Basis:
+class _FamilyBasis:
     """The basis shared by all members, and the states of the model."""
 
-    plants: Shared
+    plants: SharedPlantBasis
     estimate: State
     states: tuple[State, ...]
     holds: NDArray[np.bool_]
 
 
-def _share_basis(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
+def _share_basis(own: UpdateResult, making: _PlantMaker, drawn: _ParameterDraws) -> _FamilyBasis:
     """Return the basis of all members, and for which of them it is accurate."""
-    structure = Structure.of(own)
+    structure = CompiledStructure.of(own)
     unknowns = Unknowns.find(structure.system, own.parameters)
     states = [unknowns.state(structure.system, row) for row in drawn.values]
     training = [unknowns.state(structure.system, row) for row in drawn.training]
-    plants, holds = Shared.of(
+    plants, holds = SharedPlantBasis.of(
         structure,
         (training, states),
         making.inputs,
@@ -390,11 +390,11 @@ def _share_basis(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
         making.options["error"],
         making.options["backend"],
     )
-    return _Basis(plants, structure.system.start, tuple(states), holds)
+    return _FamilyBasis(plants, structure.system.start, tuple(states), holds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Making:
+class _PlantMaker:
     """The inputs of every member: the start model, its parameters, ports and options."""
 
     start: Model
@@ -412,7 +412,7 @@ class _Making:
         )
 
     def plants(
-        self, model: Model, shared: _Basis | None, values: _Real, route: str, engine: Engine
+        self, model: Model, shared: _FamilyBasis | None, values: _Real, route: str, engine: Engine
     ) -> tuple[Plant, tuple[Plant, ...]]:
         """Return the plant of the estimate and those of the members, by one route.
 
@@ -429,18 +429,18 @@ class _Making:
         return nominal, self._members(shared, values, closest, kept, engine)
 
     def _nominal(
-        self, model: Model, shared: _Basis | None, route: str
-    ) -> tuple[Plant, Kept | None]:
+        self, model: Model, shared: _FamilyBasis | None, route: str
+    ) -> tuple[Plant, CandidateSelection | None]:
         if shared is None:
             return self.plant(model, route), None
         return shared.plants.member(shared.estimate, route)
 
     def _members(
         self,
-        shared: _Basis | None,
+        shared: _FamilyBasis | None,
         values: _Real,
         route: str,
-        kept: Kept | None,
+        kept: CandidateSelection | None,
         engine: Engine,
     ) -> tuple[Plant, ...]:
         items: list[tuple[int, _Real, State | None]] = []
@@ -454,7 +454,8 @@ class _Making:
 
 
 def _member(
-    about: tuple[_Making, Shared | None, str, Kept | None], item: tuple[int, _Real, State | None]
+    about: tuple[_PlantMaker, SharedPlantBasis | None, str, CandidateSelection | None],
+    item: tuple[int, _Real, State | None],
 ) -> Plant:
     """Return a member, with the shared basis if it is accurate, else without."""
     (making, shared, route, kept), (number, values, state) = about, item
@@ -477,7 +478,7 @@ def _check_ended(own: UpdateResult) -> UpdateResult:
     return own
 
 
-def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
+def _from_covariance(result: UpdateResult, n: int, seed: int) -> _ParameterDraws:
     """Return draws from the covariance."""
     parameters = result.parameters
     unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
@@ -512,7 +513,7 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
         if part > 0.0:
             cut[name] = float(part)
     wide = _WIDE * np.random.default_rng(0).standard_normal((_number(len(x)), len(x)))
-    return _Drawn(drawn, values(wide)[0], "covariance", cut=cut)
+    return _ParameterDraws(drawn, values(wide)[0], "covariance", cut=cut)
 
 
 def _number(n_unknowns: int) -> int:
@@ -520,7 +521,7 @@ def _number(n_unknowns: int) -> int:
     return max(_TRAINING, int(np.ceil(_FOR_EACH * n_unknowns)))
 
 
-def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Drawn:
+def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _ParameterDraws:
     """Return thinned draws."""
     from updyn.uncertainty.draws import Draws  # imports scipy.stats: slow and rarely needed
 
@@ -538,4 +539,4 @@ def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Dr
     some = []
     for count in (n, min(_number(len(known.names)), len(known))):
         some.append(known.values[np.linspace(0, len(known) - 1, count).round().astype(np.intp)])
-    return _Drawn(some[0], some[1], known.kind, known.message)
+    return _ParameterDraws(some[0], some[1], known.kind, known.message)

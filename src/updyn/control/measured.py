@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port
-from updyn.control.target import Target
+from updyn.control.target import ResponseTarget
 from updyn.dofs import DofSet
 from updyn.errors import DataError, DofError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.identify import identify_modes
 from updyn.updating.problem.noise.known import Coherence
 
-__all__ = ["Measured", "select_measurement"]
+__all__ = ["PortMeasurement", "select_measurement"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -26,12 +26,12 @@ _TWO_PI = 2.0 * np.pi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class PortMeasurement:
     """A measurement between ports.
 
     Attributes
     ----------
-    target : Target
+    target : ResponseTarget
         The measured values.
     deviation : ndarray of float, shape (n_f, n_y, n_u)
         Standard deviations of the values; 0 if unknown.
@@ -41,7 +41,7 @@ class Measured:
         Source of the deviations.
     """
 
-    target: Target
+    target: ResponseTarget
     deviation: _Real
     poles: _Complex
     noise: str
@@ -58,7 +58,7 @@ def select_measurement(
     outputs: tuple[Port, ...],
     quantities: tuple[str, ...],
     band: tuple[float, float],
-) -> Measured:
+) -> PortMeasurement:
     """Return the measurement between ports, over a band in Hz.
 
     Raises DofError with the name of the port if a DOF was not measured, DataError if the band has
@@ -83,11 +83,11 @@ def select_measurement(
     variance, noise = _variance(data)
     deviation = np.sqrt(out**2 @ variance @ into.T**2) * np.abs(rate)
     nothing = np.zeros(values.shape)
-    target = Target.at(data.freq, values, quantities, nothing, slow=False)
+    target = ResponseTarget.at(data.freq, values, quantities, nothing, slow=False)
     modes = identify_modes(data)
     damping = 0.5 * np.nan_to_num(modes.loss_factor, nan=0.01)
     poles = _TWO_PI * modes.frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))
-    return Measured(target, deviation, np.asarray(poles), noise)
+    return PortMeasurement(target, deviation, np.asarray(poles), noise)
 
 
 def _weights(ports: tuple[Port, ...], dofs: DofSet, what: str) -> _Real:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from updyn.control.passivity import active_part, constrained_least_squares, violations
 from updyn.control.rational import Rational, SlowMotion, states_of_poles
 from updyn.control.space import imaginary
-from updyn.control.target import Target
+from updyn.control.target import ResponseTarget
 from updyn.modal.vector_fitting import Basis, relocated, stacked
 
 __all__ = ["Approximation"]
@@ -59,7 +59,7 @@ class Approximation:
 
     Attributes
     ----------
-    target : Target
+    target : ResponseTarget
         The response.
     slow : SlowMotion
         The part that is kept exactly.
@@ -73,7 +73,7 @@ class Approximation:
         Weight of the errors; by default the reciprocal of the level.
     """
 
-    target: Target
+    target: ResponseTarget
     slow: SlowMotion
     powers: NDArray[np.intp]
     poles: _Complex

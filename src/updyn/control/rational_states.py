@@ -7,7 +7,7 @@ import numpy as np
 from updyn.control.passivity import violations
 from updyn.control.rational import Rational
 from updyn.control.rational_fit import Approximation
-from updyn.control.target import Kept
+from updyn.control.target import CandidateSelection
 
 __all__ = ["fewest_states", "with_poles_of"]
 
@@ -21,17 +21,17 @@ _FEW = (0, 2)
 
 def fewest_states(
     approximation: Approximation, tolerance: float, largest: int | None = None
-) -> Kept:
+) -> CandidateSelection:
     """Return the approximation with the fewest states that holds a tolerance.
 
     `largest` is the largest number of states, including those of the slow motion; by default
     slightly more than those of the initial poles. If none holds the tolerance, the one with the
-    smallest error is returned; see `Kept.holds`.
+    smallest error is returned; see `CandidateSelection.holds`.
     """
     slow = len(approximation.slow.A)
-    tried: dict[int, Kept] = {}
+    tried: dict[int, CandidateSelection] = {}
 
-    def at(n: int) -> Kept:
+    def at(n: int) -> CandidateSelection:
         if n not in tried:
             tried[n] = _with_states(approximation, n, tolerance)
         return tried[n]
@@ -54,12 +54,14 @@ def fewest_states(
     return at(high)
 
 
-def _with_states(approximation: Approximation, n: int, tolerance: float) -> Kept:
+def _with_states(approximation: Approximation, n: int, tolerance: float) -> CandidateSelection:
     """Return the approximation with n states in addition to the slow ones, and its errors."""
     return _judge_approximation(approximation, approximation.fit(n, tolerance), tolerance)
 
 
-def with_poles_of(approximation: Approximation, like: Rational, tolerance: float) -> Kept:
+def with_poles_of(
+    approximation: Approximation, like: Rational, tolerance: float
+) -> CandidateSelection:
     """Return an approximation with the states of that of a similar response."""
     n = 2 * len(like.pairs) + len(like.rates)
     single = min(approximation.target.values.shape[1:]) == 1
@@ -71,13 +73,15 @@ def with_poles_of(approximation: Approximation, like: Rational, tolerance: float
     return _with_states(approximation, n, tolerance)
 
 
-def _judge_approximation(approximation: Approximation, made: Rational, tolerance: float) -> Kept:
+def _judge_approximation(
+    approximation: Approximation, made: Rational, tolerance: float
+) -> CandidateSelection:
     """Return an approximation with its errors, infinite if it is not passive."""
     target, mask = approximation.target, ~made.always
     errors = target.all_errors(made.response(mask, target.freq))
     if _active(approximation, made):
         errors = np.full(5, np.inf)
-    return Kept(made, mask, errors, target.limits(tolerance))
+    return CandidateSelection(made, mask, errors, target.limits(tolerance))
 
 
 def _active(approximation: Approximation, made: Rational) -> bool:

@@ -14,15 +14,19 @@ from updyn.control.complex_modes import FittedModes
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace, channel_zeros
-from updyn.control.target import Kept, Target
-from updyn.control.task import Task
+from updyn.control.target import CandidateSelection, ResponseTarget
+from updyn.control.task import PlantTask
 from updyn.errors import ModelError
 
 __all__ = ["realise", "with_errors"]
 
 
 def realise(
-    task: Task, found: Kept, title: str, quantities: tuple[str, ...], tolerance: float
+    task: PlantTask,
+    found: CandidateSelection,
+    title: str,
+    quantities: tuple[str, ...],
+    tolerance: float,
 ) -> Plant:
     """Return the plant of a selection; raises ModelError for an unstable pole."""
     A, B, C, D = found.conversion.matrices(found.mask)
@@ -61,11 +65,11 @@ def realise(
     return with_errors(made, task.target)
 
 
-def _flexible(found: Kept) -> NDArray[np.bool_]:
+def _flexible(found: CandidateSelection) -> NDArray[np.bool_]:
     return ~found.conversion.always
 
 
-def with_errors(made: Plant, target: Target) -> Plant:
+def with_errors(made: Plant, target: ResponseTarget) -> Plant:
     """Return a plant with the errors of its matrices; raises ModelError for an unstable pole."""
     G = sweep(made, target.freq)
     scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
@@ -87,7 +91,7 @@ def with_errors(made: Plant, target: Target) -> Plant:
     )
 
 
-def _shifts(made: Plant, target: Target, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
+def _shifts(made: Plant, target: ResponseTarget, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
     for i, j in np.ndindex(*target.level.shape):
         matrices = StateSpace(made.A, made.B[:, [j]], made.C[[i]], made.D[[i]][:, [j]])
         names = made.outputs[i], made.inputs[j]

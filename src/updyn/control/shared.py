@@ -1,4 +1,4 @@
-"""`Shared`: the common basis and options of the plants of a family."""
+"""`SharedPlantBasis`: the common basis and options of the plants of a family."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from updyn.control.options import check_band, check_error, check_tolerance, quan
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.realised import realise
-from updyn.control.space import Projection, shared_projection
-from updyn.control.spectrum import Spectrum
-from updyn.control.structure import Structure
-from updyn.control.target import Kept
-from updyn.control.task import Task, check_begin, make_task
+from updyn.control.space import ModalProjection, shared_projection
+from updyn.control.spectrum import SpectralDecomposition
+from updyn.control.structure import CompiledStructure
+from updyn.control.target import CandidateSelection
+from updyn.control.task import PlantTask, check_begin, make_task
 from updyn.dynamics.affine import State
 
-__all__ = ["Shared"]
+__all__ = ["SharedPlantBasis"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shared:
+class SharedPlantBasis:
     """The common basis, ports and options of the plants of a family.
 
     Attributes
     ----------
-    projection : Projection
+    projection : ModalProjection
         The model on the basis.
     title : str
         Title of the model.
@@ -43,7 +43,7 @@ class Shared:
         Error measure of the tolerance.
     """
 
-    projection: Projection
+    projection: ModalProjection
     title: str
     ports: tuple[tuple[Port, ...], tuple[Port, ...]]
     quantities: tuple[str, ...]
@@ -53,7 +53,7 @@ class Shared:
     @classmethod
     def of(
         cls,
-        structure: Structure,
+        structure: CompiledStructure,
         states: tuple[Sequence[State], Sequence[State]],
         inputs: tuple[Port, ...],
         outputs: tuple[Port, ...],
@@ -62,7 +62,7 @@ class Shared:
         quantity: str | Sequence[str],
         error: str,
         backend: str | None,
-    ) -> tuple[Shared, NDArray[np.bool_]]:
+    ) -> tuple[SharedPlantBasis, NDArray[np.bool_]]:
         """Return the common part, and for which states the basis is accurate.
 
         `states` are those that enrich the basis, and those of the members.
@@ -76,7 +76,9 @@ class Shared:
         ports = inputs, outputs
         return cls(projection, structure.model.title, ports, quantities, tolerance, error), holds
 
-    def member(self, state: State, route: str, like: Kept | None = None) -> tuple[Plant, Kept]:
+    def member(
+        self, state: State, route: str, like: CandidateSelection | None = None
+    ) -> tuple[Plant, CandidateSelection]:
         """Return the plant of a state, and its selection.
 
         `like` is the selection that is tried first; if it does not hold the tolerance, another is
@@ -88,10 +90,10 @@ class Shared:
             found = choose_route(task, check_route(route, task, self.error), self.tolerance)
         return realise(task, found, self.title, self.quantities, self.tolerance), found
 
-    def _task(self, state: State) -> Task:
+    def _task(self, state: State) -> PlantTask:
         space = self.projection.space(state)
         check_begin(space, self.projection.band[0])
-        spectrum = Spectrum.of(self.projection, state)
+        spectrum = SpectralDecomposition.of(self.projection, state)
         return make_task(
             self.ports,
             self.quantities,

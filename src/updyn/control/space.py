@@ -11,7 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
-from updyn.control.structure import Structure
+from updyn.control.structure import CompiledStructure
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.kept_basis import begin
 from updyn.dynamics.modes import modes
@@ -26,8 +26,8 @@ __all__ = [
     "Conversion",
     "Lossy",
     "Matrices",
+    "ModalProjection",
     "ModalSpace",
-    "Projection",
     "imaginary",
     "modal_space",
     "projection",
@@ -192,7 +192,7 @@ def nonnegative(A: _Real) -> _Real:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Projection:
+class ModalProjection:
     """A model on the relevant basis vectors between some ports in a band, for any of its states.
 
     Attributes
@@ -281,26 +281,26 @@ def modal_space(
     stiffness, SolverError if a motion has neither stiffness nor mass or no reduced model is
     accurate enough, DofError if the model lacks a DOF of a port.
     """
-    structure = Structure.of(model)
+    structure = CompiledStructure.of(model)
     found = projection(structure, inputs, outputs, band, backend=backend, accuracy=accuracy)
     return found.space(structure.system.start)
 
 
 def projection(
-    structure: Structure,
+    structure: CompiledStructure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: tuple[float, float],
     *,
     backend: str | None = None,
     accuracy: float = _ACCURACY,
-) -> Projection:
+) -> ModalProjection:
     """Return a model on the relevant basis vectors between some ports, as `modal_space`."""
-    return _Projecting(structure, inputs, outputs, band).at_start(backend, accuracy)
+    return _Projector(structure, inputs, outputs, band).at_start(backend, accuracy)
 
 
 def shared_projection(
-    structure: Structure,
+    structure: CompiledStructure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: tuple[float, float],
@@ -309,13 +309,13 @@ def shared_projection(
     *,
     backend: str | None = None,
     accuracy: float = _ACCURACY,
-) -> tuple[Projection, NDArray[np.bool_]]:
+) -> tuple[ModalProjection, NDArray[np.bool_]]:
     """Return a model on one basis for several states, and for which of them it is accurate.
 
     The basis is enriched by the fields of the `training` states if it lacks them; its error at
     `states` is estimated from residuals. Other arguments as for `modal_space`.
     """
-    making = _Projecting(structure, inputs, outputs, band)
+    making = _Projector(structure, inputs, outputs, band)
     if structure.system.n <= _WHOLE:
         return making.whole(), np.ones(len(states), dtype=np.bool_)
     reduction, _ = making.reduce(backend, accuracy)
@@ -330,10 +330,10 @@ def shared_projection(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Projecting:
+class _Projector:
     """The inputs of a projection."""
 
-    structure: Structure
+    structure: CompiledStructure
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     band: tuple[float, float]
@@ -346,13 +346,13 @@ class _Projecting:
     def system(self) -> AffineSystem:
         return self.structure.system
 
-    def at_start(self, backend: str | None, accuracy: float) -> Projection:
+    def at_start(self, backend: str | None, accuracy: float) -> ModalProjection:
         if self.system.n <= _WHOLE:
             return self.whole()
         reduction, said = self.reduce(backend, accuracy)
         return self.of(reduction, said)
 
-    def whole(self) -> Projection:
+    def whole(self) -> ModalProjection:
         """Return the projection onto all DOFs."""
         matrices = []
         for term in self.system.terms:
@@ -389,7 +389,7 @@ class _Projecting:
             f"{found.size} basis vectors of a reduced model, error at most {found.error:.1g}",
         )
 
-    def of(self, reduction: Reduction, said: str) -> Projection:
+    def of(self, reduction: Reduction, said: str) -> ModalProjection:
         """Return the projection onto a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
         return self._build_projection(
@@ -419,9 +419,9 @@ class _Projecting:
         rigid: int,
         said: str,
         solver: ReducedSolver | None,
-    ) -> Projection:
+    ) -> ModalProjection:
         (into, weights_in), (out, weights_out) = self._ports
-        return Projection(
+        return ModalProjection(
             system,
             tuple(matrices),
             weights_out @ at(out),

@@ -1,4 +1,4 @@
-"""`Spectrum`: the response of a damped structure at any number of lines, by one decomposition.
+"""`SpectralDecomposition`: one decomposition for the response of a damped structure at all lines.
 
 With P = K + Omega^2 M, Omega the upper end of the band, and X^T P X = I, X^T Omega^2 M X =
 diag(sigma), the dynamic stiffness without viscous damping is
@@ -23,11 +23,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.control.space import Projection
+from updyn.control.space import ModalProjection
 from updyn.dynamics.affine import State
 from updyn.errors import ModelError, SolverError
 
-__all__ = ["Spectrum"]
+__all__ = ["SpectralDecomposition"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -45,12 +45,12 @@ _BLOCK = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spectrum:
+class SpectralDecomposition:
     """The response between the ports of a projection, at one state.
 
     Attributes
     ----------
-    projection : Projection
+    projection : ModalProjection
         The model.
     state : State
         Its state.
@@ -62,13 +62,13 @@ class Spectrum:
         dampers, shape (n_u + k, r); None if every line is solved separately.
     """
 
-    projection: Projection
+    projection: ModalProjection
     state: State
     poles: _Complex
     modes: tuple[_Complex, _Complex, _Complex] | None
 
     @classmethod
-    def of(cls, projection: Projection, state: State) -> Spectrum:
+    def of(cls, projection: ModalProjection, state: State) -> SpectralDecomposition:
         """Return the decomposition of a state; raises ModelError without stiffness and mass."""
         top = (_TWO_PI * projection.band[1]) ** 2
         M, D = projection.combine(state, "mass"), np.zeros_like(projection.matrices[0])

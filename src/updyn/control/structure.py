@@ -1,4 +1,4 @@
-"""`Structure`: the compiled model of a plant."""
+"""`CompiledStructure`: the compiled model of a plant."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["Structure"]
+__all__ = ["CompiledStructure"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Structure:
+class CompiledStructure:
     """A compiled model, and the initial basis of its reduced models.
 
     Attributes
@@ -38,7 +38,7 @@ class Structure:
     kept_basis: KeptBasis | None = None
 
     @classmethod
-    def of(cls, given: object) -> Structure:
+    def of(cls, given: object) -> CompiledStructure:
         """Return the structure of a model or of an update result.
 
         For an update it is the start model at the estimate, with the matrices of the update, so its

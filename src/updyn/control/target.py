@@ -1,4 +1,4 @@
-"""`Target`: the response that a plant approximates; `fewest`: selection of its modes."""
+"""`ResponseTarget`: the response that a plant approximates; `fewest`: selection of its modes."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from updyn.frf import QUANTITIES
 from updyn.model import Model
 
 __all__ = [
-    "Kept",
-    "Target",
+    "CandidateSelection",
+    "ResponseTarget",
     "fewest",
     "judge_selection",
     "receptance_function",
@@ -45,7 +45,7 @@ _SHORT = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
+class ResponseTarget:
     """The response of the model at a set of lines.
 
     Attributes
@@ -90,7 +90,7 @@ class Target:
         potential: Callable[[_Real], _Real],
         measure: str = "relative",
         reduced: bool = False,
-    ) -> Target:
+    ) -> ResponseTarget:
         """Return the target of a receptance.
 
         `receptance` and `potential` are functions of the lines in Hz with values of shape (n_f,
@@ -123,7 +123,7 @@ class Target:
         *,
         slow: bool,
         measure: str = "relative",
-    ) -> Target:
+    ) -> ResponseTarget:
         """Return the target of given values, shape (n_f, n_y, n_u).
 
         `resolution` is the rounding of a channel without coupling; others as for `of`.
@@ -279,7 +279,7 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kept:
+class CandidateSelection:
     """A selection of candidates and its errors.
 
     Attributes
@@ -289,7 +289,7 @@ class Kept:
     mask : ndarray of bool, shape (n,)
         The selected candidates.
     errors : ndarray of float, shape (5,)
-        Errors against the model, see `Target.all_errors`.
+        Errors against the model, see `ResponseTarget.all_errors`.
     limits : ndarray of float, shape (5,)
         Limits of the errors; inf for those without a tolerance.
     """
@@ -312,8 +312,8 @@ class Kept:
 
 
 def fewest(
-    conversion: Conversion, target: Target, tolerance: float, *, lenient: bool = False
-) -> Kept:
+    conversion: Conversion, target: ResponseTarget, tolerance: float, *, lenient: bool = False
+) -> CandidateSelection:
     """Return the fewest candidates that hold a tolerance; those below the band are always kept.
 
     Modal cost: candidates are ranked by the largest change that omitting each one causes, as a
@@ -322,9 +322,9 @@ def fewest(
     the mean square). Double integrators are always kept and need no Gramian. Bisection gives the
     number, then single candidates are omitted while the tolerance holds.
 
-    Without `lenient`, all errors of `Target.all_errors` must be within the tolerance; with it, only
-    the errors that a plant states, the others up to those of all candidates. All candidates are
-    returned if they do not hold the tolerance; see `Kept.holds`.
+    Without `lenient`, all errors of `ResponseTarget.all_errors` must be within the tolerance; with
+    it, only the errors that a plant states, the others up to those of all candidates. All
+    candidates are returned if they do not hold the tolerance; see `CandidateSelection.holds`.
     """
     level = np.broadcast_to(target.broad, target.reference.shape)
     if target.measure == "relative":
@@ -366,7 +366,12 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
 
 
 def judge_selection(
-    conversion: Conversion, target: Target, mask: NDArray[np.bool_], limits: NDArray[np.float64]
-) -> Kept:
+    conversion: Conversion,
+    target: ResponseTarget,
+    mask: NDArray[np.bool_],
+    limits: NDArray[np.float64],
+) -> CandidateSelection:
     """Return a selection of candidates with its errors."""
-    return Kept(conversion, mask, target.all_errors(conversion.response(mask, target.freq)), limits)
+    return CandidateSelection(
+        conversion, mask, target.all_errors(conversion.response(mask, target.freq)), limits
+    )

@@ -1,4 +1,4 @@
-"""`Task`: the model of a plant, and its target."""
+"""`PlantTask`: the model of a plant, and its target."""
 
 from __future__ import annotations
 
@@ -17,30 +17,35 @@ from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.real_modes import biot, diagonal, full, single_frequency
 from updyn.control.space import Conversion, ModalSpace, imaginary, projection, rates
-from updyn.control.spectrum import Spectrum
-from updyn.control.structure import Structure
-from updyn.control.target import Kept, Target, receptance_function, target_lines
+from updyn.control.spectrum import SpectralDecomposition
+from updyn.control.structure import CompiledStructure
+from updyn.control.target import (
+    CandidateSelection,
+    ResponseTarget,
+    receptance_function,
+    target_lines,
+)
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import QUANTITIES
 
-__all__ = ["Task", "check_begin", "make_task", "task_of"]
+__all__ = ["PlantTask", "check_begin", "make_task", "task_of"]
 
 _TERMS = (2, 3, 4, 6, 8)
 _EXTRA = (0, 2, 4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class PlantTask:
     """The modes and ports to realise as a plant, and the target response."""
 
     space: ModalSpace
-    target: Target
+    target: ResponseTarget
     powers: NDArray[np.intp]
     band: tuple[float, float]
     ports: tuple[tuple[Port, ...], tuple[Port, ...]]
-    spectrum: Callable[[], Spectrum]
+    spectrum: Callable[[], SpectralDecomposition]
 
-    def least(self, found: Kept) -> float:
+    def least(self, found: CandidateSelection) -> float:
         """Return a lower bound on the error of any stable plant, see `updyn.control.causal`.
 
         `found` is the selection with which the structure's response is compared; its influence is
@@ -129,7 +134,7 @@ def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) 
 
 
 def task_of(
-    structure: Structure,
+    structure: CompiledStructure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: Sequence[float],
@@ -137,7 +142,7 @@ def task_of(
     tier: str | None,
     backend: str | None,
     measure: str = "relative",
-) -> tuple[Task, tuple[str, ...]]:
+) -> tuple[PlantTask, tuple[str, ...]]:
     """Return the task of a structure, and the quantity of each output; as for `updyn.plant`."""
     limits = check_band(band)
     quantities = quantities_of(quantity, len(outputs))
@@ -151,7 +156,7 @@ def task_of(
         ports,
         quantities,
         space,
-        (_poles(space), lambda: Spectrum.of(found, system.start)),
+        (_poles(space), lambda: SpectralDecomposition.of(found, system.start)),
         limits,
         measure,
         answer,
@@ -172,11 +177,11 @@ def make_task(
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
     quantities: tuple[str, ...],
     space: ModalSpace,
-    damped: tuple[NDArray[np.complex128], Callable[[], Spectrum]],
+    damped: tuple[NDArray[np.complex128], Callable[[], SpectralDecomposition]],
     band: tuple[float, float],
     measure: str,
     receptance: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
-) -> Task:
+) -> PlantTask:
     """Return the task with the response at lines that resolve it.
 
     `damped` are the poles of the damped structure in rad/s and a function that returns its
@@ -184,7 +189,7 @@ def make_task(
     finite at a line.
     """
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
-    target = Target.of(
+    target = ResponseTarget.of(
         receptance,
         quantities,
         target_lines(damped[0], band),
@@ -197,7 +202,7 @@ def make_task(
         raise SolverError(
             "plant: the structure has no finite response at a line of the band: it is not damped"
         )
-    return Task(space, target, powers, band, ports, damped[1])
+    return PlantTask(space, target, powers, band, ports, damped[1])
 
 
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:

@@ -35,11 +35,11 @@ from updyn.elements.checks import (
     reals,
 )
 from updyn.errors import ModelError
-from updyn.exchanged import Exchanged, StiffnessAndMass
+from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["PointMass", "Segment", "Support", "beam", "beam_from_table", "element_matrices"]
+__all__ = ["BeamMass", "BeamSupport", "Segment", "beam", "beam_from_table", "element_matrices"]
 
 _SAME = 1e-9  # relative to the length: closer positions are one node
 _DEFAULT_ELEMENTS = 100
@@ -77,7 +77,7 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
-class Support:
+class BeamSupport:
     """A spring and a damper to ground. Supports with the same name form one group.
 
     Parameters
@@ -105,7 +105,7 @@ class Support:
 
 
 @dataclass(frozen=True, slots=True)
-class PointMass:
+class BeamMass:
     """A rigid mass on the beam, such as an accelerometer. Masses of one name form one group.
 
     Parameters
@@ -137,7 +137,11 @@ _OPTIONAL_KEYS = (
     "title",
 )
 #: Arrays of tables of a job file, and the class of their rows.
-_TABLES: Mapping[str, type[Any]] = {"segments": Segment, "supports": Support, "masses": PointMass}
+_TABLES: Mapping[str, type[Any]] = {
+    "segments": Segment,
+    "supports": BeamSupport,
+    "masses": BeamMass,
+}
 
 
 def beam(
@@ -154,8 +158,8 @@ def beam(
     nodes: ArrayLike | None = None,
     stations: Iterable[float] | Mapping[int, float] = (),
     segments: Iterable[Segment | Sequence[Any]] = (),
-    supports: Iterable[Support | Sequence[Any]] = (),
-    masses: Iterable[PointMass | Sequence[Any]] = (),
+    supports: Iterable[BeamSupport | Sequence[Any]] = (),
+    masses: Iterable[BeamMass | Sequence[Any]] = (),
     title: str = "",
 ) -> Model:
     """Build a Timoshenko beam of rectangular cross-section in bending; free-free without supports.
@@ -188,9 +192,9 @@ def beam(
     segments : iterable of Segment
         Sections that form separate groups; together they must cover the beam once. By default, one
         group ``"beam"``. Tuples ``(name, start, end)`` are accepted.
-    supports : iterable of Support
+    supports : iterable of BeamSupport
         Springs and dampers to ground.
-    masses : iterable of PointMass
+    masses : iterable of BeamMass
         Rigid masses.
     title : str
         Title, for documentation.
@@ -215,8 +219,8 @@ def beam(
         shear_coefficient = 10 * (1 + nu) / (12 + 11 * nu)
     kappa = positive("beam", "shear_coefficient", shear_coefficient)
     all_segments = make_parts(Segment, segments) or [Segment("beam", 0.0, length)]
-    all_supports = make_parts(Support, supports)
-    all_masses = make_parts(PointMass, masses)
+    all_supports = make_parts(BeamSupport, supports)
+    all_masses = make_parts(BeamMass, masses)
     _check_names(all_segments, all_supports, all_masses)
     all_stations = _read_stations(stations)
     places = [("station", x) for x, _ in all_stations]
@@ -246,8 +250,8 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
     ----------
     table : mapping
         ``kind`` (``"beam"``, optional) and the keyword arguments of `beam` by name. ``segments``,
-        ``supports`` and ``masses`` are arrays of tables with the fields of `Segment`, `Support`
-        and `PointMass`; ``stations`` is an array of positions in m, or a table from node number to
+        ``supports`` and ``masses`` are arrays of tables with the fields of `Segment`, `BeamSupport`
+        and `BeamMass`; ``stations`` is an array of positions in m, or a table from node number to
         position.
 
     Returns
@@ -272,7 +276,9 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
     return beam(**data)
 
 
-def _check_names(segments: list[Segment], supports: list[Support], masses: list[PointMass]) -> None:
+def _check_names(
+    segments: list[Segment], supports: list[BeamSupport], masses: list[BeamMass]
+) -> None:
     seen: dict[str, str] = {}
     for kind, items in (("segment", segments), ("support", supports), ("mass", masses)):
         for item in items:
@@ -302,7 +308,7 @@ def _segment_groups(
     every = list(segments)
     groups: dict[str, Group] = {}
     for name in dict.fromkeys(segment.name for segment in every):
-        recipe = _OfSegments(
+        recipe = _SegmentRecipe(
             x, tuple(s for s in every if s.name == name), common, shear_ratio, loss_factor
         )
         groups[name] = recipe.group().with_exchanged(_exchanged(recipe))
@@ -310,7 +316,7 @@ def _segment_groups(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OfSegments:
+class _SegmentRecipe:
     """Recipe of a group: its segments and their common properties."""
 
     x: NDArray[np.float64]
@@ -341,7 +347,7 @@ class _OfSegments:
         return StiffnessAndMass(group.stiffness, group.mass)
 
 
-def _exchanged(recipe: _OfSegments) -> Exchanged | None:
+def _exchanged(recipe: _SegmentRecipe) -> AxisExchange | None:
     """Return the group with width and height exchanged; None if they are equal."""
     turned = []
     for segment in recipe.segments:
@@ -358,7 +364,7 @@ def _exchanged(recipe: _OfSegments) -> Exchanged | None:
         f"width = {height:g}, height = {width:g}" for width, height in dict.fromkeys(sections)
     )
     what = f"width and height of {where}: {shown}"
-    return Exchanged(replace(recipe, segments=tuple(turned)), what)
+    return AxisExchange(replace(recipe, segments=tuple(turned)), what)
 
 
 def _segment_group(
@@ -425,7 +431,7 @@ def _assembled(blocks: NDArray[np.float64], first: NDArray[np.intp], n: int) -> 
     return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
 
 
-def _support_groups(x: NDArray[np.float64], supports: Sequence[Support]) -> dict[str, Group]:
+def _support_groups(x: NDArray[np.float64], supports: Sequence[BeamSupport]) -> dict[str, Group]:
     groups: dict[str, Group] = {}
     for name in dict.fromkeys(support.name for support in supports):
         same = [support for support in supports if support.name == name]
@@ -454,7 +460,7 @@ def _support_groups(x: NDArray[np.float64], supports: Sequence[Support]) -> dict
     return groups
 
 
-def _mass_groups(x: NDArray[np.float64], masses: Sequence[PointMass]) -> dict[str, Group]:
+def _mass_groups(x: NDArray[np.float64], masses: Sequence[BeamMass]) -> dict[str, Group]:
     diagonals: dict[str, NDArray[np.float64]] = {}
     for mass in masses:
         what = f"mass {mass.name!r}"

@@ -275,7 +275,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Cells:
+class _CellBlock:
     """Cells of one type, as indices of their nodes."""
 
     type: str
@@ -284,22 +284,22 @@ class _Cells:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Found:
+class _MeshContent:
     """Content that meshio finds in a file, from `updyn.foreign.mesh.load`."""
 
     points: NDArray[Any]
-    cells: Sequence[_Cells]
+    cells: Sequence[_CellBlock]
     point_sets: Mapping[str, NDArray[Any]]
     cell_sets: Mapping[str, Sequence[Any]]
     physical: Sequence[NDArray[Any]]
     names: Mapping[str, NDArray[Any]]
 
 
-def _read(path: Path) -> _Found:
+def _read(path: Path) -> _MeshContent:
     found = box.load(
         "updyn.foreign.mesh:load", path, what="mesh", reader="meshio", beside=_beside(path)
     )
-    cells = [_Cells(*one) for one in found.pop("cells")]
+    cells = [_CellBlock(*one) for one in found.pop("cells")]
     for one in cells:
         if one.data.ndim != 2 or one.data.dtype.kind not in "iu":
             raise FormatError(f"cells of kind {one.type!r} are not rows of nodes", path)
@@ -311,7 +311,7 @@ def _read(path: Path) -> _Found:
     for name, pair in found["names"].items():
         if pair.shape != (2,) or pair.dtype.kind not in "iu":
             raise FormatError(f"physical group {name!r}: expected its tag and dimension", path)
-    return _Found(cells=cells, **found)
+    return _MeshContent(cells=cells, **found)
 
 
 def _beside(path: Path) -> list[Path]:
@@ -336,7 +336,7 @@ def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
     return xyz
 
 
-def _unmirrored(cells: _Cells, xyz: NDArray[np.float64]) -> _Cells:
+def _unmirrored(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
     """Return solids in the node order that encloses a positive volume.
 
     The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
@@ -350,7 +350,7 @@ def _unmirrored(cells: _Cells, xyz: NDArray[np.float64]) -> _Cells:
     corners = xyz[cells.data[:, [0, *ends]]]
     volume = np.linalg.det(corners[:, 1:] - corners[:, :1])
     data = np.where((volume < 0.0)[:, None], cells.data[:, order], cells.data)
-    return _Cells(cells.type, cells.dim, data)
+    return _CellBlock(cells.type, cells.dim, data)
 
 
 def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
@@ -363,7 +363,7 @@ def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[
 
 
 def _groups(
-    path: Path, found: _Found, numbers: NDArray[np.int64]
+    path: Path, found: _MeshContent, numbers: NDArray[np.int64]
 ) -> tuple[dict[str, dict[str, NDArray[np.int64]]], dict[str, int]]:
     """Return the cells of each group by type, and the number of ungrouped cells by type."""
     chosen = _members_of_groups(path, found)
@@ -386,7 +386,7 @@ def _groups(
     return {name: groups[name] for name in chosen if name in groups}, ungrouped
 
 
-def _members_of_groups(path: Path, found: _Found) -> dict[str, list[NDArray[np.intp]]]:
+def _members_of_groups(path: Path, found: _MeshContent) -> dict[str, list[NDArray[np.intp]]]:
     """Return the positions of the cells of each group in each block of cells."""
     chosen: dict[str, list[NDArray[np.intp]]] = {}
     for name, members in found.cell_sets.items():
@@ -425,7 +425,7 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
     return [_within(path, f"group {name!r}", array, len(one.data)) for array, one in pairs]
 
 
-def _physical(found: _Found, tag: int, dim: int) -> str:
+def _physical(found: _MeshContent, tag: int, dim: int) -> str:
     for name, (own, own_dim) in found.names.items():
         if int(own) == tag and int(own_dim) == dim:
             return str(name)

@@ -12,7 +12,7 @@ from updyn import errors
 from updyn.errors import FormatError, InputError, damaged, reason_of
 from updyn.foreign.child import OUT_OF_MEMORY, READY
 from updyn.foreign.exits import describe_exit, signal_name
-from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import decode
 from updyn.foreign.processes import START, start
 from updyn.registry import load_object
@@ -96,7 +96,7 @@ def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> An
         raise damaged(path, what, reason_of(error)) from error
 
 
-def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str, Any]:
+def _ask(request: Mapping[str, Any], limits: ReadLimits, blame: str) -> Mapping[str, Any]:
     """Return the answer of a child process after it has ended."""
     path = limits.path
     received = bytearray()

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from updyn.errors import InputError, reason_of
-from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import encode
 from updyn.registry import load_object
 
@@ -112,7 +112,7 @@ def _attempt(act: Callable[[], Any]) -> dict[str, Any]:
         return {"failed": reason_of(error)}
 
 
-def _limit(limits: Limits) -> None:
+def _limit(limits: ReadLimits) -> None:
     """Set the limits in the operating system, if supported."""
     try:
         import resource

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.io import netcdf_file
 
 from updyn.errors import FormatError
-from updyn.foreign.hdf5 import Content, plain_value
+from updyn.foreign.hdf5 import HDF5Content, plain_value
 from updyn.foreign.limits import limits_of
 
 __all__ = ["load"]
@@ -51,7 +51,7 @@ def load(path: str) -> dict[str, Any]:
 
 
 def _of_hdf5(path: str) -> dict[str, Any]:
-    content = Content(path, False)
+    content = HDF5Content(path, False)
     with h5py.File(path, "r") as file:
         members = content.members(file)
         _check(content.attributes(file), members, path)

@@ -17,10 +17,10 @@ import numpy as np
 
 from updyn.errors import FormatError
 from updyn.foreign.attributes import PACKING, UNITS
-from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import Other, to_native
 
-__all__ = ["Content", "has_no_variable", "load", "plain_value"]
+__all__ = ["HDF5Content", "has_no_variable", "load", "plain_value"]
 
 _DEPTH = 16
 #: Name of a netCDF dimension without variable: a dataset without numbers.
@@ -51,10 +51,10 @@ def load(path: str, is_ours: bool) -> dict[str, Any]:
         suggests.
     """
     with h5py.File(path, "r") as file:
-        return Content(path, is_ours).group(file)
+        return HDF5Content(path, is_ours).group(file)
 
 
-class Content:
+class HDF5Content:
     """The content of a file, checked before it is read.
 
     Parameters
@@ -67,7 +67,7 @@ class Content:
 
     def __init__(self, path: str, is_ours: bool) -> None:
         self.path = path
-        self._limits: Limits | None = None if is_ours else limits_of(path)
+        self._limits: ReadLimits | None = None if is_ours else limits_of(path)
         self._unpacked = 0
 
     def group(self, group: Any, depth: int = 0) -> dict[str, Any]:

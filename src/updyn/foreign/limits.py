@@ -8,7 +8,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError
 
-__all__ = ["Limits", "limits_of"]
+__all__ = ["ReadLimits", "limits_of"]
 
 _MB = 10**6
 _SECONDS = 6.0
@@ -19,7 +19,7 @@ _WORKING = 512 * _MB
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ReadLimits:
     """Limits for one file.
 
     Parameters
@@ -59,9 +59,9 @@ class Limits:
             )
 
 
-def limits_of(path: str | Path, beside: Iterable[str | Path] = ()) -> Limits:
+def limits_of(path: str | Path, beside: Iterable[str | Path] = ()) -> ReadLimits:
     """Return the limits for a file; `beside` are files that are read with it."""
     try:
-        return Limits(str(path), sum(Path(p).stat().st_size for p in (path, *beside)))
+        return ReadLimits(str(path), sum(Path(p).stat().st_size for p in (path, *beside)))
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", path) from error

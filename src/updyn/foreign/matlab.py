@@ -29,8 +29,8 @@ from scipy.io.matlab import (
 )
 
 from updyn.errors import FormatError
-from updyn.foreign.hdf5 import Content
-from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.hdf5 import HDF5Content
+from updyn.foreign.limits import ReadLimits, limits_of
 from updyn.foreign.plain import Sparse, Unread, to_native
 
 __all__ = ["load"]
@@ -211,7 +211,7 @@ def _check_5(path: str) -> list[tuple[int, int]]:
     return places
 
 
-def _check_compressed(file: BinaryIO, length: int, limits: Limits, unpacked: int) -> int:
+def _check_compressed(file: BinaryIO, length: int, limits: ReadLimits, unpacked: int) -> int:
     """Unpack a variable, with its checksum; return the unpacked size so far."""
     stream = zlib.decompressobj()
     packed = file.read(length)
@@ -287,7 +287,7 @@ class _File73:
     def __init__(self, file: Any, path: str) -> None:
         self._file = file
         self._path = path
-        self._content = Content(path, False)
+        self._content = HDF5Content(path, False)
 
     def variables(self) -> dict[str, Any]:
         """Return all variables by name."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from updyn.errors import FormatError, ModelError
 from updyn.foreign import xdmf
-from updyn.foreign.hdf5 import Content
+from updyn.foreign.hdf5 import HDF5Content
 from updyn.foreign.plain import Other
 
 try:
@@ -41,7 +41,7 @@ def load(path: str) -> dict[str, Any]:
         xdmf.check(path)
     if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
-            Content(path, False).group(file)  # refuses links, which meshio would follow
+            HDF5Content(path, False).group(file)  # refuses links, which meshio would follow
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):

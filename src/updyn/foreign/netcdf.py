@@ -12,7 +12,7 @@ from typing import Any
 import h5netcdf
 import h5py
 
-from updyn.foreign.hdf5 import Content, has_no_variable, plain_value
+from updyn.foreign.hdf5 import HDF5Content, has_no_variable, plain_value
 
 __all__ = ["load"]
 
@@ -41,7 +41,7 @@ def load(
     FormatError
         As for `updyn.foreign.hdf5.load`.
     """
-    content = Content(path, is_ours)
+    content = HDF5Content(path, is_ours)
     found: dict[str, Any] = {"variables": {}, "groups": {}}
     with h5py.File(path, "r") as file:
         members = content.members(file)

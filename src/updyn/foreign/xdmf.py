@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import h5py
 
 from updyn.errors import FormatError
-from updyn.foreign.hdf5 import Content
+from updyn.foreign.hdf5 import HDF5Content
 
 __all__ = ["SUFFIXES", "check"]
 
@@ -34,7 +34,7 @@ def check(path: str) -> None:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
         raise FormatError(f"not a readable XDMF file ({error})", path, error.position[0]) from error
-    opened: dict[str, tuple[Any, Content]] = {}
+    opened: dict[str, tuple[Any, HDF5Content]] = {}
     try:
         for item, place in _items(root, path):
             name, _, inner = place.partition(":")
@@ -70,7 +70,7 @@ def _items(root: Any, path: str) -> Iterator[tuple[Any, str]]:
             )
 
 
-def _open_hdf5(name: str, path: str) -> tuple[Any, Content]:
+def _open_hdf5(name: str, path: str) -> tuple[Any, HDF5Content]:
     """Open an HDF5 file, which has to be in the same folder."""
     if not name or Path(name).name != name:
         raise FormatError(
@@ -82,7 +82,7 @@ def _open_hdf5(name: str, path: str) -> tuple[Any, Content]:
     if not file.is_file():
         raise FormatError(f"no such file; {Path(path).name} refers to it for its numbers", file)
     try:
-        return h5py.File(file, "r"), Content(str(file), False)
+        return h5py.File(file, "r"), HDF5Content(str(file), False)
     except OSError as error:
         raise FormatError(
             f"not a readable HDF5 file: damaged, truncated, or of another format ({error});"
@@ -91,7 +91,7 @@ def _open_hdf5(name: str, path: str) -> tuple[Any, Content]:
         ) from error
 
 
-def _dataset(file: Any, inner: str, content: Content) -> Any:
+def _dataset(file: Any, inner: str, content: HDF5Content) -> Any:
     """Return a dataset; all groups on its path have to be in the file."""
     found = file
     for name in filter(None, inner.split("/")):

@@ -17,7 +17,7 @@ from updyn.job.schema import Job
 from updyn.outputs.switch import open_folder, replaced
 from updyn.planning import plan
 from updyn.planning.plan import LINES, ROBUST
-from updyn.progress import Stage
+from updyn.progress import RunStage
 from updyn.store.planning import write_plan_json
 
 if TYPE_CHECKING:
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from updyn.planning import Plan
     from updyn.updating.fit.monitor import Progress
 
-__all__ = ["PLAN", "PLANNED", "PlanTable", "plan_job", "stages"]
+__all__ = ["PLAN", "PLAN_FILES", "PlanTable", "plan_job", "stages"]
 
 #: Files that ``updyn plan`` writes.
-PLANNED = ("plan.html", "plan.json")
+PLAN_FILES = ("plan.html", "plan.json")
 
 
-def _bands(given: Any) -> Any:
+def _parse_bands(given: Any) -> Any:
     pairs = given
     if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
         pairs = [given]
@@ -50,7 +50,7 @@ def _is_pair(given: Any) -> bool:
     return isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
 
 
-def _lines(given: Any) -> Any:
+def _parse_lines(given: Any) -> Any:
     if isinstance(given, int) and not isinstance(given, bool) and given >= 2:
         return given
     if isinstance(given, list | tuple) and given and all(map(is_number, given)):
@@ -63,12 +63,12 @@ class PlanTable(Table):
 
     n_sensors: int = Field(ge=1)
     n_references: int = Field(default=1, ge=1)
-    band: Annotated[tuple[Pair, ...], BeforeValidator(_bands), Strict(False)]
+    band: Annotated[tuple[Pair, ...], BeforeValidator(_parse_bands), Strict(False)]
     candidates: str | Texts | None = None
     reference_candidates: str | Texts | None = None
     criterion: str = "d-optimal"
     quantity: str = "accelerance"
-    lines: Annotated[int | tuple[float, ...], BeforeValidator(_lines)] = LINES
+    lines: Annotated[int | tuple[float, ...], BeforeValidator(_parse_lines)] = LINES
     noise: dict[str, float] | None = None
     interest: str | Texts | None = None
     robust: int = Field(default=ROBUST, ge=0)
@@ -133,37 +133,37 @@ def plan_job(
     from updyn.report import write_plan
 
     table = _table(job)
-    out = check_out(job, out or default_out(job, "plan"), PLANNED)
+    out = check_out(job, out or default_out(job, "plan"), PLAN_FILES)
     model, unknowns = prepare_model(job)
     options = table.model_dump()
     title = job.title or job.path.stem
     options |= {"engine": engine, "callback": callback, "resume": resume}
     with open_folder(out):
-        check_out(job, out, PLANNED)  # again, now that no other run can change the folder
+        check_out(job, out, PLAN_FILES)  # again, now that no other run can change the folder
         with run_journal(out, PLAN_JOURNAL) as journal, job.located(), key_path("plan"):
             found = plan(model, unknowns, compare=True, checkpoint=journal, **options)
-        with replaced(out, "plan", PLANNED) as new:
+        with replaced(out, "plan", PLAN_FILES) as new:
             write_plan(found, new / "plan.html", f"{title}: test plan")
             write_plan_json(found, new / "plan.json", title)
         journal.unlink(missing_ok=True)
     return found
 
 
-def stages(job: Job) -> list[Stage]:
+def stages(job: Job) -> list[RunStage]:
     """Return the stages of the plan of a job in order; raise `JobError` without ``[plan]``."""
     starts = 1 + _table(job).robust
     others = ("layout", "comparison", "expectation")
-    return [Stage("information", starts), *map(Stage, others)]
+    return [RunStage("information", starts), *map(RunStage, others)]
 
 
 def _table(job: Job) -> PlanTable:
     """Return ``[plan]`` of a job; raise if the job has a table that a plan does not support."""
     planned = job.table(PlanTable)
     if planned is None:
-        raise JobError("no table [plan]; it says how many sensors, and in which band", job.path)
+        raise JobError("missing table [plan] with the number of sensors and the band", job.path)
     with job.located():
         if len(job.parts) > 1:
-            raise JobError("a plan is for one test; leave one [[test]] in the job", key=("test", 1))
+            raise JobError("a plan is for one test; keep one [[test]]", key=("test", 1))
         for name, table in (("calibration", "[[calibration]]"), ("selection", "[selection]")):
             if getattr(job, name):
                 raise JobError(

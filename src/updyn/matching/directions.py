@@ -25,7 +25,7 @@ from updyn.geometry import Geometry
 from updyn.matching.result import EXACT, SHOWN, MatchError, listed, vector_text
 from updyn.model import Group, Matrix, Model
 
-__all__ = ["AssignedDof", "Target", "assign_dofs"]
+__all__ = ["AssignedDof", "SensorDirection", "assign_dofs"]
 
 _NEARLY_ALONG = 10.0  # degrees from a DOF up to which a message suggests the option `angle`
 _SMALLEST_ANGLE = 1.0  # smallest angle in degrees between the directions of two DOFs
@@ -38,7 +38,7 @@ _ROTATION = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
+class SensorDirection:
     """Node of the model for a sensor, and its direction there.
 
     Attributes
@@ -82,7 +82,7 @@ class AssignedDof:
 class _Local:
     """A target in the directions of its node; `part` is 0 for translations, 3 for rotations."""
 
-    target: Target
+    target: SensorDirection
     part: int
     vector: NDArray[np.float64]
     angle: float
@@ -101,7 +101,7 @@ class _Local:
 
 
 def assign_dofs(
-    model: Model, targets: Sequence[Target], angle: float = EXACT
+    model: Model, targets: Sequence[SensorDirection], angle: float = EXACT
 ) -> tuple[Model, list[AssignedDof], list[str]]:
     """Assign a DOF to each sensor, rotating the DOFs of nodes with oblique sensors.
 
@@ -118,7 +118,7 @@ def assign_dofs(
     at: dict[int, list[_Local]] = {}
     for local in locals_:
         at.setdefault(local.node, []).append(local)
-    bases: dict[int, _Basis] = {}
+    bases: dict[int, _NodeDirections] = {}
     for node, group in at.items():
         if _any_oblique(group):
             bases[node] = _basis(node, group, directions[node])
@@ -154,7 +154,7 @@ def _mask(directions: Iterable[int], part: int) -> NDArray[np.bool_]:
 
 def _locals(
     model: Model,
-    targets: Sequence[Target],
+    targets: Sequence[SensorDirection],
     frames: Mapping[int, NDArray[np.float64]],
     directions: Mapping[int, tuple[int, ...]],
     angle: float,
@@ -179,7 +179,7 @@ def _locals(
 
 def _local(
     model: Model,
-    target: Target,
+    target: SensorDirection,
     frame: NDArray[np.float64],
     directions: tuple[int, ...],
     angle: float,
@@ -222,7 +222,7 @@ def _angle_off(vector: NDArray[np.float64], axis: int) -> float:
     return float(np.degrees(np.arctan2(across, abs(vector[axis]))))
 
 
-def _missing_dof(model: Model, target: Target) -> str:
+def _missing_dof(model: Model, target: SensorDirection) -> str:
     """Return the message about a DOF that the model lacks."""
     dof = abs(target.dof)
     try:
@@ -235,7 +235,7 @@ def _missing_dof(model: Model, target: Target) -> str:
 
 # -- one node
 @dataclass(frozen=True, slots=True, eq=False)
-class _Basis:
+class _NodeDirections:
     """New directions of a node, as rows in its old directions.
 
     `same` is True if translations and rotations have the same three orthogonal directions.
@@ -254,7 +254,7 @@ class _Basis:
         return np.asarray(rows[axis % 3])
 
 
-def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _Basis:
+def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _NodeDirections:
     translations = _mask(directions, _TRANSLATION)
     rotations = _mask(directions, _ROTATION)
     translating = _independent(node, found, _TRANSLATION, translations)
@@ -265,9 +265,9 @@ def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _
     if len(both) <= 3 and off < _ORTHONORMAL:
         A = _completed(both, np.ones(3, dtype=np.bool_))
         if not _mixes(A, translations) and not _mixes(A, rotations):
-            return _Basis(A, A, same=True)
+            return _NodeDirections(A, A, same=True)
     new_translations = _turned_rows(translating, translations)
-    return _Basis(new_translations, _turned_rows(rotating, rotations), same=False)
+    return _NodeDirections(new_translations, _turned_rows(rotating, rotations), same=False)
 
 
 def _vectors(found: Sequence[_Local]) -> NDArray[np.float64]:
@@ -383,7 +383,7 @@ def _label_score(
     return round(near, 9) + _TIE * same
 
 
-def _assigned(local: _Local, basis: _Basis | None) -> AssignedDof:
+def _assigned(local: _Local, basis: _NodeDirections | None) -> AssignedDof:
     rows = np.eye(3) if basis is None else basis.of(local.part)
     axis = int(np.argmin([_angle_between(row, local.vector) for row in rows]))
     dof = Dof(local.node, DIRECTIONS[local.part + axis])
@@ -397,7 +397,7 @@ def _assigned(local: _Local, basis: _Basis | None) -> AssignedDof:
 # -- the model
 def _turned(
     model: Model,
-    bases: Mapping[int, _Basis],
+    bases: Mapping[int, _NodeDirections],
     frames: Mapping[int, NDArray[np.float64]],
     directions: Mapping[int, tuple[int, ...]],
 ) -> tuple[Model, list[str]]:
@@ -417,7 +417,7 @@ def _turned(
 
 
 def _transformation(
-    model: Model, bases: Mapping[int, _Basis], directions: Mapping[int, tuple[int, ...]]
+    model: Model, bases: Mapping[int, _NodeDirections], directions: Mapping[int, tuple[int, ...]]
 ) -> tuple[Matrix, NDArray[np.bool_]]:
     """Return T of u = T q, shape (N, N), and a mask of the DOFs that it changes, shape (N,)."""
     n = model.n_dofs
@@ -466,7 +466,7 @@ def _transformed(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
 
 def _with_axes(
     geometry: Geometry | None,
-    bases: Mapping[int, _Basis],
+    bases: Mapping[int, _NodeDirections],
     frames: Mapping[int, NDArray[np.float64]],
 ) -> tuple[Geometry | None, list[int]]:
     """Return the geometry with the new directions, and the nodes that it cannot represent."""
@@ -487,7 +487,7 @@ def _with_axes(
 
 
 def _described(
-    node: int, basis: _Basis, frame: NDArray[np.float64], directions: tuple[int, ...]
+    node: int, basis: _NodeDirections, frame: NDArray[np.float64], directions: tuple[int, ...]
 ) -> str:
     """Return the rotated DOFs of a node with their directions in the global system, as text."""
     texts = []

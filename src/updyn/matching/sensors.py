@@ -18,12 +18,12 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import DofError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
-from updyn.matching.directions import AssignedDof, Target, assign_dofs
+from updyn.matching.directions import AssignedDof, SensorDirection, assign_dofs
 from updyn.matching.placement import NodeMatch, match_nodes, read_tolerance
 from updyn.matching.result import EXACT, Alignment, MatchError, Matching, SensorMatch
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.positions import System, check_labels, model_size
+from updyn.positions import CoordinateSystem, check_labels, model_size
 
 __all__ = ["match"]
 
@@ -438,7 +438,7 @@ class _UserInput:
 
     def node_of(
         self,
-        target: Target,
+        target: SensorDirection,
         nodes: Mapping[int, NodeMatch],
         model: Model,
         aligned: Alignment | None,
@@ -460,12 +460,12 @@ class _UserInput:
         R: NDArray[np.float64],
         by: str,
         model: Model,
-    ) -> Target:
+    ) -> SensorDirection:
         """Return node and direction of a sensor in the model; `R` rotates the test to the model."""
         entry = self.table.dofs.get(sensor)
         vector = self.vectors.get(sensor)
         if entry is not None and vector is None:
-            return Target(sensor, role, entry)
+            return SensorDirection(sensor, role, entry)
         if entry is not None and entry.sign < 0:
             raise MatchError(
                 f"{sensor} has a direction, and the sign of {entry} in table besides; leave it out",
@@ -477,13 +477,13 @@ class _UserInput:
             source = self._source_of(sensor.node)
             has_axes = source is not None and source.axes is not None
             if by == "label" and (model.geometry is None or not has_axes):
-                return Target(sensor, role, dof)
+                return SensorDirection(sensor, role, dof)
             axes = self.axes(sensor.node)
             if axes is None:
                 axes = np.eye(3)
             vector = axes[DIRECTIONS.index(sensor.direction) % 3]
             vector = vector / np.linalg.norm(vector)
-        return Target(sensor, role, dof, R @ vector)
+        return SensorDirection(sensor, role, dof, R @ vector)
 
     def warn_of_unused(self, model: Model, by: str) -> list[str]:
         """Warn of given directions that are not used; return the texts."""
@@ -531,7 +531,7 @@ def _distance(
     return float(np.linalg.norm(at - model.position([new])))
 
 
-def _alignment_of(system: System) -> Alignment | None:
+def _alignment_of(system: CoordinateSystem) -> Alignment | None:
     """Return the system in which labels and positions agree; None if it is that of the model."""
     if system.factor == 1.0 and system.residual is None:
         return None
@@ -542,7 +542,7 @@ def _alignment_of(system: System) -> Alignment | None:
 
 
 # -- results
-def _warn_of_angles(targets: Sequence[Target], assigned: Sequence[AssignedDof]) -> None:
+def _warn_of_angles(targets: Sequence[SensorDirection], assigned: Sequence[AssignedDof]) -> None:
     off = []
     for target, found in zip(targets, assigned, strict=True):
         if not found.turned and found.angle > EXACT:
@@ -584,7 +584,7 @@ def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) 
     return DofSet(renamed)
 
 
-def _sensor_match(target: Target, found: AssignedDof, node: NodeMatch) -> SensorMatch:
+def _sensor_match(target: SensorDirection, found: AssignedDof, node: NodeMatch) -> SensorMatch:
     direction = None
     if target.vector is not None:
         x, y, z = target.vector.tolist()
@@ -617,7 +617,7 @@ def _record(source: str, by: str, rows: Sequence[SensorMatch]) -> str:
 
 def _geometry_in_model(
     test: _UserInput,
-    targets: Sequence[Target],
+    targets: Sequence[SensorDirection],
     model: Model,
     aligned: Alignment | None,
     moved: bool,

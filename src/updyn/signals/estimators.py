@@ -12,14 +12,14 @@ from updyn.errors import DataError
 from updyn.signals.local import local_rational, without_transients
 from updyn.signals.spectra import Spectra
 
-__all__ = ["ESTIMATORS", "Estimate", "Estimator"]
+__all__ = ["ESTIMATORS", "EstimatedFRF", "Estimator"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class EstimatedFRF:
     """FRFs and their uncertainty.
 
     Attributes
@@ -50,21 +50,21 @@ class Estimator:
         or of segments without overlap, and a single one may suffice for several forces.
     """
 
-    estimate: Callable[[Spectra, _Real, Sequence[str]], Estimate]
+    estimate: Callable[[Spectra, _Real, Sequence[str]], EstimatedFRF]
     is_local: bool = False
 
 
 def _of_averages(values_of: Callable[[Spectra], _Complex]) -> Estimator:
     """Return an estimator from averaged spectra, with the variance from the coherence."""
 
-    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimate:
+    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> EstimatedFRF:
         spectra.check_forces(freq, names)
         H = values_of(spectra)
         n = len(names)
         if max(1, int(spectra.averages)) <= n:  # all coherences are 1
-            return Estimate(H, None, None)
+            return EstimatedFRF(H, None, None)
         coherence = spectra.partial
-        return Estimate(H, coherence, _variance(H, coherence, max(spectra.averages - n, 1.0)))
+        return EstimatedFRF(H, coherence, _variance(H, coherence, max(spectra.averages - n, 1.0)))
 
     return Estimator(estimate)
 
@@ -80,9 +80,9 @@ def _local(
 ) -> Estimator:
     """Return an estimator from local models, with variance and without coherence."""
 
-    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimate:
+    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> EstimatedFRF:
         values, variance = values_of(spectra, freq, names)
-        return Estimate(values, None, variance)
+        return EstimatedFRF(values, None, variance)
 
     return Estimator(estimate, is_local=True)
 

@@ -25,7 +25,7 @@ _Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _PairPosition:
     """Setup and indices of one pair of response and reference."""
 
     setup: int
@@ -186,14 +186,16 @@ def _merge_dofs(sets: Sequence[DofSet]) -> DofSet:
     return DofSet(found.values())
 
 
-def _places(frfs: Sequence[FRF], names: Sequence[str]) -> dict[tuple[_Unsigned, _Unsigned], _Place]:
+def _places(
+    frfs: Sequence[FRF], names: Sequence[str]
+) -> dict[tuple[_Unsigned, _Unsigned], _PairPosition]:
     """Return the setup and indices of each pair, which must be unique."""
-    found: dict[tuple[_Unsigned, _Unsigned], _Place] = {}
+    found: dict[tuple[_Unsigned, _Unsigned], _PairPosition] = {}
     for setup, frf in enumerate(frfs):
         for row, response in enumerate(frf.responses):
             for column, reference in enumerate(frf.references):
                 pair = (_unsigned_dof(response), _unsigned_dof(reference))
-                before = found.setdefault(pair, _Place(setup, row, column))
+                before = found.setdefault(pair, _PairPosition(setup, row, column))
                 if before.setup != setup:
                     raise DataError(
                         f"response {response} to reference {reference} was measured twice: in"

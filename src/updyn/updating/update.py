@@ -17,10 +17,10 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.progress import Stage, shown_progress
+from updyn.progress import RunStage, shown_progress
 from updyn.updating.fit.methods import make_method
 from updyn.updating.fit.monitor import JUDGE, Progress
-from updyn.updating.judge.assessment import at_start
+from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
 from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.parameters import ParameterSet
@@ -269,8 +269,10 @@ def _watched(
     if not progress:
         yield callback
         return
-    stages = [Stage(name, most_steps) for name, most_steps in make_method(method, options).stages]
-    with shown_progress([Stage("start"), *stages, Stage(JUDGE)]) as show:
+    stages = [
+        RunStage(name, most_steps) for name, most_steps in make_method(method, options).stages
+    ]
+    with shown_progress([RunStage("start"), *stages, RunStage(JUDGE)]) as show:
 
         def both(step: Progress) -> bool | None:
             show(step)
@@ -324,5 +326,5 @@ def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) 
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, chosen.parameters)
-    analysis, advice = at_start(*problem_of(tests, chosen.parameters))
+    analysis, advice = analyse_start(*problem_of(tests, chosen.parameters))
     return replace(analysis, report=replace(analysis.report, advice=advice))

@@ -10,13 +10,13 @@ import scipy.linalg
 from scipy.optimize import linprog
 
 import updyn
-from updyn.control.causal import Circle, Differs, hankel_norm, least_error
+from updyn.control.causal import ChannelDifference, Circle, hankel_norm, least_error
 from updyn.errors import ToleranceError
 
 
-def spring(loss: float, limit: float) -> Differs:
+def spring(loss: float, limit: float) -> ChannelDifference:
     """1 + i loss against 1: a spring of constant loss, beside one without."""
-    return Differs(
+    return ChannelDifference(
         lambda freq: np.full(len(freq), 1j * loss),
         lambda freq: np.ones(len(freq)),
         limit,
@@ -133,7 +133,7 @@ class TestSpringOfConstantLoss:
             s = 2j * np.pi * freq
             return 1e3 / (s**2 + 0.6 * s + 4e3)
 
-        channel = Differs(resonance, lambda freq: np.ones(len(freq)), 11.0, 11.0)
+        channel = ChannelDifference(resonance, lambda freq: np.ones(len(freq)), 11.0, 11.0)
         assert np.abs(resonance(np.geomspace(1, 100, 2000))).max() > 5.0
         assert least_error(channel, (1.0, 100.0)) == 0.0
 

@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from updyn.control.family import PlantFamily, plant_family
-from updyn.control.shared import Shared
+from updyn.control.shared import SharedPlantBasis
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import ModelError, OptionError, SolverError
@@ -126,7 +126,7 @@ def test_the_words(family) -> None:
 def test_draws_are_as_the_covariance_says(unsure, monkeypatch) -> None:
     """Log-normal in the factor, normal in the loss factor: 4000 draws without their plants."""
     nominal = plant_family(unsure, **PORTS, n=1).nominal
-    monkeypatch.setattr(Shared, "member", lambda *about: (nominal, None))
+    monkeypatch.setattr(SharedPlantBasis, "member", lambda *about: (nominal, None))
     found = plant_family(unsure, **PORTS, n=4000, seed=1)
     at = [unsure.values[name] for name in found.names]
     x = np.column_stack([np.log(found.values[:, 0] / at[0]), found.values[:, 1] / at[1] - 1.0])
@@ -139,7 +139,7 @@ def test_draws_are_as_the_covariance_says(unsure, monkeypatch) -> None:
 
 def test_what_falls_below_zero_is_put_on_it(unsure, monkeypatch) -> None:
     nominal = plant_family(unsure, **PORTS, n=1).nominal
-    monkeypatch.setattr(Shared, "member", lambda *about: (nominal, None))
+    monkeypatch.setattr(SharedPlantBasis, "member", lambda *about: (nominal, None))
     covariance = unsure.covariance.copy()
     covariance[1, 1] = (2.0 * unsure.values["shaft.loss_factor"]) ** 2
     found = plant_family(replace(unsure, covariance=covariance), **PORTS, n=2000)
@@ -215,7 +215,7 @@ def test_of_several_tests_one_is_named(unsure, family) -> None:
 
 
 def test_one_route_serves_all(unsure, monkeypatch) -> None:
-    plain, asked = Shared.member, []
+    plain, asked = SharedPlantBasis.member, []
 
     def sometimes(shared, state, route, like=None):
         asked.append(route)
@@ -223,7 +223,7 @@ def test_one_route_serves_all(unsure, monkeypatch) -> None:
             raise ModelError("no order holds the tolerance")
         return plain(shared, state, route, like)
 
-    monkeypatch.setattr(Shared, "member", sometimes)
+    monkeypatch.setattr(SharedPlantBasis, "member", sometimes)
     found = plant_family(unsure, **PORTS, n=2)
     assert asked == ["auto", "modal", "modal", "complex", "complex", "complex"]
     assert (
@@ -237,14 +237,14 @@ def test_one_route_serves_all(unsure, monkeypatch) -> None:
 
 
 def test_a_member_that_cannot_be_solved_is_named(unsure, monkeypatch) -> None:
-    plain = Shared.member
+    plain = SharedPlantBasis.member
 
     def sometimes(shared, state, route, like=None):
         if like is not None:
             raise SolverError("no finite answer at 3 Hz")
         return plain(shared, state, route, like)
 
-    monkeypatch.setattr(Shared, "member", sometimes)
+    monkeypatch.setattr(SharedPlantBasis, "member", sometimes)
     with pytest.raises(
         SolverError,
         match=r"member 0 of the family \(.*, shaft\.loss_factor = 0\.0\d+\): no finite answer",

@@ -21,7 +21,7 @@ from updyn.control.passivity import (
 from updyn.control.ports import as_ports
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import fewest_states, with_poles_of
-from updyn.control.structure import Structure
+from updyn.control.structure import CompiledStructure
 from updyn.control.task import task_of
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import QUANTITIES
@@ -191,7 +191,7 @@ class TestALikeResponse:
     def approximation(shafts: tuple[float, float], outputs: list[str]) -> Approximation:
         model = three_inertias(shafts)
         ports = as_ports(outputs[:1], "input"), as_ports(outputs, "output")
-        return task_of(Structure.of(model), *ports, BAND, "receptance", None, None)[
+        return task_of(CompiledStructure.of(model), *ports, BAND, "receptance", None, None)[
             0
         ].approximation()
 

@@ -8,9 +8,9 @@ import scipy.linalg
 
 import updyn
 from updyn.control.ports import as_ports
-from updyn.control.space import Projection, projection
-from updyn.control.spectrum import Spectrum
-from updyn.control.structure import Structure
+from updyn.control.space import ModalProjection, projection
+from updyn.control.spectrum import SpectralDecomposition
+from updyn.control.structure import CompiledStructure
 from updyn.dynamics.affine import AffineSystem
 
 LINES = np.linspace(0.5, 60.0, 400)
@@ -51,8 +51,8 @@ def row(
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(N)])
 
 
-def projected(model: updyn.Model) -> tuple[Projection, AffineSystem]:
-    structure = Structure.of(model)
+def projected(model: updyn.Model) -> tuple[ModalProjection, AffineSystem]:
+    structure = CompiledStructure.of(model)
     ports = as_ports(["1:X", "5:X"], "input"), as_ports(["1:X", "4:X", "8:X"], "output")
     return projection(structure, *ports, BAND), structure.system
 
@@ -71,7 +71,7 @@ def projected(model: updyn.Model) -> tuple[Projection, AffineSystem]:
 def test_it_is_that_of_the_model(options: dict[str, float], decomposed: bool) -> None:
     model = row(**options)
     found, system = projected(model)
-    spectrum = Spectrum.of(found, system.start)
+    spectrum = SpectralDecomposition.of(found, system.start)
     assert (spectrum.modes is not None) == decomposed
     exact = updyn.response(model, LINES, ["1:X", "4:X", "8:X"], ["1:X", "5:X"]).values
     np.testing.assert_allclose(spectrum.receptance(LINES), exact, rtol=1e-7)
@@ -87,7 +87,9 @@ def test_it_is_that_of_another_state() -> None:
     factor[system.find("hard", "stiffness")] = 1.3
     state = type(state)(factor, state.loss, state.rate)
     exact = updyn.response(changed, LINES, ["1:X", "4:X", "8:X"], ["1:X", "5:X"]).values
-    np.testing.assert_allclose(Spectrum.of(found, state).receptance(LINES), exact, rtol=1e-7)
+    np.testing.assert_allclose(
+        SpectralDecomposition.of(found, state).receptance(LINES), exact, rtol=1e-7
+    )
 
 
 @pytest.mark.parametrize(("drag", "rtol"), [(0.0, 1e-9), (3.0, 2e-3)])
@@ -95,7 +97,7 @@ def test_poles_are_those_of_the_quadratic_pencil(drag: float, rtol: float) -> No
     """Viscous damping is there to the first order: of light damping the poles are nearly exact."""
     model = row(held=2e4, drag=drag)
     found, system = projected(model)
-    poles = Spectrum.of(found, system.start).poles
+    poles = SpectralDecomposition.of(found, system.start).poles
     K, M, C, D = (
         x.toarray() for x in (model.stiffness, model.mass, model.viscous, model.structural)
     )

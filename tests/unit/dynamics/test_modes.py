@@ -9,7 +9,7 @@ import scipy.sparse as sp
 import updyn
 from places import DATA
 from updyn.dynamics import eigen
-from updyn.elements.beam import Support, beam
+from updyn.elements.beam import BeamSupport, beam
 from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 
 
@@ -275,8 +275,8 @@ def test_large_chain_against_its_closed_form_and_no_mode_missed():
 
 def test_sparse_and_dense_agree(monkeypatch):
     supports = [
-        Support("pads", 0.1, 2e4, loss_factor=0.2),
-        Support("pads", 0.5, 2e4, loss_factor=0.2),
+        BeamSupport("pads", 0.1, 2e4, loss_factor=0.2),
+        BeamSupport("pads", 0.5, 2e4, loss_factor=0.2),
     ]
     for kept in ([], supports):
         model = beam(0.6, E=210e9, rho=7850, width=0.04, height=0.02, n_elements=100, supports=kept)

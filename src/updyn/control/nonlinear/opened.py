@@ -16,13 +16,13 @@ from updyn.group import Group, is_number
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
-__all__ = ["Opened", "opened"]
+__all__ = ["OpenMesh", "opened"]
 
 _ONE = 1e-9  # largest relative deviation of a mesh from one spring
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Opened:
+class OpenMesh:
     """A model with an open mesh.
 
     Attributes
@@ -85,7 +85,7 @@ class Opened:
         return Backlash(self.stiffness, gap, damping)
 
 
-def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str = "gap") -> Opened:
+def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str = "gap") -> OpenMesh:
     """Return a model without one mesh, and the port across it.
 
     The plant of the backlash has this port as an input and an output::
@@ -114,7 +114,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
 
     Returns
     -------
-    Opened
+    OpenMesh
 
     Raises
     ------
@@ -181,7 +181,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
         left = Group(mass=group.mass, mass_damping=group.mass_damping)
     rest = Model({**given.groups, mesh: left}, given.dofs, given.geometry, given.title)
     port = Port(name, weights, rotation=Dof.parse(at).direction.startswith("R"))
-    return Opened(rest, port, k, c, group, mesh)
+    return OpenMesh(rest, port, k, c, group, mesh)
 
 
 def _along(matrix: Any, row: Any, size: float, what: str) -> None:

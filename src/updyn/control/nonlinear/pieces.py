@@ -1,4 +1,4 @@
-"""A loop with backlash or friction as linear pieces, and the `Rules` of transitions between them.
+"""A loop with backlash or friction as linear pieces, and the `PieceRules` of their transitions.
 
 The state is (x, extra, 1): x of the loop, the twist of the shaft for backlash with damping, and a 1
 for constant inputs. A piece dX/dt = F X holds while all its borders, rows times X, are nonnegative.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from updyn.control.nonlinear.around import LinearLoop
 from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
 
-__all__ = ["BacklashRules", "FrictionRules", "Piece", "Rules", "rules"]
+__all__ = ["BacklashRules", "FrictionRules", "LinearPiece", "PieceRules", "rules"]
 
 _Real = NDArray[np.float64]
 #: The sign of a contact or a motion in the name of its piece.
@@ -24,7 +24,7 @@ _SIGN = {1.0: "+", -1.0: "-"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class LinearPiece:
     """One linear piece.
 
     Attributes
@@ -46,13 +46,13 @@ class Piece:
     z: _Real
 
 
-class Rules(ABC):
+class PieceRules(ABC):
     """The pieces of a loop, the first one for a state, and the next one at a border.
 
     `constant` are the values of the inputs of the loop; `extra` is the number of additional states.
     """
 
-    pieces: Mapping[str, Piece]
+    pieces: Mapping[str, LinearPiece]
 
     def __init__(self, system: LinearLoop, constant: _Real, extra: int) -> None:
         n = len(system.A)
@@ -81,7 +81,7 @@ class Rules(ABC):
         """Return the next piece after a border is crossed, and the state."""
 
 
-class BacklashRules(Rules):
+class BacklashRules(PieceRules):
     """Backlash: gap and two flanks."""
 
     def __init__(self, system: LinearLoop, law: Backlash, constant: _Real) -> None:
@@ -92,15 +92,15 @@ class BacklashRules(Rules):
         pieces = (self._gap(), self._contact(1.0, D, speed), self._contact(-1.0, D, speed))
         self.pieces = {piece.name: piece for piece in pieces}
 
-    def _gap(self) -> Piece:
+    def _gap(self) -> LinearPiece:
         F, way = self.base.copy(), self.read.copy()
         if self.damped:
             F[self.n, self.n] = -self.law.stiffness / self.law.damping
             way[self.n] -= 1.0  # motion of the flanks: the twist less that of the shaft
         borders = np.array([self.law.half * self.one - way, self.law.half * self.one + way])
-        return Piece("gap", F, borders, np.zeros(self.size), self.read)
+        return LinearPiece("gap", F, borders, np.zeros(self.size), self.read)
 
-    def _contact(self, s: float, D: float, push: float) -> Piece:
+    def _contact(self, s: float, D: float, push: float) -> LinearPiece:
         k, c = self.law.stiffness, self.law.damping
         shaft = self.read - s * self.law.half * self.one
         if c == 0.0:
@@ -116,7 +116,7 @@ class BacklashRules(Rules):
         if c > 0.0 and D != 0.0:
             F[self.n] = T / c
             F[self.n, self.n] -= k / c
-        return Piece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
+        return LinearPiece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
 
     def first(self, X: _Real) -> str:
         """Return the gap, or the flank in contact."""
@@ -136,7 +136,7 @@ class BacklashRules(Rules):
         return "gap", X
 
 
-class FrictionRules(Rules):
+class FrictionRules(PieceRules):
     """Friction: rest and two directions of motion."""
 
     def __init__(self, system: LinearLoop, law: CoulombFriction, constant: _Real) -> None:
@@ -146,13 +146,13 @@ class FrictionRules(Rules):
         hold = -(self.read @ self.base) / self.gain  # the torque that keeps the velocity at 0
         self.hold = hold
         limits = np.array([law.sticks * self.one - hold, law.sticks * self.one + hold])
-        stick = Piece("stick", self.base + np.outer(self.push, hold), limits, hold, self.read)
+        stick = LinearPiece("stick", self.base + np.outer(self.push, hold), limits, hold, self.read)
         pieces = (stick, self._slip(1.0, law.level), self._slip(-1.0, law.level))
         self.pieces = {piece.name: piece for piece in pieces}
 
-    def _slip(self, s: float, level: float) -> Piece:
+    def _slip(self, s: float, level: float) -> LinearPiece:
         w = -s * level * self.one
-        return Piece(
+        return LinearPiece(
             f"slip {_SIGN[s]}",
             self.base + np.outer(self.push, w),
             s * self.read[None],
@@ -182,7 +182,7 @@ class FrictionRules(Rules):
         return self._at_rest(X), X
 
 
-def rules(system: LinearLoop, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
+def rules(system: LinearLoop, nonlinearity: Nonlinearity, constant: _Real) -> PieceRules:
     """Return the pieces of a loop; `constant` are the values of its inputs."""
     if isinstance(nonlinearity, Backlash):
         return BacklashRules(system, nonlinearity, constant)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.nonlinear.around import LinearLoop, linear_loop
 from updyn.control.nonlinear.balance import LimitCycle
 from updyn.control.nonlinear.elements import Backlash, Nonlinearity
-from updyn.control.nonlinear.pieces import Rules, rules
+from updyn.control.nonlinear.pieces import PieceRules, rules
 from updyn.control.nonlinear.settled import judge_end
 from updyn.control.nonlinear.trajectory import integrate
 from updyn.control.plant import Plant
@@ -246,7 +246,7 @@ def _constant_inputs(system: LinearLoop, constant: Mapping[str, float] | None) -
 
 
 def _length(
-    system: LinearLoop, nonlinearity: Nonlinearity, pieces: Rules, duration: Any, step: Any
+    system: LinearLoop, nonlinearity: Nonlinearity, pieces: PieceRules, duration: Any, step: Any
 ) -> float:
     for what, value in (("duration", duration), ("step", 1.0 if step is None else step)):
         if not is_number(value) or not 0 < value < np.inf:
@@ -272,7 +272,7 @@ def _length(
 def _start(
     system: LinearLoop,
     plant: Plant,
-    pieces: Rules,
+    pieces: PieceRules,
     nonlinearity: Nonlinearity,
     start: Any,
     scale: float,

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.control.nonlinear.pieces import Piece, Rules
+from updyn.control.nonlinear.pieces import LinearPiece, PieceRules
 from updyn.errors import SolverError
 
 __all__ = ["Trajectory", "integrate"]
@@ -46,7 +46,7 @@ class Trajectory:
 class _Exact:
     """Matrix exponentials of one piece."""
 
-    def __init__(self, piece: Piece, step: float) -> None:
+    def __init__(self, piece: LinearPiece, step: float) -> None:
         self.piece = piece
         once = scipy.linalg.expm(piece.F * step)
         powers = [once]
@@ -68,7 +68,7 @@ class _Exact:
         return share + 0.5**_HALVINGS, after, int(np.argmin(self.piece.borders @ after))
 
 
-def integrate(rules: Rules, start: _Real, duration: float, step: float) -> Trajectory:
+def integrate(rules: PieceRules, start: _Real, duration: float, step: float) -> Trajectory:
     """Return the trajectory of a loop through its pieces; it ends with the last whole step.
 
     Raises SolverError if pieces switch without end within one step, or the state overflows.
@@ -79,7 +79,7 @@ def integrate(rules: Rules, start: _Real, duration: float, step: float) -> Traje
 
 
 def _follow_pieces(
-    rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
+    rules: PieceRules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
 ) -> Trajectory:
     names = tuple(rules.pieces)
     now, X, t = rules.first(start), start, 0.0

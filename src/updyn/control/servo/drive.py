@@ -240,7 +240,7 @@ def _g(value: float | None) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Rigid:
+class _RigidMotion:
     """Inertia at the motor and gear ratio, with a note if one of them is unknown."""
 
     inertia: float | None
@@ -558,7 +558,7 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
 
 
 # -- rigid-body motion and stiffness --------------------------------------------------------------
-def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) -> _Rigid:
+def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) -> _RigidMotion:
     shapes = free.shapes[:, :rigid]
     here = shapes[at] * sign[:, None]
     size = np.abs(shapes).max(initial=0.0)
@@ -566,25 +566,25 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
         which = "No rigid-body motion of the model turns the motor"
         if rigid == 0:
             which = "The model has no rigid-body motion"
-        return _Rigid(
+        return _RigidMotion(
             None, None, f"{which}: inertias at the motor and gear ratio are undetermined."
         )
     inertia = 1.0 / float(here[0] @ here[0])
     if np.abs(here[1]).max() <= _STILL * size:
-        return _Rigid(
+        return _RigidMotion(
             inertia,
             None,
             "Rigid-body motion of the motor leaves the load at rest: the gear ratio is undefined.",
         )
     n = float(here[0] @ here[1]) / float(here[1] @ here[1])
     if np.abs(here[0] - n * here[1]).max() > 1e-6 * np.abs(here[0]).max():
-        return _Rigid(
+        return _RigidMotion(
             inertia,
             None,
             f"The model has {rigid} rigid-body motions in which motor and load turn in different"
             " ratios: the gear ratio is not determined; read the motor against its housing.",
         )
-    return _Rigid(inertia, n, "")
+    return _RigidMotion(inertia, n, "")
 
 
 def _stated_or_found(

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import check_keys, is_whole, parts_of_table, whole
 from updyn.elements.constraints import Equation, about_axis, constrain, join
-from updyn.elements.drivetrain.pieces import PARTS, Hold, Mass, Part, Piece, Spring, Tie, resolve
+from updyn.elements.drivetrain.pieces import (
+    PARTS,
+    FixedNode,
+    InertiaMatrix,
+    Part,
+    Piece,
+    RigidRatio,
+    TorsionSpring,
+    resolve,
+)
 from updyn.elements.drivetrain.ratios import inverted_ratios
 from updyn.errors import ModelError, UpdynWarning, suggest
 from updyn.model import Group, Model
@@ -51,24 +60,24 @@ class Train:
     nodes: tuple[int, ...]
 
     @property
-    def springs(self) -> list[Spring]:
+    def springs(self) -> list[TorsionSpring]:
         """The springs."""
-        return [piece for _, piece in self.pieces if isinstance(piece, Spring)]
+        return [piece for _, piece in self.pieces if isinstance(piece, TorsionSpring)]
 
     @property
-    def masses(self) -> list[Mass]:
+    def masses(self) -> list[InertiaMatrix]:
         """The inertias."""
-        return [piece for _, piece in self.pieces if isinstance(piece, Mass)]
+        return [piece for _, piece in self.pieces if isinstance(piece, InertiaMatrix)]
 
     @property
-    def ties(self) -> list[Tie]:
+    def ties(self) -> list[RigidRatio]:
         """The rigid ratios."""
-        return [piece for _, piece in self.pieces if isinstance(piece, Tie)]
+        return [piece for _, piece in self.pieces if isinstance(piece, RigidRatio)]
 
     @property
-    def holds(self) -> list[Hold]:
+    def holds(self) -> list[FixedNode]:
         """The fixed nodes."""
-        return [piece for _, piece in self.pieces if isinstance(piece, Hold)]
+        return [piece for _, piece in self.pieces if isinstance(piece, FixedNode)]
 
 
 def drivetrain(
@@ -226,7 +235,7 @@ def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
             pieces.append((part.name, piece))
             nodes.update(piece.nodes)
     for node in _existing(held, "held", nodes):
-        pieces.append((f"held {node}", Hold(f"held node {node}", node)))
+        pieces.append((f"held {node}", FixedNode(f"held node {node}", node)))
     return Train(tuple(pieces), tuple(sorted(nodes)))
 
 
@@ -276,12 +285,12 @@ def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int
     return checked
 
 
-def _by_group(train: Train) -> dict[str, list[Spring | Mass]]:
+def _by_group(train: Train) -> dict[str, list[TorsionSpring | InertiaMatrix]]:
     """Return springs and inertias by group; each group belongs to one part name."""
-    out: dict[str, list[Spring | Mass]] = {}
+    out: dict[str, list[TorsionSpring | InertiaMatrix]] = {}
     owner: dict[str, str] = {}
     for part, piece in train.pieces:
-        if isinstance(piece, Spring | Mass):
+        if isinstance(piece, TorsionSpring | InertiaMatrix):
             if owner.setdefault(piece.group, part) != part:
                 raise ModelError(
                     f"group {piece.group!r} belongs to {owner[piece.group]!r} and {part!r};"
@@ -291,13 +300,13 @@ def _by_group(train: Train) -> dict[str, list[Spring | Mass]]:
     return out
 
 
-def _group(name: str, pieces: Iterable[Spring | Mass], train: Train) -> Group:
+def _group(name: str, pieces: Iterable[TorsionSpring | InertiaMatrix], train: Train) -> Group:
     K: list[_Block] = []
     M: list[_Block] = []
     C: list[_Block] = []
     losses = set()
     for piece in pieces:
-        if isinstance(piece, Mass):
+        if isinstance(piece, InertiaMatrix):
             M.append((piece.nodes, piece.matrix))
             continue
         if piece.stiffness:

@@ -28,11 +28,11 @@ import numpy as np
 
 from updyn.elements.checks import not_negative, number, pair, positive, positive_or_none, whole
 from updyn.elements.drivetrain.pieces import (
-    Mass,
+    InertiaMatrix,
     Part,
     Piece,
-    Spring,
-    Tie,
+    RigidRatio,
+    TorsionSpring,
     lump,
     quantities,
     relative,
@@ -541,14 +541,14 @@ class Planetary(Part):
             raise ModelError(
                 f"{what} is rigid: {', '.join(given)} would have no effect; leave it out"
             )
-        out: list[Piece] = [Tie(what, axes, willis, axes[2])]
+        out: list[Piece] = [RigidRatio(what, axes, willis, axes[2])]
         J = not_negative(what, "planet_inertia", self.planet_inertia)
         if J:
             # theta_p = theta_c + (z_s / z_p) (theta_c - theta_s)
             step = 2.0 * self.teeth[0] / (self.teeth[1] - self.teeth[0])
             turn = np.array([-step, 1.0 + step])
             matrix = self.n_planets * J * np.outer(turn, turn)
-            out.append(Mass(self._planets, (axes[0], axes[2]), matrix))
+            out.append(InertiaMatrix(self._planets, (axes[0], axes[2]), matrix))
         return out
 
     def _elastic(self, what: str, new_node: Callable[[], int]) -> list[Piece]:
@@ -574,7 +574,9 @@ class Planetary(Part):
             for wheel, node, k, coefficients in meshes:
                 nodes, row = relative(what, (node, planet), coefficients, self.carrier)
                 group = f"{self.name} {wheel} mesh"
-                out.append(Spring(group, nodes, row, count * k, count * viscous, loss, along=True))
+                out.append(
+                    TorsionSpring(group, nodes, row, count * k, count * viscous, loss, along=True)
+                )
             if J:
                 out.append(lump(self._planets, planet, count * J))
         return out

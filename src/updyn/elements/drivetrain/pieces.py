@@ -21,12 +21,12 @@ from updyn.registry import Registry
 
 __all__ = [
     "PARTS",
-    "Hold",
-    "Mass",
+    "FixedNode",
+    "InertiaMatrix",
     "Part",
     "Piece",
-    "Spring",
-    "Tie",
+    "RigidRatio",
+    "TorsionSpring",
     "lump",
     "quantities",
     "relative",
@@ -39,7 +39,7 @@ _CANCELLED = 1e-9  # relative to the largest term: rounding error of terms that 
 
 
 @dataclass(frozen=True, slots=True)
-class Spring:
+class TorsionSpring:
     """A spring and a damper on delta = row . theta.
 
     Parameters
@@ -76,7 +76,7 @@ class Spring:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mass:
+class InertiaMatrix:
     """Inertia of nodes: kinetic energy theta'^T matrix theta' / 2, with the matrix in kg m2."""
 
     group: str
@@ -85,7 +85,7 @@ class Mass:
 
 
 @dataclass(frozen=True, slots=True)
-class Tie:
+class RigidRatio:
     """A rigid ratio: row . theta = 0, solved for the node `dependent` if possible."""
 
     what: str
@@ -96,7 +96,7 @@ class Tie:
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class FixedNode:
     """A node with fixed rotation."""
 
     what: str
@@ -108,7 +108,7 @@ class Hold:
         return (self.node,)
 
 
-Piece: TypeAlias = Spring | Mass | Tie | Hold
+Piece: TypeAlias = TorsionSpring | InertiaMatrix | RigidRatio | FixedNode
 
 
 class Part(ABC):
@@ -170,9 +170,9 @@ PARTS: Registry[type[Part]] = Registry(
 )
 
 
-def lump(group: str, node: int, inertia: float) -> Mass:
+def lump(group: str, node: int, inertia: float) -> InertiaMatrix:
     """Return an inertia in kg m2 on one node."""
-    return Mass(group, (node,), np.array([[inertia]]))
+    return InertiaMatrix(group, (node,), np.array([[inertia]]))
 
 
 def quantities(what: str, part: Any) -> tuple[float, float]:
@@ -216,7 +216,7 @@ def transmission(
     *,
     along: bool = False,
     housing_factor: float | None = None,
-) -> Spring | Tie:
+) -> TorsionSpring | RigidRatio:
     """Return the spring or, without stiffness, the rigid ratio of a part that transmits motion.
 
     `part` has `name`, `viscous`, `loss_factor` and `housing`; the second node of a rigid ratio is
@@ -226,16 +226,16 @@ def transmission(
     every, values = relative(what, nodes, row, part.housing, housing_factor)
     viscous, loss = quantities(what, part)
     if stiffness is not None:
-        return Spring(part.name, every, values, stiffness, viscous, loss, along=along)
+        return TorsionSpring(part.name, every, values, stiffness, viscous, loss, along=along)
     if viscous or loss:
         raise ModelError(
             f"{what} is rigid: its damping would have no effect; leave it out or give a stiffness"
         )
-    return Tie(what, every, values, every[1])
+    return RigidRatio(what, every, values, every[1])
 
 
 def resolve(
-    ties: Iterable[Tie], holds: Iterable[Hold], keep: Iterable[int] = ()
+    ties: Iterable[RigidRatio], holds: Iterable[FixedNode], keep: Iterable[int] = ()
 ) -> dict[int, dict[int, float]]:
     """Solve the rigid ratios for the dependent nodes: their coefficients by independent node.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.elements.checks import whole
 from updyn.elements.drivetrain.build import Train, assemble
-from updyn.elements.drivetrain.pieces import Mass, Part, Spring, Tie, resolve
+from updyn.elements.drivetrain.pieces import InertiaMatrix, Part, RigidRatio, TorsionSpring, resolve
 from updyn.elements.drivetrain.shafts import Shaft
 from updyn.errors import ModelError, suggest
 from updyn.text_table import text_table
@@ -135,7 +135,7 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
         If the node is unknown or fixed, if the ratios to it are undetermined (a planetary stage
         without a fixed member, separate trains), or as `drivetrain`.
     """
-    train = _Rigid(assemble(_with_single_shafts(parts), held))
+    train = _RigidTrain(assemble(_with_single_shafts(parts), held))
     if whole("reflected", "to", to) not in train.nodes:
         near = suggest(str(to), map(str, train.nodes))
         raise ModelError(f"reflected: no part has the node {to}; {near}")
@@ -144,9 +144,9 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
     inertia = sum(_inertia(mass, speeds) for mass in train.train.masses)
     rows = []
     for _, piece in train.train.pieces:
-        if isinstance(piece, Spring) and piece.stiffness:
+        if isinstance(piece, TorsionSpring) and piece.stiffness:
             rows.append(_spring_row(train, piece, to, speeds, motion))
-        elif isinstance(piece, Mass):
+        elif isinstance(piece, InertiaMatrix):
             rows.append(_mass_row(piece, speeds, inertia))
     stiffness = None
     if motion is not None:
@@ -164,12 +164,12 @@ def _with_single_shafts(parts: Iterable[Part]) -> list[Part]:
     return out
 
 
-def _inertia(mass: Mass, speeds: Mapping[int, float]) -> float:
+def _inertia(mass: InertiaMatrix, speeds: Mapping[int, float]) -> float:
     n = np.array([speeds[node] for node in mass.nodes])
     return float(n @ mass.matrix @ n)
 
 
-def _mass_row(mass: Mass, speeds: Mapping[int, float], total: float) -> ReflectedPart:
+def _mass_row(mass: InertiaMatrix, speeds: Mapping[int, float], total: float) -> ReflectedPart:
     value = _inertia(mass, speeds)
     own = float(np.trace(mass.matrix))
     if len(mass.nodes) < 3:
@@ -180,8 +180,8 @@ def _mass_row(mass: Mass, speeds: Mapping[int, float], total: float) -> Reflecte
 
 
 def _spring_row(
-    train: _Rigid,
-    spring: Spring,
+    train: _RigidTrain,
+    spring: TorsionSpring,
     to: int,
     speeds: Mapping[int, float],
     motion: Mapping[int, float] | None,
@@ -205,7 +205,7 @@ def _spring_row(
     )
 
 
-class _Rigid:
+class _RigidTrain:
     """Motions of a train with rigid parts, and its static deformation."""
 
     def __init__(self, train: Train) -> None:
@@ -213,7 +213,7 @@ class _Rigid:
         self.nodes = train.nodes
         self._place = {node: i for i, node in enumerate(train.nodes)}
 
-    def deformation(self, spring: Spring, to: int) -> float | None:
+    def deformation(self, spring: TorsionSpring, to: int) -> float | None:
         """Return the deformation of a spring for 1 rad at the node, with all other parts rigid.
 
         None if the node cannot turn.
@@ -266,7 +266,7 @@ class _Rigid:
         anchored += [hold.node for hold in self.train.holds]
         anchored += [tie.nodes[0] for tie in ties if tie.anchor]
         members: set[int] = set()
-        passing: list[Spring | Tie] = [*springs, *ties]
+        passing: list[TorsionSpring | RigidRatio] = [*springs, *ties]
         for piece in passing:
             if not piece.anchor and len(piece.nodes) > 2:
                 members.update(piece.nodes)
@@ -310,13 +310,13 @@ class _Rigid:
                 T[i, free.index(other)] = coefficient
         return T, len(free)
 
-    def _coefficients(self, piece: Spring | Tie) -> NDArray[np.float64]:
+    def _coefficients(self, piece: TorsionSpring | RigidRatio) -> NDArray[np.float64]:
         out = np.zeros(len(self.nodes))
         for node, coefficient in zip(piece.nodes, piece.row, strict=True):
             out[self._place[node]] = coefficient
         return out
 
-    def _row(self, piece: Spring | Tie) -> NDArray[np.float64]:
+    def _row(self, piece: TorsionSpring | RigidRatio) -> NDArray[np.float64]:
         """Return the coefficients of a piece, normalised to length 1."""
         row = self._coefficients(piece)
         return row / np.linalg.norm(row)

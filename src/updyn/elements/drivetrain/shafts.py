@@ -12,12 +12,12 @@ import numpy as np
 
 from updyn.elements.checks import not_negative, positive, positive_or_none, whole
 from updyn.elements.drivetrain.pieces import (
-    Hold,
-    Mass,
+    FixedNode,
+    InertiaMatrix,
     Part,
     Piece,
-    Spring,
-    Tie,
+    RigidRatio,
+    TorsionSpring,
     lump,
     quantities,
     relative,
@@ -135,10 +135,10 @@ class Shaft(Part):
         out: list[Piece] = []
         for two in itertools.pairwise([ends[0], *inner, ends[1]]):
             out.append(
-                Spring(self.name, two, (1.0, -1.0), stiffness * count, viscous * count, loss)
+                TorsionSpring(self.name, two, (1.0, -1.0), stiffness * count, viscous * count, loss)
             )
             if J:
-                out.append(Mass(self.name, two, J / count * _ELEMENT))
+                out.append(InertiaMatrix(self.name, two, J / count * _ELEMENT))
         return out
 
     def _totals(self, what: str) -> tuple[float, float]:
@@ -200,7 +200,7 @@ class Coupling(Part):
         nodes, row = relative(what, (self.a, self.b), (1.0, -1.0), None)
         k = positive(what, "stiffness", self.stiffness)
         viscous, loss = quantities(what, self)
-        spring = Spring(self.name, nodes, row, k, viscous, loss)
+        spring = TorsionSpring(self.name, nodes, row, k, viscous, loss)
         return [spring, *halves(what, self, nodes)]
 
 
@@ -356,9 +356,9 @@ def halves(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
 
 def _lock(what: str, part: Any) -> Piece:
     if part.housing is None:
-        return Hold(what, whole(what, "node", part.node))
+        return FixedNode(what, whole(what, "node", part.node))
     nodes, row = relative(what, (part.node,), (1.0,), part.housing)
-    return Tie(what, nodes, row, nodes[0], anchor=True)
+    return RigidRatio(what, nodes, row, nodes[0], anchor=True)
 
 
 def _anchors(what: str, part: Any, has_spring: bool = True) -> list[Piece]:
@@ -373,7 +373,7 @@ def _anchors(what: str, part: Any, has_spring: bool = True) -> list[Piece]:
         loss = 0.0
     if not k and not viscous:
         return []
-    return [Spring(part.name, nodes, row, k, viscous, loss, anchor=True)]
+    return [TorsionSpring(part.name, nodes, row, k, viscous, loss, anchor=True)]
 
 
 def _is_from_geometry(what: str, part: Any, name: str, dimensions: Sequence[str]) -> bool:

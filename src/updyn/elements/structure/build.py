@@ -16,7 +16,7 @@ from updyn.elements.checks import check_keys, from_row, parts_of_table, read_row
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
-from updyn.exchanged import Exchanged, StiffnessAndMass
+from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.shapes import as_quadrangles, outer_faces
@@ -357,7 +357,7 @@ def _groups(
     number[~left_out] = np.arange(n, dtype=np.int32)
     place = np.full(used.shape, -1, dtype=np.int32)
     place[used] = number
-    assembly = _Assembly(table, place, n)
+    assembly = _StructureAssembly(table, place, n)
     loss = _loss_factors(elements)
     by_name: dict[str, list[Element]] = {}
     for element in elements:
@@ -371,7 +371,7 @@ def _groups(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Assembly:
+class _StructureAssembly:
     """Rows of the n assembled DOFs, by node and direction, shape (n_nodes, 6)."""
 
     table: _Nodes
@@ -380,7 +380,7 @@ class _Assembly:
 
     def sums(self, elements: Iterable[Element]) -> tuple[Any, Any, Any]:
         """Return stiffness, mass and viscous damping, shape (n, n); None for missing ones."""
-        K, M, C = _Sum(self.n), _Sum(self.n), _Sum(self.n)
+        K, M, C = _MatrixSum(self.n), _MatrixSum(self.n), _MatrixSum(self.n)
         for element in elements:
             directions = np.array(element.directions)
             for at, found in _batches(element, self.table):
@@ -392,11 +392,11 @@ class _Assembly:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OfElements:
+class _ElementRecipe:
     """Recipe of a group: its elements and their assembly."""
 
     elements: tuple[Element, ...]
-    assembly: _Assembly
+    assembly: _StructureAssembly
 
     def matrices(self) -> StiffnessAndMass:
         """Compute stiffness and mass."""
@@ -404,7 +404,7 @@ class _OfElements:
         return StiffnessAndMass(K, M)
 
 
-def _exchanged(own: Sequence[Element], assembly: _Assembly) -> Exchanged | None:
+def _exchanged(own: Sequence[Element], assembly: _StructureAssembly) -> AxisExchange | None:
     """Return a group with exchanged section axes; None if this changes none of its elements."""
     turned = {i: new for i, one in enumerate(own) if (new := one.with_exchanged_axes()) is not None}
     if not turned:
@@ -418,7 +418,7 @@ def _exchanged(own: Sequence[Element], assembly: _Assembly) -> Exchanged | None:
     what = f"Iyy and Izz in the section of {label} (of a rectangle, height and width)"
     turn = turns[0] if len(set(turns)) == 1 else "its orientations by 90 degrees about the beams"
     elements = tuple(turned.get(i, one) for i, one in enumerate(own))
-    return Exchanged(_OfElements(elements, assembly), what, turn)
+    return AxisExchange(_ElementRecipe(elements, assembly), what, turn)
 
 
 def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp], ElementMatrices]]:
@@ -451,7 +451,7 @@ def _loss_factors(elements: Sequence[Element]) -> dict[str, float]:
     return loss
 
 
-class _Sum:
+class _MatrixSum:
     """Sparse sum of symmetric element matrices, merged in pairs of similar size.
 
     The upper half is summed, with half the diagonal, which makes the sum exactly symmetric.
