@@ -33,13 +33,13 @@ from updyn.updating.problem.session import Session
 NOISE, LAYERS = 0.01, 10
 #: Parts of the judgement, by the function that does each.
 PARTS = {
-    "rank": "_even",
+    "rank": "_equal_row_jacobian",
     "misfit": "_typical_misfit",
     "advice": "advise",
-    "agreement": "_correlation",
+    "agreement": "_correlate_part",
     "rounding": "worst_rounding",
-    "adequacy": "examine",
-    "answers": "alternatives",
+    "adequacy": "assess_adequacy",
+    "answers": "find_alternatives",
 }
 
 
@@ -126,7 +126,7 @@ def main() -> None:
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     clock = Clock()
-    clock.time(run_module, "judge", "judge")
+    clock.time(run_module, "judge_fit", "judge")
     clock.time(CausesOfRun, "after", "causes")
     for name, function in PARTS.items():
         clock.time(assessment, function, name)

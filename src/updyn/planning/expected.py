@@ -12,8 +12,8 @@ from updyn.frf import FRF
 from updyn.planning.choice import Choice
 from updyn.planning.information import Candidates
 from updyn.planning.result import BandWorth
-from updyn.updating.judge.assessment import local_at_start
-from updyn.updating.judge.identifiability import Analysis, analyse
+from updyn.updating.judge.assessment import linearise_at_start
+from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part, Problem
 
@@ -70,9 +70,11 @@ class Expected:
         """
         coordinates = self.part.coordinates
         noise = choose_noise("variance", self.part.frf)
-        local, _ = local_at_start(Problem.of([self.part]), [noise])
+        local, _ = linearise_at_start(Problem.of([self.part]), [noise])
         names = coordinates.parameters.names
-        analysis = analyse(np.vstack([local.R, np.diag(coordinates.prior[1])]), names)
+        analysis = analyse_identifiability(
+            np.vstack([local.R, np.diag(coordinates.prior[1])]), names
+        )
         if not np.isfinite(analysis.report.condition):
             raise self._undetermined_error(analysis)
         std = np.sqrt(np.diag(analysis.covariance)) * coordinates.slope(coordinates.home)

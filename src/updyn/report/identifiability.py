@@ -24,7 +24,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content
 from updyn.report.start import Start
-from updyn.updating.judge.alternatives import differences
+from updyn.updating.judge.alternatives import find_differences
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import UpdateResult
@@ -78,7 +78,7 @@ def _answers(result: UpdateResult) -> dict[str, Any] | None:
     if not others:
         return None
     rows = []
-    for name, values in differences(result.values, result.std, others):
+    for name, values in find_differences(result.values, result.std, others):
         group, _, quantity = name.rpartition(".")
         shown = [estimate(value, result.std[name]) for value in values]
         rows.append([group, quantity_words(quantity), *shown])

@@ -1,7 +1,7 @@
 """Local minima of the likelihood, other than the estimate, that fit the data about as well.
 
 The minimisation starts from random points, first of the log error, whose basins are wide; and from
-the estimate with parts of the structure exchanged, because several minima usually occur if
+the estimate with parts of the structure exchange_groups, because several minima usually occur if
 the data do not determine which of two parts is the stiff one.
 """
 
@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import WorkCounter
-from updyn.updating.fit.answers import exchanged
+from updyn.updating.fit.answers import exchange_groups
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
@@ -55,7 +55,7 @@ def find_minima(
     best : Point
         The known minimum.
     whole : Problem
-        The problem with the full models, whose parts are exchanged.
+        The problem with the full models, whose parts are exchange_groups.
     starts : int
         Random starts; 0 returns the known minimum only.
     seed : int
@@ -108,8 +108,8 @@ def _random(
 def _exchange_parts(
     likelihood: Likelihood, whole: Problem, x: _Vector
 ) -> Iterator[tuple[_Vector, bool]]:
-    """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
-    tries = list(exchanged(whole, x))
+    """Yield the estimate with parts of the structure exchange_groups, of lowest cost first."""
+    tries = list(exchange_groups(whole, x))
     costs = list(map(likelihood.cost, tries))
     for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
         if np.isfinite(costs[at]):

@@ -17,7 +17,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import furthest
 from updyn.uncertainty.restored import estimate_of, restore, solved_by
 from updyn.uncertainty.surrogate import Surrogate, excess
-from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.result import JointResult, UpdateResult, result_of_test
@@ -242,7 +242,7 @@ def _covariance(
     local = restored.likelihood().local(restored.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
-    found = analyse(local.R, part.coordinates.parameters.names)
+    found = analyse_identifiability(local.R, part.coordinates.parameters.names)
     return found.covariance, found.null_space
 
 

@@ -26,7 +26,7 @@ from updyn.updating.judge.adequacy import (
     can_be_sensor_noise,
     has_unequal_noise,
 )
-from updyn.updating.judge.assessment import Judgement, whitening
+from updyn.updating.judge.assessment import Judgement, whitening_weights
 from updyn.updating.problem.noise import (
     Estimated,
     EstimatedByChannel,
@@ -113,7 +113,7 @@ class OwnNoise:
             if own is self.noises[i]:
                 continue
             H = part.responses(x)
-            weight = whitening(self._known(own, part, H), H, part)
+            weight = whitening_weights(self._known(own, part, H), H, part)
             weight = np.where(weight > 0.0, weight, np.nan)
             if not can_be_sensor_noise(
                 H, weight * H, weight * (part.frf.values - H), part.frf.freq

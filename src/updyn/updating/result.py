@@ -23,8 +23,8 @@ from updyn.notebook import badge, card, spans, table
 from updyn.text_table import counted
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
-from updyn.updating.judge.alternatives import Alternative, differences
-from updyn.updating.judge.badge import Badge, badge_of
+from updyn.updating.judge.alternatives import Alternative, find_differences
+from updyn.updating.judge.badge import Badge, choose_badge
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.identifiability import Identifiability
@@ -210,7 +210,7 @@ class UpdateResult:
     @property
     def badge(self) -> Badge:
         """The verdict in a phrase and a colour."""
-        return badge_of(self.status, self.trust, ambiguous=self.is_ambiguous)
+        return choose_badge(self.status, self.trust, ambiguous=self.is_ambiguous)
 
     @property
     def usable(self) -> bool:
@@ -605,7 +605,7 @@ def _combination(direction: Mapping[str, float]) -> str:
 
 def _answer(other: Alternative, result: UpdateResult) -> str:
     """Return the unknowns in which another answer differs, as text."""
-    different = differences(result.values, result.std, [other])
+    different = find_differences(result.values, result.std, [other])
     return ", ".join(f"{name} {values[1]:.6g}" for name, values in different)
 
 

@@ -30,8 +30,8 @@ from updyn.updating.fit.methods import check_channels, check_modes, make_method,
 from updyn.updating.fit.monitor import JUDGE, Monitor, Progress
 from updyn.updating.fit.reducing import FINEST, Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
-from updyn.updating.judge.alternatives import differences, distinct
-from updyn.updating.judge.assessment import Judgement, judge
+from updyn.updating.judge.alternatives import find_differences, select_distinct
+from updyn.updating.judge.assessment import Judgement, judge_fit
 from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
 from updyn.updating.judge.ending import ending
 from updyn.updating.judge.strayed import strayed
@@ -211,7 +211,7 @@ def run(
             firsts = reduced.firsts if reduced is not None else None
 
             def judged(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
-                return judge(
+                return judge_fit(
                     problem,
                     (*splits, *modal_splits),
                     fit,
@@ -401,10 +401,10 @@ def _common(
     x = problem.coordinates.to_values(fit.x) + 0.0  # + 0.0 turns -0.0 into 0.0
     values = dict(zip(names, x.tolist(), strict=True))
     std = dict(zip(names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
-    others = distinct(values, std, found.alternatives)
+    others = select_distinct(values, std, found.alternatives)
     if others and status in ("converged", "not-identifiable"):
         status = "not-identifiable"
-        also, first = ambiguous(differences(values, std, others), others)
+        also, first = ambiguous(find_differences(values, std, others), others)
         message, remedy = f"{message} {also}", as_steps(first, remedy)
     judged = trust(
         status,

@@ -60,26 +60,32 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
             )
         return ""
     parts = []
-    unseen = np.flatnonzero(np.linalg.norm(analysis.null_space, axis=1) > 1 - 1e-6)
-    if unseen.size:
-        parts.append(f"The data do not see {_list([names[i] for i in unseen])} at all.")
+    without_effect = np.flatnonzero(np.linalg.norm(analysis.null_space, axis=1) > 1 - 1e-6)
+    if without_effect.size:
+        parts.append(
+            f"The data do not see {_join_names([names[i] for i in without_effect])} at all."
+        )
     if not problem.parts:
         return " ".join([*parts, ADVICE])
     lines, sensors = [], []
     for part in problem.parts:
-        lines.append((part.name, _best_line(analysis, part, x)))
-        sensors.append((part.name, _best_sensor(analysis, part, x, _candidate_sensors(part))))
-    line, sensor = _best_of(lines), _best_of(sensors)
+        lines.append((part.name, _find_best_line(analysis, part, x)))
+        sensors.append(
+            (part.name, _find_best_sensor(analysis, part, x, _choose_candidate_sensors(part)))
+        )
+    line, sensor = _select_best(lines), _select_best(sensors)
     needed = max(noise, _VISIBLE)
     if line is not None and line[1] > needed:
         parts.append(
-            f"Adding a line near {line[0]} would determine all unknowns{_accuracy(line[1])}."
+            f"Adding a line near {line[0]} would determine all unknowns"
+            f"{_describe_accuracy(line[1])}."
         )
     if sensor is not None and sensor[1] > needed:
         parts.append(
-            f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}."
+            f"Adding a sensor at {sensor[0]} would determine all unknowns"
+            f"{_describe_accuracy(sensor[1])}."
         )
-    if len(parts) == bool(unseen.size):
+    if len(parts) == bool(without_effect.size):
         k = analysis.null_space.shape[1]
         combinations = "combination" if k == 1 else "combinations"
         parts.append("No single further line or sensor on this model would determine all unknowns.")
@@ -94,33 +100,35 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
     return " ".join(parts)
 
 
-def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, float] | None:
+def _select_best(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, float] | None:
     """Return the best candidate of all tests, with the name of its test if there are several."""
     candidates = []
     for test, best in found:
         if best is not None:
-            place, seen = best
+            place, change = best
             if test:
                 place = f"{place} in test {test!r}"
-            candidates.append((place, seen))
+            candidates.append((place, change))
     return max(candidates, key=lambda candidate: candidate[1], default=None)
 
 
-def _accuracy(seen: float) -> str:
+def _describe_accuracy(change: float) -> str:
     """Return the accuracy of a candidate measurement that determines each combination to 10 %."""
-    if seen >= 1.0:
+    if change >= 1.0:
         return ""
-    return f", to 10 % if it is measured to {10.0 * seen:.1g} %"
+    return f", to 10 % if it is measured to {10.0 * change:.1g} %"
 
 
-def _list(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     text = ", ".join(names[:6])
     if len(names) > 6:
         text += f" and {len(names) - 6} more"
     return text
 
 
-def _sees(along: NDArray[np.complex128], H: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _least_relative_changes(
+    along: NDArray[np.complex128], H: NDArray[np.complex128]
+) -> NDArray[np.float64]:
     """Return the least relative change of each candidate measurement, shape (n_c,).
 
     Parameters
@@ -140,7 +148,7 @@ def _sees(along: NDArray[np.complex128], H: NDArray[np.complex128]) -> NDArray[n
     return np.asarray(np.linalg.svd(stacked, compute_uv=False)[:, -1])
 
 
-def _candidate_lines(part: Part) -> Part:
+def _with_candidate_lines(part: Part) -> Part:
     """Return the part at candidate lines."""
     freq = part.frf.freq
     low = float(freq[freq > 0].min(initial=np.inf))
@@ -148,53 +156,57 @@ def _candidate_lines(part: Part) -> Part:
         low = 1.0
     high = float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
-    return replace(part, frf=_blank(part, lines))
+    return replace(part, frf=_make_placeholder(part, lines))
 
 
-def _candidate_sensors(part: Part) -> NDArray[np.intp]:
+def _choose_candidate_sensors(part: Part) -> NDArray[np.intp]:
     """Return the DOFs of candidate sensors."""
     others = part.solver.others(part.rows)
     return others[:: max(1, -(-len(others) // _CANDIDATE_SENSORS))]
 
 
-def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
+def _find_best_line(
+    analysis: Analysis, part: Part, x: NDArray[np.float64]
+) -> tuple[str, float] | None:
     """Return the best additional line and its least relative change.
 
     The line is found with a reduced model in place of a large one; its change is computed with the
     full model.
     """
-    candidates = _candidate_lines(part)
+    candidates = _with_candidate_lines(part)
     lines, nearby = candidates.frf.freq, Nearby.of(candidates, x)
     try:
-        seen = _seen_at(candidates if nearby is None else nearby.part, x, analysis.null_space)
-        best = int(np.argmax(seen))
-        share = float(seen[best])
+        changes = _changes_at_lines(
+            candidates if nearby is None else nearby.part, x, analysis.null_space
+        )
+        best = int(np.argmax(changes))
+        change = float(changes[best])
         if nearby is not None:
-            only = replace(part, frf=_blank(part, lines[[best]]))
-            share = float(_seen_at(only, x, analysis.null_space)[0])
+            single_line = replace(part, frf=_make_placeholder(part, lines[[best]]))
+            change = float(_changes_at_lines(single_line, x, analysis.null_space)[0])
     except SolverError:
         return None
-    return f"{lines[best]:.4g} Hz", share
+    return f"{lines[best]:.4g} Hz", change
 
 
-def _seen_at(
+def _changes_at_lines(
     part: Part, x: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the least relative change at each line of a part, shape (n_f,)."""
     items = [(x, directions, block) for block in part.partition()]
-    return np.concatenate(list(part.each(_seen_at_lines, items)))
+    return np.concatenate(list(part.each(_changes_at_block, items)))
 
 
-def _seen_at_lines(
+def _changes_at_block(
     part: Part, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
 ) -> NDArray[Any]:
     x, directions, lines = item
     block = part.block(x, lines)
     assert block.dH is not None
-    return _sees(np.tensordot(directions, block.dH, axes=(0, 0)), block.H)
+    return _least_relative_changes(np.tensordot(directions, block.dH, axes=(0, 0)), block.H)
 
 
-def _best_sensor(
+def _find_best_sensor(
     analysis: Analysis, part: Part, x: NDArray[np.float64], others: NDArray[np.intp]
 ) -> tuple[str, float] | None:
     """Return the best additional sensor and its least relative change.
@@ -209,18 +221,18 @@ def _best_sensor(
         freq = part.frf.freq
     number = _SENSOR_LINES
     if part.solver.system.n > DOFS:
-        open_directions = analysis.null_space.shape[1]
-        number = max(_FEW_LINES, -(-open_directions // (2 * len(part.columns))))
-    few = replace(part, frf=_blank(part, freq[:: max(1, len(freq) // number)]))
+        n_undetermined = analysis.null_space.shape[1]
+        number = max(_FEW_LINES, -(-n_undetermined // (2 * len(part.columns))))
+    few = replace(part, frf=_make_placeholder(part, freq[:: max(1, len(freq) // number)]))
     try:
-        seen = _seen_by(few, x, others, analysis.null_space)
+        changes = _changes_at_sensors(few, x, others, analysis.null_space)
     except SolverError:
         return None
-    best = int(np.argmax(seen))
-    return str(part.solver.system.dofs[int(others[best])]), float(seen[best])
+    best = int(np.argmax(changes))
+    return str(part.solver.system.dofs[int(others[best])]), float(changes[best])
 
 
-def _seen_by(
+def _changes_at_sensors(
     part: Part,
     x: NDArray[np.float64],
     others: NDArray[np.intp],
@@ -229,11 +241,13 @@ def _seen_by(
     """Return the least relative change at a sensor at each of some DOFs."""
     n_columns = len(part.columns) * (1 + directions.shape[1])
     items = [(x, others, directions, lines) for lines in part.partition(n_columns)]
-    answers, derivatives = zip(*part.each(_motion_elsewhere, items), strict=True)
-    return _sees(np.concatenate(derivatives, axis=2), np.concatenate(answers, axis=1))
+    answers, derivatives = zip(*part.each(_receptance_at_others, items), strict=True)
+    return _least_relative_changes(
+        np.concatenate(derivatives, axis=2), np.concatenate(answers, axis=1)
+    )
 
 
-def _motion_elsewhere(
+def _receptance_at_others(
     part: Part,
     item: tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64], slice],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -254,7 +268,7 @@ def _motion_elsewhere(
     return part.solver.at(U, others), np.stack(along)
 
 
-def _blank(part: Part, lines: NDArray[np.float64]) -> FRF:
+def _make_placeholder(part: Part, lines: NDArray[np.float64]) -> FRF:
     """Return data of the part's channels at other lines, with values of 1 as placeholders."""
     shape = (len(lines), len(part.rows), len(part.columns))
     return FRF(

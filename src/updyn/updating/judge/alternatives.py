@@ -13,13 +13,13 @@ from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit
 from updyn.updating.problem.problem import Part, Problem
 
-__all__ = ["Alternative", "alternatives", "differences", "distinct"]
+__all__ = ["Alternative", "find_alternatives", "find_differences", "select_distinct"]
 
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 #: Largest numbers of DOFs and lines at which solutions are compared.
-_PLACES, _LINES = 200, 20
+_MOST_DOFS, _LINES = 200, 20
 #: Least relative difference of FRFs at a sensor that distinguishes solutions.
 _CLEARLY = 0.1
 
@@ -47,17 +47,17 @@ class Alternative:
     difference: float = 0.0
 
 
-def alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
+def find_alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
     """Return the other solutions of a fit, with the sensors that would distinguish them."""
     coordinates, found = problem.coordinates, []
     for rival in fit.rivals:
         values = coordinates.to_values(rival.x).tolist()
-        there = rival.problem or problem
-        seen = [
-            _clearest(part, fit.x, other, rival.x)
-            for part, other in zip(problem.parts, there.parts, strict=True)
+        other_problem = rival.problem or problem
+        largest = [
+            _find_largest_difference(part, fit.x, other_part, rival.x)
+            for part, other_part in zip(problem.parts, other_problem.parts, strict=True)
         ]
-        difference, sensor = max(seen, default=(0.0, ""))
+        difference, sensor = max(largest, default=(0.0, ""))
         if difference < _CLEARLY:
             sensor = ""
         names = coordinates.parameters.names
@@ -66,7 +66,7 @@ def alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
     return tuple(found)
 
 
-def differences(
+def find_differences(
     values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
 ) -> list[tuple[str, list[float]]]:
     """Return the unknowns in which solutions differ significantly, with all values.
@@ -77,53 +77,55 @@ def differences(
     found = []
     for name, value in values.items():
         all_values = [value, *(other.values[name] for other in others)]
-        apart = (max(all_values) - min(all_values)) / max(std[name], np.finfo(float).tiny)
-        if apart > 3.0:
-            found.append((apart, name, all_values))
+        distance = (max(all_values) - min(all_values)) / max(std[name], np.finfo(float).tiny)
+        if distance > 3.0:
+            found.append((distance, name, all_values))
     found.sort(key=lambda item: -item[0])
     return [(name, all_values) for _, name, all_values in found]
 
 
-def distinct(
+def select_distinct(
     values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
     """Return the solutions that differ significantly from the result.
 
     The standard deviations of the result are widened if the model does not explain the data, so
     solutions that the fit distinguished may agree within them. The arguments are those of
-    `differences`.
+    `find_differences`.
     """
-    return tuple(other for other in others if differences(values, std, [other]))
+    return tuple(other for other in others if find_differences(values, std, [other]))
 
 
-def _clearest(part: Part, x: _Vector, there: Part, other: _Vector) -> tuple[float, str]:
+def _find_largest_difference(
+    part: Part, x: _Vector, other_part: Part, other_x: _Vector
+) -> tuple[float, str]:
     """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF.
 
-    `part` and `there` are the parts whose models belong to the two solutions.
+    `part` and `other_part` are the parts whose models belong to the two solutions.
     """
     system = part.solver.system
-    places = part.solver.others(part.rows)
-    places = places[:: max(1, -(-len(places) // _PLACES))]
+    dofs = part.solver.others(part.rows)
+    dofs = dofs[:: max(1, -(-len(dofs) // _MOST_DOFS))]
     freq = part.frf.freq[part.frf.freq > 0]
-    if not places.size or not freq.size:
+    if not dofs.size or not freq.size:
         return 0.0, ""
     lines = freq[:: max(1, len(freq) // _LINES)]
     try:
-        H = _motion(part, x, lines, places)
-        G = _motion(there, other, lines, places)
+        H = _receptance_at(part, x, lines, dofs)
+        G = _receptance_at(other_part, other_x, lines, dofs)
     except SolverError:
         return 0.0, ""
     level = np.maximum(np.maximum(np.abs(H), np.abs(G)), np.finfo(float).tiny)
-    apart = np.median(np.abs(H - G) / level, axis=(0, 2))
-    best = int(np.argmax(apart))
-    return float(apart[best]), str(system.dofs[int(places[best])])
+    difference = np.median(np.abs(H - G) / level, axis=(0, 2))
+    best = int(np.argmax(difference))
+    return float(difference[best]), str(system.dofs[int(dofs[best])])
 
 
-def _motion(
-    part: Part, x: _Vector, lines: NDArray[np.float64], places: NDArray[np.intp]
+def _receptance_at(
+    part: Part, x: _Vector, lines: NDArray[np.float64], dofs: NDArray[np.intp]
 ) -> _Complex:
     """Return receptances at some DOFs, shape (n_f, n_places, n_j)."""
     values = part.values(x)
     return sensitivity.receptance(
-        part.solver, part.unknowns, values, lines, places, part.columns, derivatives=False
+        part.solver, part.unknowns, values, lines, dofs, part.columns, derivatives=False
     )[0]

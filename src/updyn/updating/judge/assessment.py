@@ -22,10 +22,10 @@ from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import complement, covariance_within, null_space
 from updyn.updating.judge.adequacy import LEVEL, Adequacy, add_suspects, assess_residual
 from updyn.updating.judge.advice import advise
-from updyn.updating.judge.alternatives import Alternative, alternatives
+from updyn.updating.judge.alternatives import Alternative, find_alternatives
 from updyn.updating.judge.discrepancy import Discrepancy, estimate_discrepancy
 from updyn.updating.judge.held_out import predictive_figures
-from updyn.updating.judge.identifiability import Analysis, analyse
+from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
 from updyn.updating.judge.localise import localise
 from updyn.updating.judge.modal_figures import modal_correlation
 from updyn.updating.judge.noise_split import covariance_over_ratios
@@ -41,11 +41,11 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "Judgement",
-    "at_start",
-    "examine",
-    "judge",
-    "local_at_start",
-    "whitening",
+    "analyse_start",
+    "assess_adequacy",
+    "judge_fit",
+    "linearise_at_start",
+    "whitening_weights",
 ]
 
 T = TypeVar("T")
@@ -101,12 +101,12 @@ class Judgement:
     discrepancy: Discrepancy | None = None
 
 
-def judge(
+def judge_fit(
     problem: Problem,
     data: Sequence[Split | ModalSplit],
     fit: Fit,
     noises: Sequence[NoiseModel],
-    firsts: Sequence[FieldSolver] | None = None,
+    start_solvers: Sequence[FieldSolver] | None = None,
     *,
     is_likelihood: bool,
 ) -> Judgement:
@@ -122,7 +122,7 @@ def judge(
         The result of the fit.
     noises : sequence of NoiseModel
         Noise model of the data of each part.
-    firsts : sequence of FieldSolver, optional
+    start_solvers : sequence of FieldSolver, optional
         Solver of each part at the start of the unknowns, if it differs from the problem's solver.
     is_likelihood : bool
         Whether the fit maximises a likelihood. Only then do model errors shift the estimate in the
@@ -142,35 +142,38 @@ def judge(
             cut_short = True
             return otherwise
 
-    names, even = problem.coordinates.parameters.names, None
+    names, equal_rows = problem.coordinates.parameters.names, None
     if fit.reason == "failed":  # the last point is not informative: analyse the start
         blinded = Fit.blind(fit.x, fit.reason, fit.note)
         fit = replace(blinded, cause=fit.cause, remedy=fit.remedy)
-        blind = analyse(fit.R, names)
-        analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
+        blind = analyse_identifiability(fit.R, names)
+        analysis, advice = unless_stopped(lambda: analyse_start(problem, noises), (blind, ""))
         misfit = 0.0
     elif fit.reason == "stopped":  # the user is waiting: omit long evaluations
-        analysis, advice, misfit = analyse(fit.R, names), "", 0.0
+        analysis, advice, misfit = analyse_identifiability(fit.R, names), "", 0.0
     else:
         if not fit.advice:
-            even = unless_stopped(lambda: _even(problem, noises, fit.x, fit.R), even)
-        analysis = analyse(fit.R, names, even=even)
+            equal_rows = unless_stopped(
+                lambda: _equal_row_jacobian(problem, noises, fit.x, fit.R), equal_rows
+            )
+        analysis = analyse_identifiability(fit.R, names, equal_rows=equal_rows)
         misfit = unless_stopped(lambda: _typical_misfit(problem, noises, fit.x), 0.0)
         if fit.advice and not analysis.report.complete:
             advice = fit.advice
         else:
             noise = 0.0 if np.isnan(misfit) else misfit
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, noise), "")
-    solvers = firsts or [part.solver for part in problem.parts]
-    scored: list[Callable[[], dict[str, Any]]] = []
+    solvers = start_solvers or [part.solver for part in problem.parts]
+    comparisons: list[Callable[[], dict[str, Any]]] = []
     splits = [split for split in data if isinstance(split, Split)]
     for part, split, first in zip(problem.parts, splits, solvers, strict=True):
-        scored.append(partial(_correlation, part, fit.x, split, first))
+        comparisons.append(partial(_correlate_part, part, fit.x, split, first))
     modal_splits = [split for split in data if isinstance(split, ModalSplit)]
     for modal, of_modes in zip(problem.modal, modal_splits, strict=True):
-        scored.append(partial(modal_correlation, modal, fit.x, of_modes))
+        comparisons.append(partial(modal_correlation, modal, fit.x, of_modes))
     correlation: tuple[Mapping[str, Any], ...] = tuple(
-        unless_stopped(score, _no_figures(split)) for score, split in zip(scored, data, strict=True)
+        unless_stopped(compare, _empty_figures(split))
+        for compare, split in zip(comparisons, data, strict=True)
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
     rounding: Rounding | None = None
@@ -179,30 +182,37 @@ def judge(
         rounding = unless_stopped(lambda: worst_rounding(problem.parts, fit.x), None)
         if rounding is None:
             adequacy = unless_stopped(
-                lambda: examine(problem, fit.x, noises, settled=settled), adequacy
+                lambda: assess_adequacy(problem, fit.x, noises, settled=settled), adequacy
             )
     others: tuple[Alternative, ...] = ()
     if fit.rivals:
-        others = unless_stopped(lambda: alternatives(problem, fit), others)
-    spread = _spread(problem, fit, even)
+        others = unless_stopped(lambda: find_alternatives(problem, fit), others)
+    spread = _covariance_of_coordinates(problem, fit, equal_rows)
     if any("degrees_of_freedom" in record for record in fit.noise):
-        over_ratios = partial(_over_ratios, problem, fit, noises, analysis.null_space, spread)
-        spread = unless_stopped(over_ratios, spread)
+        widen = partial(_widen_over_ratios, problem, fit, noises, analysis.null_space, spread)
+        spread = unless_stopped(widen, spread)
     error: Discrepancy | None = None
-    tested = any(found is not None and found.outcome not in _UNTOLD for found in adequacy)
-    if is_likelihood and tested:
-        estimated = partial(_model_error, problem, fit, noises, adequacy, analysis.null_space)
-        error = unless_stopped(estimated, None)
+    is_tested = any(found is not None and found.outcome not in _UNINFORMATIVE for found in adequacy)
+    if is_likelihood and is_tested:
+        estimate = partial(
+            _estimate_model_error, problem, fit, noises, adequacy, analysis.null_space
+        )
+        error = unless_stopped(estimate, None)
     if error is not None:
-        fit, spread = _with_model_error(problem, fit, spread, error)
+        fit, spread = _add_model_error(problem, fit, spread, error)
     for i, (part, split) in enumerate(zip(problem.parts, splits, strict=True)):
         if split.held is not None and _noise_is_known(adequacy[i], noises[i]):
-            predicted = partial(_predicted, problem, part, split.held, fit.x, spread, noises[i])
-            correlation = _with_prediction(correlation, i, unless_stopped(predicted, {}))
+            predict = partial(
+                _predict_held_out, problem, part, split.held, fit.x, spread, noises[i]
+            )
+            correlation = _add_prediction(correlation, i, unless_stopped(predict, {}))
     adequacy += (None,) * len(problem.modal)
     if cut_short:
         fit = replace(fit, reason="stopped")
-    covariance, at_bound = _in_values(problem, fit.x, spread), _at_bound(problem, fit.x)
+    covariance, at_bound = (
+        _covariance_of_values(problem, fit.x, spread),
+        _find_active_bounds(problem, fit.x),
+    )
     return Judgement(
         fit,
         analysis,
@@ -218,23 +228,26 @@ def judge(
     )
 
 
-def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
+def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
     """Return the identifiability analysis at the start of the unknowns, and the experiment advice.
 
     Noise of typical size is assumed for parts whose noise would be estimated from a fit. Raises
     `SolverError` if the model cannot be solved there.
     """
-    local, share = local_at_start(problem, noises)
+    local, share = linearise_at_start(problem, noises)
     x = problem.coordinates.home
-    even = _even(problem, noises, x, local.R)
-    analysis = analyse(local.R, problem.coordinates.parameters.names, even=even)
+    equal_rows = _equal_row_jacobian(problem, noises, x, local.R)
+    analysis = analyse_identifiability(
+        local.R, problem.coordinates.parameters.names, equal_rows=equal_rows
+    )
     return analysis, advise(analysis, problem, x, share)
 
 
-def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
+def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
     """Return the whitened output error at the start, and the median of standard deviation over |H|.
 
-    The arguments are those of `at_start`. Raises `SolverError` if the model cannot be solved there.
+    The arguments are those of `analyse_start`. Raises `SolverError` if the model cannot be solved
+    there.
     """
     x = problem.coordinates.home
     errors, shares = [], []
@@ -252,21 +265,23 @@ def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Loca
     return local, share
 
 
-def _even(
+def _equal_row_jacobian(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64], R: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """Return a reduced Jacobian with rows of equal size, if rows of unequal size reduce the rank.
 
     None if R has full rank or if equal rows do not increase the rank.
     """
-    short = null_space(R).shape[1]
-    if short == 0 or not R.any():
+    deficiency = null_space(R).shape[1]
+    if deficiency == 0 or not R.any():
         return None
     local = levelled(problem, noises).local(problem, x)
-    return local.R if local is not None and null_space(local.R).shape[1] < short else None
+    return local.R if local is not None and null_space(local.R).shape[1] < deficiency else None
 
 
-def _spread(problem: Problem, fit: Fit, even: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _covariance_of_coordinates(
+    problem: Problem, fit: Fit, equal_rows: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
     """Return the covariance of the optimiser's coordinates; inf for undetermined ones."""
     weight = problem.coordinates.prior[1]
     if fit.pull is not None and fit.pull.within is not None:
@@ -275,10 +290,10 @@ def _spread(problem: Problem, fit: Fit, even: NDArray[np.float64] | None) -> NDA
     if fit.pull is not None:
         weight = weight + fit.pull.weight
     rows = np.diag(weight)
-    analysis = analyse(
+    analysis = analyse_identifiability(
         np.vstack([fit.R, rows]),
         problem.coordinates.parameters.names,
-        even=None if even is None else np.vstack([even, np.sign(rows)]),
+        equal_rows=None if equal_rows is None else np.vstack([equal_rows, np.sign(rows)]),
     )
     out = np.array(analysis.covariance)
     out[analysis.involved] = np.inf
@@ -286,7 +301,7 @@ def _spread(problem: Problem, fit: Fit, even: NDArray[np.float64] | None) -> NDA
     return out
 
 
-def _over_ratios(
+def _widen_over_ratios(
     problem: Problem,
     fit: Fit,
     noises: Sequence[NoiseModel],
@@ -312,7 +327,7 @@ def _over_ratios(
 #: Reasons of termination after which a fit is not assessed.
 _ABORTED = ("failed", "stopped")
 #: Outcomes of the tests of the residual that carry no information on a model error.
-_UNTOLD = ("exact", "untested")
+_UNINFORMATIVE = ("exact", "untested")
 #: Gain in restricted log-likelihood by a model error that is exceeded by chance in a share `LEVEL`
 #: of fits whose residual is noise. A variance of 0 is at the bound of its range, hence twice the
 #: gain is 0 in half of the fits and has the chi-square distribution of one degree of freedom in the
@@ -320,7 +335,7 @@ _UNTOLD = ("exact", "untested")
 _BY_CHANCE = 0.5 * float(chdtri(1.0, 2.0 * LEVEL))
 
 
-def _model_error(
+def _estimate_model_error(
     problem: Problem,
     fit: Fit,
     noises: Sequence[NoiseModel],
@@ -338,7 +353,7 @@ def _model_error(
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(fit.x)
         known = noise.refit(H, part.frf, problem.share(part))
-        errors.append(OutputError(whitening(known, H, part)))
+        errors.append(OutputError(whitening_weights(known, H, part)))
         size_known = size_known and noise.bulk.size_known
     is_structure = any(found is not None and found.outcome == "structure" for found in adequacy)
     return estimate_discrepancy(
@@ -351,18 +366,18 @@ def _model_error(
     )
 
 
-def _with_model_error(
+def _add_model_error(
     problem: Problem, fit: Fit, spread: NDArray[np.float64], error: Discrepancy
 ) -> tuple[Fit, NDArray[np.float64]]:
     """Return the fit and the covariance with the model error included."""
-    unknown = error.unknown(spread)
+    no_interval = error.unknown(spread)
     record: dict[str, Any] = {"model_error": error.share}
-    names = [name for name, lost in zip(_names(problem), unknown, strict=True) if lost]
+    names = [name for name, lost in zip(_names(problem), no_interval, strict=True) if lost]
     if names:
         record["not_known"] = names
     spread = spread + error.covariance
-    spread[unknown] = np.inf
-    spread[:, unknown] = np.inf
+    spread[no_interval] = np.inf
+    spread[:, no_interval] = np.inf
     return replace(fit, noise=tuple({**own, **record} for own in fit.noise)), spread
 
 
@@ -370,7 +385,7 @@ def _names(problem: Problem) -> list[str]:
     return problem.coordinates.parameters.names
 
 
-def _in_values(
+def _covariance_of_values(
     problem: Problem, x: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the covariance of the values from that of the optimiser's coordinates."""
@@ -388,7 +403,7 @@ def _noise_is_known(adequacy: Adequacy | None, noise: NoiseModel) -> bool:
     return adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
 
 
-def _predicted(
+def _predict_held_out(
     problem: Problem,
     part: Part,
     held: FRF,
@@ -408,7 +423,7 @@ def _predicted(
         return {}
 
 
-def _with_prediction(
+def _add_prediction(
     correlation: tuple[Mapping[str, Any], ...], i: int, figures: Mapping[str, float]
 ) -> tuple[Mapping[str, Any], ...]:
     """Return the figures of agreement extended by the predictive figures of part i."""
@@ -432,8 +447,8 @@ def _typical_misfit(
     for part, noise in zip(problem.parts, noises, strict=True):
         measured = part.frf.values
         size = np.abs(measured)
-        seen = size > _CLEAR * np.sqrt(noise.beforehand(part.frf))
-        misfits.append(np.abs(part.responses(x) - measured)[seen] / size[seen])
+        is_clear = size > _CLEAR * np.sqrt(noise.beforehand(part.frf))
+        misfits.append(np.abs(part.responses(x) - measured)[is_clear] / size[is_clear])
     for modal in problem.modal if not misfits else ():
         rows = modal.rows(x)
         misfits.append(np.abs(rows.r[rows.of("frequency")]))
@@ -443,7 +458,7 @@ def _typical_misfit(
     return np.nan if problem.parts else 0.0
 
 
-def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
+def _find_active_bounds(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
@@ -451,11 +466,11 @@ def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
     return {names[i]: str(sides[i]) for i in np.flatnonzero(sides)}
 
 
-def _correlation(
+def _correlate_part(
     part: Part, x: NDArray[np.float64], split: Split, first: FieldSolver
 ) -> dict[str, Any]:
-    whole = part.with_data(split.whole)
-    untouched = replace(whole, solver=first)
+    part_of_all_data = part.with_data(split.whole)
+    start_part = replace(part_of_all_data, solver=first)
     start = part.coordinates.home
     # Only the unbounded plain iteration can end at a negative loss factor; the updated model uses
     # zero instead.
@@ -463,27 +478,30 @@ def _correlation(
     parts = {"fitted": split.fitted}
     if split.held is not None:
         parts["held"] = split.held
-    before, after = _scores(untouched, start, parts), _scores(whole, end, parts)
+    before, after = (
+        _correlate_subsets(start_part, start, parts),
+        _correlate_subsets(part_of_all_data, end, parts),
+    )
     out: dict[str, Any] = {"before": before.get("fitted", {}), "after": after.get("fitted", {})}
     if split.held is not None:
         out["validation"] = {"before": before.get("held", {}), "after": after.get("held", {})}
     return out
 
 
-def _no_figures(split: Split | ModalSplit) -> dict[str, Any]:
+def _empty_figures(split: Split | ModalSplit) -> dict[str, Any]:
     none: dict[str, Any] = {"before": {}, "after": {}}
     if split.held is not None:
         none["validation"] = {"before": {}, "after": {}}
     return none
 
 
-def _scores(
+def _correlate_subsets(
     whole: Part, x: NDArray[np.float64], parts: Mapping[str, FRF]
 ) -> dict[str, dict[str, float]]:
     """Return the figures of agreement with parts of the data; empty if the model is singular."""
     frf = whole.frf
     try:
-        answer = FRF(
+        response = FRF(
             frf.freq,
             whole.responses(x),
             frf.responses,
@@ -495,7 +513,7 @@ def _scores(
         return {}
     scores = {}
     for name, part in parts.items():
-        computed = answer.select(lines=part.freq, responses=part.responses)
+        computed = response.select(lines=part.freq, responses=part.responses)
         scores[name] = dict(correlate(computed, part).figures())
     return scores
 
@@ -504,7 +522,7 @@ def _scores(
 _MOVING = 0.05
 
 
-def examine(
+def assess_adequacy(
     problem: Problem, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
     """Test the residual of a fit against noise, whitened by the noise models of its tests.
@@ -535,22 +553,22 @@ def examine(
         return ()
     problem = problem.of_frfs
     try:
-        answers = [part.responses(x) for part in problem.parts]
+        responses = [part.responses(x) for part in problem.parts]
     except SolverError:
         return (None,) * len(problem.parts)
-    found, errors, limited = [], [], []
-    for part, noise, H in zip(problem.parts, noises, answers, strict=True):
+    found, errors, robust_residuals = [], [], []
+    for part, noise, H in zip(problem.parts, noises, responses, strict=True):
         share = problem.share(part)
         known = noise.refit(H, part.frf, share)
-        weight = robust = whitening(known, H, part)
+        weight = robust = whitening_weights(known, H, part)
         if isinstance(known, Robust):  # outliers have full weight in the tests
-            weight = whitening(replace(known, weight=None), H, part)
+            weight = whitening_weights(replace(known, weight=None), H, part)
         errors.append(OutputError(robust, "residual"))
         with np.errstate(invalid="ignore"):
             misfit = part.frf.values - H
-            counted = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
-            limited.append(np.where(counted, robust * misfit, np.nan))
-            whitened = np.where(counted, weight * misfit, np.nan)
+            is_used = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
+            robust_residuals.append(np.where(is_used, robust * misfit, np.nan))
+            whitened = np.where(is_used, weight * misfit, np.nan)
         base = noise.bulk
         found.append(
             assess_residual(
@@ -563,33 +581,35 @@ def examine(
                 absolute=base.size_known,
                 averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
-                relative=_relative(misfit, part),
-                whitened_H=np.where(counted, weight * H, np.nan),
+                relative=_relative_misfit(misfit, part),
+                whitened_H=np.where(is_used, weight * H, np.nan),
             )
         )
     residual = Each(tuple(errors))
-    if not settled and _moves(problem, residual, x):
+    if not settled and _is_unsettled(problem, residual, x):
         return (None,) * len(problem.parts)
     outcomes = {a.outcome for a in found}
     if outcomes.isdisjoint(("structure", "excess")):
         return tuple(found)
-    beyond = None
+    excess = None
     if all(a.absolute for a in found):
-        beyond = 0.0
-        for e in limited:
-            beyond += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
-        beyond += problem.n
-    suspects = localise(problem, x, residual, limited, beyond)
+        excess = 0.0
+        for e in robust_residuals:
+            excess += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
+        excess += problem.n
+    suspects = localise(problem, x, residual, robust_residuals, excess)
     return tuple(add_suspects(a, suspects) for a in found)
 
 
-def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
+def _is_unsettled(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
     """Return whether a step could still reduce the residual by more than `_MOVING`."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 
 
-def whitening(known: NoiseModel, H: NDArray[np.complex128], part: Part) -> NDArray[np.float64]:
+def whitening_weights(
+    known: NoiseModel, H: NDArray[np.complex128], part: Part
+) -> NDArray[np.float64]:
     """Return 1 / sigma of the real (and of the imaginary) part, shape (n_f, n_i, n_j).
 
     Values without a finite variance have weight 0. `known` is the noise model after its refit to
@@ -600,8 +620,8 @@ def whitening(known: NoiseModel, H: NDArray[np.complex128], part: Part) -> NDArr
     return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
 
 
-def _relative(misfit: NDArray[np.complex128], part: Part) -> float:
+def _relative_misfit(misfit: NDArray[np.complex128], part: Part) -> float:
     """Return the largest rms misfit of a channel over the rms of its data."""
-    left = np.sqrt(np.mean(np.abs(misfit) ** 2, axis=0))
+    rms_misfit = np.sqrt(np.mean(np.abs(misfit) ** 2, axis=0))
     size = np.sqrt(np.mean(np.abs(part.frf.values) ** 2, axis=0))
-    return float(np.max(left / np.where(size > 0.0, size, 1.0)))
+    return float(np.max(rms_misfit / np.where(size > 0.0, size, 1.0)))

@@ -7,7 +7,7 @@ from typing import Literal
 
 from updyn.updating.judge.trust import Trust
 
-__all__ = ["Badge", "badge_of"]
+__all__ = ["Badge", "choose_badge"]
 
 Colour = Literal["good", "warn", "bad"]
 
@@ -40,7 +40,7 @@ _ENDED = {
 }
 
 
-def badge_of(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Badge:
+def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Badge:
     """Return the badge of a result.
 
     Parameters

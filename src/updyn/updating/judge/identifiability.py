@@ -15,7 +15,7 @@ from updyn.updating.fit.null_space import VISIBLE, resolve
 __all__ = [
     "Analysis",
     "Identifiability",
-    "analyse",
+    "analyse_identifiability",
 ]
 
 _Matrix = NDArray[np.float64]
@@ -48,13 +48,13 @@ class Analysis:
     involved: NDArray[np.bool_]
 
 
-def analyse(
+def analyse_identifiability(
     R: _Matrix,
     names: list[str],
     *,
     inflation: float = 1.0,
     advice: str = "",
-    even: _Matrix | None = None,
+    equal_rows: _Matrix | None = None,
 ) -> Analysis:
     """Analyse a reduced Jacobian whose residuals have unit variance.
 
@@ -69,7 +69,7 @@ def analyse(
         Factor on the standard deviations.
     advice : str
         Advice stored in the report.
-    even : ndarray of float, shape (k, n), optional
+    equal_rows : ndarray of float, shape (k, n), optional
         Reduced Jacobian of the same null space with rows of equal size (`Levelled`).
 
     Returns
@@ -83,7 +83,7 @@ def analyse(
     collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
     all unknowns together.
     """
-    found = resolve(R, inflation, even)
+    found = resolve(R, inflation, equal_rows)
     n, s = R.shape[1], found.singular_values
     smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0
     report = Identifiability(
@@ -91,22 +91,24 @@ def analyse(
         n_parameters=n,
         condition=1.0 / smallest if found.full_rank else np.inf,
         singular_values=tuple(s.tolist()),
-        null_directions=[_weights(d, names) for d in _readable(found.null_space)],
-        determined_directions=_determined(found.null_space, found.involved, names),
+        null_directions=[_weights(d, names) for d in _sparse_basis(found.null_space)],
+        determined_directions=_find_determined_combinations(
+            found.null_space, found.involved, names
+        ),
         collinearity=float(1.0 / s[-1]) if found.full_rank else np.inf,
         advice=advice,
     )
     return Analysis(report, found.null_space, found.covariance, found.involved)
 
 
-def _numbered(
+def _number_combinations(
     kind: str, directions: Sequence[Mapping[str, float]]
 ) -> dict[str, Mapping[str, float]]:
     """Return the first combinations by their column heading."""
     return {f"{kind} {i}": weights for i, weights in enumerate(directions[:_SHOWN], 1)}
 
 
-def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
+def _sparse_basis(basis: _Matrix) -> list[NDArray[np.float64]]:
     """Return a sparse basis of the same space, each direction led by another unknown."""
     k = basis.shape[1]
     if k == 0:
@@ -120,7 +122,7 @@ def _weights(direction: NDArray[np.float64], names: list[str]) -> dict[str, floa
     return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > VISIBLE}
 
 
-def _determined(
+def _find_determined_combinations(
     null_space: _Matrix, involved: NDArray[np.bool_], names: list[str]
 ) -> list[dict[str, float]]:
     """Return the combinations of the involved unknowns that are constant along the null space."""
@@ -182,8 +184,8 @@ class Identifiability:
             f" {self.condition:.3g}, collinearity {self.collinearity:.3g})"
         )
         columns = {
-            **_numbered("undetermined", self.null_directions),
-            **_numbered("determined", self.determined_directions),
+            **_number_combinations("undetermined", self.null_directions),
+            **_number_combinations("determined", self.determined_directions),
         }
         names = list(dict.fromkeys(name for weights in columns.values() for name in weights))
         rows = []

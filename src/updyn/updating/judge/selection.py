@@ -15,8 +15,8 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.text_table import counted
 from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
-from updyn.updating.judge.assessment import local_at_start
-from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.assessment import linearise_at_start
+from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.problem.selection import Selection
@@ -321,7 +321,7 @@ def select_jointly(
             key=("max_collinearity",),
         )
     R = _sensitivity(tests, before)
-    count = analyse(R, given.names).report.rank if n == "rank" else n
+    count = analyse_identifiability(R, given.names).report.rank if n == "rank" else n
     order, why = subset(R, given.names, count, max_collinearity)
     if not order:
         raise ParameterError(
@@ -577,7 +577,7 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check(tests, parameters)
-    return local_at_start(*problem_of(tests, parameters))[0].R
+    return linearise_at_start(*problem_of(tests, parameters))[0].R
 
 
 def _cosines(R: _Matrix) -> _Matrix:

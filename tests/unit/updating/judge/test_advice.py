@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.updating.judge.advice import advise
-from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 from updyn.updating.update import identifiability
@@ -121,7 +121,7 @@ def test_unknowns_that_are_hard_to_tell_apart(gear_train):
     problem = Part.build(gear_train, data, unknowns)
     x = problem.coordinates.to_x(unknowns.start)
     local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(Problem.of([problem]), x)
-    analysis = analyse(local.R, unknowns.names)
+    analysis = analyse_identifiability(local.R, unknowns.names)
     assert analysis.report.complete
     assert analysis.report.collinearity > 15
     worst = unknowns.names[int(np.argmax(np.diag(analysis.covariance)))]
@@ -133,4 +133,7 @@ def test_unknowns_that_are_hard_to_tell_apart(gear_train):
     local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(
         Problem.of([problem]), np.zeros(1)
     )
-    assert advise(analyse(local.R, well.names), Problem.of([problem]), np.zeros(1)) == ""
+    assert (
+        advise(analyse_identifiability(local.R, well.names), Problem.of([problem]), np.zeros(1))
+        == ""
+    )

@@ -7,7 +7,12 @@ import pytest
 
 import updyn
 from updyn.updating.fit.method import Fit, Rival
-from updyn.updating.judge.alternatives import Alternative, alternatives, differences, distinct
+from updyn.updating.judge.alternatives import (
+    Alternative,
+    find_alternatives,
+    find_differences,
+    select_distinct,
+)
 from updyn.updating.problem.problem import Part, Problem
 
 FREQ = np.linspace(2.0, 45.0, 15)  # no more lines than are compared
@@ -40,7 +45,7 @@ def fitted(start: updyn.Model, responses: list[str], rivals: tuple[Rival, ...]) 
 def test_sensor_and_difference_are_those_of_the_frfs_of_both_answers():
     start = beam(3e4, 3e4)
     problem, fit = fitted(start, ["3:X"], (Rival(np.log([0.7, 1.5]), 0.5),))
-    (found,) = alternatives(problem, fit)
+    (found,) = find_alternatives(problem, fit)
     assert found.values == pytest.approx({"left.stiffness": 0.7, "right.stiffness": 1.5})
     assert found.odds == pytest.approx(np.exp(0.5))
     places = ["1:X", "2:X", "4:X", "5:X"]
@@ -57,7 +62,7 @@ def test_sensor_and_difference_are_those_of_the_frfs_of_both_answers():
 def test_no_sensor_is_named_where_none_would_see_a_difference():
     start = beam(3e4, 3e4)
     near = Rival(np.log([1.5001, 0.7001]), 0.0)
-    (found,) = alternatives(*fitted(start, ["3:X"], (near,)))
+    (found,) = find_alternatives(*fitted(start, ["3:X"], (near,)))
     assert found.sensor == ""
     assert 0.0 < found.difference < 0.1
 
@@ -65,12 +70,12 @@ def test_no_sensor_is_named_where_none_would_see_a_difference():
 def test_no_sensor_is_named_where_all_places_have_one():
     start = beam(3e4, 3e4)
     everywhere = [f"{i + 1}:X" for i in range(5)]
-    (found,) = alternatives(*fitted(start, everywhere, (Rival(np.log([0.7, 1.5]), 0.0),)))
+    (found,) = find_alternatives(*fitted(start, everywhere, (Rival(np.log([0.7, 1.5]), 0.0),)))
     assert (found.sensor, found.difference) == ("", 0.0)
 
 
 def test_a_fit_without_rivals_has_no_other_answers():
-    assert alternatives(*fitted(beam(3e4, 3e4), ["3:X"], ())) == ()
+    assert find_alternatives(*fitted(beam(3e4, 3e4), ["3:X"], ())) == ()
 
 
 VALUES = {"a.mass": 1.0, "b.mass": 2.0, "c.mass": 3.0}
@@ -82,13 +87,13 @@ def other(**changes: float) -> Alternative:
 
 
 def test_unknowns_that_differ_by_more_than_three_standard_deviations_are_listed():
-    found = differences(VALUES, STD, [other(a=1.4, b=2.1, c=90.0), other(a=0.8)])
+    found = find_differences(VALUES, STD, [other(a=1.4, b=2.1, c=90.0), other(a=0.8)])
     # b differs by 10 standard deviations, a by 6; c is not determined
     assert found == [("b.mass", [2.0, 2.1, 2.0]), ("a.mass", [1.0, 1.4, 0.8])]
-    assert differences(VALUES, STD, [other(a=1.2, b=2.02)]) == []
-    assert differences(VALUES, STD, []) == []
+    assert find_differences(VALUES, STD, [other(a=1.2, b=2.02)]) == []
+    assert find_differences(VALUES, STD, []) == []
 
 
 def test_answers_within_the_standard_deviations_are_no_others():
     near, far = other(a=1.2), other(a=1.4)
-    assert distinct(VALUES, STD, [near, far]) == (far,)
+    assert select_distinct(VALUES, STD, [near, far]) == (far,)

@@ -180,7 +180,7 @@ def test_a_fit_that_ran_out_of_steps_is_looked_at_where_it_had_nearly_arrived(wr
 
 
 def test_values_of_infinite_variance_are_left_out(chain12_true, data):
-    from updyn.updating.judge.assessment import examine
+    from updyn.updating.judge.assessment import assess_adequacy
 
     variance = (0.01 * np.abs(data.values)) ** 2
     frf = updyn.FRF(
@@ -198,8 +198,8 @@ def test_values_of_infinite_variance_are_left_out(chain12_true, data):
             return out
 
     x = problem.coordinates.to_x(unknowns.start)
-    (plain,) = examine(Problem.of([problem]), x, [choose_noise(None, frf)])
-    (found,) = examine(Problem.of([problem]), x, [Blind()])
+    (plain,) = assess_adequacy(Problem.of([problem]), x, [choose_noise(None, frf)])
+    (found,) = assess_adequacy(Problem.of([problem]), x, [Blind()])
     assert np.isnan(found.misfit[2]).all()
     assert found.misfit[[0, 1, 3, 4]] == pytest.approx(plain.misfit[[0, 1, 3, 4]])
     assert dataclasses.is_dataclass(found)

@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.updating.fit.null_space import null_space
-from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError, LogError
 from updyn.updating.update import identifiability
@@ -22,7 +22,7 @@ def from_directions(directions, std):
 
 def test_standard_deviations_are_those_of_the_information():
     R = np.array([[100.0, 20.0, 3.0], [0.0, 50.0, -7.0], [0.0, 0.0, 12.0]])
-    found = analyse(R, NAMES)
+    found = analyse_identifiability(R, NAMES)
     assert found.covariance == pytest.approx(np.linalg.solve(R.T @ R, np.eye(3)), rel=1e-12)
     assert found.report.complete
     assert found.report.rank == found.report.n_parameters == 3
@@ -32,13 +32,15 @@ def test_standard_deviations_are_those_of_the_information():
     assert found.report.singular_values == pytest.approx(s, rel=1e-12)
     assert found.report.condition == pytest.approx(s[0] / s[-1], rel=1e-12)
     assert found.report.collinearity == pytest.approx(1 / s[-1], rel=1e-12)
-    assert analyse(R, NAMES, inflation=2.0).covariance == pytest.approx(
+    assert analyse_identifiability(R, NAMES, inflation=2.0).covariance == pytest.approx(
         4 * found.covariance, rel=1e-12
     )
 
 
 def test_unknown_without_effect():
-    found = analyse(np.array([[10.0, 0.0, 0.0], [3.0, 0.0, 8.0], [0.0, 0.0, 0.0]]), NAMES)
+    found = analyse_identifiability(
+        np.array([[10.0, 0.0, 0.0], [3.0, 0.0, 8.0], [0.0, 0.0, 0.0]]), NAMES
+    )
     assert found.report.rank == 2
     assert found.report.null_directions == [{"b": 1.0}]
     assert list(found.involved) == [False, True, False]
@@ -50,7 +52,7 @@ def test_unknown_without_effect():
 def test_combination_open_by_arithmetic():
     """Only a + b is seen (rank 2 of 3 with c): a and -b may change together; what is determined is b + a."""
     R = np.array([[30.0, 30.0, 0.0], [0.0, 0.0, 5.0]])
-    found = analyse(R, NAMES)
+    found = analyse_identifiability(R, NAMES)
     assert found.report.rank == 2
     (direction,) = found.report.null_directions
     assert set(direction) == {"a", "b"}
@@ -64,7 +66,7 @@ def test_combination_open_by_arithmetic():
 def test_two_open_combinations_read_as_simple_ones():
     """Of four unknowns, pairs trade off: the basis is turned until each direction names one pair."""
     R = np.array([[10.0, 10.0, 0.0, 0.0], [0.0, 0.0, 10.0, -10.0]])
-    found = analyse(R, ["a", "b", "c", "d"])
+    found = analyse_identifiability(R, ["a", "b", "c", "d"])
     assert found.report.rank == 2
     assert sorted(tuple(sorted(d)) for d in found.report.null_directions) == [
         ("a", "b"),
@@ -83,7 +85,9 @@ def test_two_open_combinations_read_as_simple_ones():
 
 def test_direction_open_by_noise():
     """Standard deviation 3 along a - b: open, though the arithmetic rank is full."""
-    found = analyse(from_directions([[1, -1, 0], [1, 1, 0], [0, 0, 1]], [3.0, 0.01, 0.02]), NAMES)
+    found = analyse_identifiability(
+        from_directions([[1, -1, 0], [1, 1, 0], [0, 0, 1]], [3.0, 0.01, 0.02]), NAMES
+    )
     assert found.report.rank == 2
     assert np.isfinite(found.report.condition)
     (direction,) = found.report.null_directions
@@ -94,7 +98,7 @@ def test_direction_open_by_noise():
 
 def test_unknown_that_hardly_takes_part_in_an_uncertain_direction_keeps_its_standard_deviation():
     """Along (1, 0.02, 0) the data leave 1.5: `a` is open, `b` is known to 0.03 and must not be called unknown."""
-    found = analyse(
+    found = analyse_identifiability(
         from_directions([[1, 0.02, 0], [-0.02, 1, 0], [0, 0, 1]], [1.5, 0.005, 0.01]), NAMES
     )
     assert found.report.rank == 2
@@ -107,7 +111,7 @@ def test_unknown_that_hardly_takes_part_in_an_uncertain_direction_keeps_its_stan
 def test_standard_deviations_beside_an_unknown_that_is_hardly_seen(seen):
     """Of a triangle the inverse is known to the last digits, whatever its columns' sizes."""
     R = np.array([[1e3, 2e2, 0.3 * seen], [0.0, 3e2, 0.5 * seen], [0.0, 0.0, seen]])
-    found = analyse(R, NAMES)
+    found = analyse_identifiability(R, NAMES)
     last = np.array([-0.3 + 0.5 * 2e2 / 3e2, -0.5, 1.0]) / [1e3, 3e2, 1.0]
     inverse = np.column_stack(
         [[1e-3, 0.0, 0.0], [-2e2 / 3e2 * 1e-3, 1 / 3e2, 0.0], last / [1, 1, seen]]
@@ -121,7 +125,9 @@ def test_standard_deviations_beside_an_unknown_that_is_hardly_seen(seen):
 
 def test_uncertainty_spread_over_many_unknowns_still_names_the_widest():
     """Standard deviation 1.1 along (1, 1, 1): no unknown alone exceeds 0.64, and all are named."""
-    found = analyse(from_directions([[1, 1, 1], [1, -1, 0], [1, 1, -2]], [1.1, 0.01, 0.01]), NAMES)
+    found = analyse_identifiability(
+        from_directions([[1, 1, 1], [1, -1, 0], [1, 1, -2]], [1.1, 0.01, 0.01]), NAMES
+    )
     assert found.report.rank == 2
     assert found.involved.all()
 
@@ -129,7 +135,10 @@ def test_uncertainty_spread_over_many_unknowns_still_names_the_widest():
 def test_rank_does_not_depend_on_the_units_of_the_unknowns():
     R = np.array([[30.0, 30.0, 0.0], [0.0, 0.0, 5.0], [1.0, 2.0, 1.0]])
     scale = np.array([1e-5, 1.0, 1e4])
-    one, two = analyse(1e3 * R, NAMES), analyse(1e3 * R * scale, NAMES)
+    one, two = (
+        analyse_identifiability(1e3 * R, NAMES),
+        analyse_identifiability(1e3 * R * scale, NAMES),
+    )
     assert one.report.singular_values == pytest.approx(two.report.singular_values, rel=1e-9)
 
 
@@ -148,7 +157,7 @@ def test_gear_train_null_direction_against_sixty_digits(gear_train, gear_train_r
         )
         problem = Part.build(gear_train, data, unknowns)
         local = residual.local(Problem.of([problem]), problem.coordinates.to_x(unknowns.start))
-        return analyse(1e9 * local.R, unknowns.names), local
+        return analyse_identifiability(1e9 * local.R, unknowns.names), local
 
     four, local = analysed([10, 20, 50, 100])
     assert four.report.rank == 17

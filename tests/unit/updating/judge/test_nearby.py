@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.updating.judge import advice
 from updyn.updating.judge import localise as localise_module
-from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.judge.localise import localise
 from updyn.updating.judge.nearby import DOFS, Nearby
 from updyn.updating.problem.problem import Part, Problem
@@ -134,10 +134,10 @@ def test_advice_that_a_reduced_model_finds_is_as_good_as_that_of_the_whole_one(t
     part = part_of(tower, frf, stiffness=["part1", "part3", "part4", "part6"])
     x = part.coordinates.home
     local = OutputError(100.0 / np.abs(frf.values)).local(Problem.of([part]), x)
-    analysis = analyse(local.R, part.coordinates.parameters.names)
+    analysis = analyse_identifiability(local.R, part.coordinates.parameters.names)
     assert 0 < analysis.null_space.shape[1] <= 2
-    name, share = advice._best_line(analysis, part, x)
+    name, share = advice._find_best_line(analysis, part, x)
     monkeypatch.setattr(advice.Nearby, "of", lambda *given: None)
-    whole = advice._best_line(analysis, part, x)[1]
+    whole = advice._find_best_line(analysis, part, x)[1]
     assert 0.5 * whole < share < 1.001 * whole
     assert name.endswith(" Hz")

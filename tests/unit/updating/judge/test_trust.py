@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from updyn.updating.judge.badge import badge_of
+from updyn.updating.judge.badge import choose_badge
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.strayed import Strayed
@@ -208,7 +208,7 @@ def test_what_was_not_asked_for_counts_neither_way():
     ],
 )
 def test_the_badge_never_contradicts_the_parts(status, changes, phrase, colour):
-    found = badge_of(status, judged(status, **changes))
+    found = choose_badge(status, judged(status, **changes))
     assert (found.phrase, found.colour) == (phrase, colour)
 
 
@@ -250,7 +250,7 @@ def test_what_a_message_says_beyond_the_parts():
     found = judged()
     message = f"The fit converged and the data determine all unknowns. {found.plausible.why} More."
     assert found.beyond("converged", message) == "More."
-    mode = "A mode at 1377 Hz is measured and is not in the model."
+    mode = "A measured mode at 1377 Hz is not in the model."
     missing = replace(found, plausible=replace(found.plausible, why=f"Off by 5.3 %. {mode}"))
     message = f"The fit converged and the data determine all unknowns. More. {mode}"
     assert missing.beyond("converged", message) == "More."

@@ -8,7 +8,7 @@ from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.ending import Ending
-from updyn.updating.judge.identifiability import analyse
+from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.judge.verdict import STEP, ambiguous, verdict
 
 NAMES = ["a.stiffness", "b.stiffness"]
@@ -18,7 +18,11 @@ BLIND = np.array([[1000.0, 1000.0]])
 
 def say(R, reason="converged", misfit=0.0, **noise):
     return verdict(
-        Fit(np.zeros(2), reason, R, (noise,)), analyse(R, NAMES), NAMES, "advice", misfit
+        Fit(np.zeros(2), reason, R, (noise,)),
+        analyse_identifiability(R, NAMES),
+        NAMES,
+        "advice",
+        misfit,
     )
 
 
@@ -89,7 +93,7 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     found = assess_residual(
         e, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
-    fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse(SURE, NAMES)
+    fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse_identifiability(SURE, NAMES)
     status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(found.verdict)
@@ -130,7 +134,7 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
         absolute=False,
         whitened_H=100.0 * ones,
     )
-    fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse(SURE, NAMES)
+    fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse_identifiability(SURE, NAMES)
     status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(" times that of most sensors at 3:X.")
@@ -182,7 +186,7 @@ def cut(deviations, share, gained, R=SURE, misfit=0.0, **noise):
     """Verdict on a fit that ran out of steps, by what was left to gain."""
     end = Ending(deviations, share, gained, ("b.stiffness",))
     fit = Fit(np.zeros(2), "max-iterations", R, (noise,))
-    return verdict(fit, analyse(R, NAMES), NAMES, "advice", misfit, end=end)
+    return verdict(fit, analyse_identifiability(R, NAMES), NAMES, "advice", misfit, end=end)
 
 
 def test_more_steps_are_advised_only_where_they_help():
