@@ -1,7 +1,7 @@
 """Local minima of the likelihood, other than the estimate, that fit the data about as well.
 
 The minimisation starts from random points, first of the log error, whose basins are wide; and from
-the estimate with parts of the structure exchange_groups, because several minima usually occur if
+the estimate with parts of the structure exchanged, because several minima usually occur if
 the data do not determine which of two parts is the stiff one.
 """
 
@@ -55,7 +55,7 @@ def find_minima(
     best : Point
         The known minimum.
     whole : Problem
-        The problem with the full models, whose parts are exchange_groups.
+        The problem with the full models, whose parts are exchanged.
     starts : int
         Random starts; 0 returns the known minimum only.
     seed : int
@@ -108,7 +108,7 @@ def _random(
 def _exchange_parts(
     likelihood: Likelihood, whole: Problem, x: _Vector
 ) -> Iterator[tuple[_Vector, bool]]:
-    """Yield the estimate with parts of the structure exchange_groups, of lowest cost first."""
+    """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
     tries = list(exchange_groups(whole, x))
     costs = list(map(likelihood.cost, tries))
     for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
