@@ -624,7 +624,7 @@ def loss_with_frequency(bench, frf, rng):
 
     It follows a power of the frequency, and so does the storage modulus in every second draw.
     """
-    causes = [one for one in LossOverFrequency.suspected(at_truth(bench, frf)) if one.groups]
+    causes = [one for one in LossOverFrequency.propose_faults(at_truth(bench, frf)) if one.groups]
     for i in rng.permutation(len(causes)):
         course = rng.choice([-1, 1]) * rng.uniform(np.log(2), np.log(4))
         cause = replace(causes[i], value=course / np.log(causes[i].lines[-1] / causes[i].lines[0]))

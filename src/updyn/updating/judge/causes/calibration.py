@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
+from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
 from updyn.updating.judge.causes.scale import Scale
 from updyn.updating.problem.problem import Part
 
@@ -23,32 +23,32 @@ class Calibration(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "calibration"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor, and all together."""
-        yield from map(cls, [(), *each_sensor(evidence.frf)])
+        yield from map(cls, [(), *list_channels(evidence.frf)])
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data divided by the factor."""
-        return multiplied(frf, self.channels, np.full(len(frf.freq), -self.value))
+        return multiply_channels(frf, self.channels, np.full(len(frf.freq), -self.value))
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return 1 at the channels."""
         frf = evidence.frf
-        return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape)
+        return find_channels(self.channels, frf).broadcast(np.ones(len(frf.freq)), frf.values.shape)
 
-    def relatives(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return the nearest factors between units."""
         return Scale.near(self.channels, float(np.exp(self.value)))
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the calibration is off by more than 1.5 % and less than a factor of 30."""
         return 0.015 < abs(self.value) < 3.4
 
     def statement(self) -> str:
         """Return a sentence with the factor."""
         factor = float(np.exp(self.value))
-        return f"{self.does('reads', 'read')} {factor:.4g} times what is there."
+        return f"The values of {self.channel_text} are {factor:.4g} times the true values."

@@ -107,7 +107,7 @@ def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Be
 def _seen_from(part: Part, points: Sequence[_Real]) -> list[Suspect]:
     """Return the suspects of several points, in the order in which they are tried."""
     by_point = [suspects(part, x) for x in points]
-    found = [one for one in by_point[0] if one.fault.changes_all]
+    found = [one for one in by_point[0] if one.fault.affects_all_data]
     for there in by_point:
         found += [one for one in likeliest(there) if one not in found]
     return found
@@ -122,7 +122,7 @@ def _followed(
     """
     tries = sorted(found, key=lambda one: -one.log_evidence)
     # A fault of all data promises little to first order, but its fit may explain much.
-    tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.changes_all)
+    tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.affects_all_data)
     ends: list[Trial] = []
     for suspect in tries:
         end = _glanced(part, suspect)
@@ -144,8 +144,8 @@ def _covers(finding: Finding, fault: Fault) -> bool:
     """Return whether a finding makes a fault superfluous."""
     kind = CAUSES[finding.kind]
     same = finding.kind == fault.kind and finding.channels == fault.channels
-    gone = kind.leaves_out and not set(finding.channels).isdisjoint(fault.channels)
-    return same or gone or fault.kind in kind.blurs
+    gone = kind.omits_channels and not set(finding.channels).isdisjoint(fault.channels)
+    return same or gone or fault.kind in kind.imitated_kinds
 
 
 def _glanced(part: Part, suspect: Suspect) -> Trial | None:
@@ -156,7 +156,7 @@ def _glanced(part: Part, suspect: Suspect) -> Trial | None:
 def _explains_all(end: Trial, without: Trial) -> bool:
     """Return whether a fault explains all but noise; then only similar faults compete with it."""
     assert end.fault is not None
-    if end.fault.changes_all:
+    if end.fault.affects_all_data:
         return end.power < _LEAST * without.power
     return end.alike < _ALIKE and end.power < min(NOISY**2, LITTLE * without.power)
 

@@ -73,7 +73,7 @@ CAUSES: Registry[type[Fault]] = Registry(
 )
 
 
-def read_fault(written: str) -> Fault:
+def read_fault(text: str) -> Fault:
     """Return the fault of a text such as ``"sign:2:Z"`` or ``"calibration:5:Z=0.095"``.
 
     Raises
@@ -81,9 +81,9 @@ def read_fault(written: str) -> Fault:
     OptionError
         If the kind is unknown, a label cannot be read, or a value is not a number.
     """
-    head, _, value = written.partition("=")
+    head, _, value = text.partition("=")
     kind, _, channels = head.partition(":")
     kind = kind.strip()
     if kind not in CAUSES:
-        raise OptionError(f"repair {written!r}: {suggest(kind, CAUSES)}")
-    return CAUSES.find(kind).read(channels, value.strip())
+        raise OptionError(f"repair {text!r}: {suggest(kind, CAUSES)}")
+    return CAUSES.find(kind).parse(channels, value.strip())

@@ -21,12 +21,12 @@ class NonCausal(Fault):
     kind: ClassVar[str] = "non-causal"
 
     @property
-    def changes_all(self) -> bool:
+    def affects_all_data(self) -> bool:
         """True."""
         return True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the only fault of this kind."""
         yield cls()
 
@@ -38,5 +38,5 @@ class NonCausal(Fault):
         """Return a sentence that describes the fault."""
         return (
             "The phase of all channels has the wrong sign: the data are conjugated"
-            " (e^(-i omega t)), and answer before the force acts."
+            " (e^(-i omega t)), so that the response precedes the force."
         )

@@ -12,14 +12,14 @@ from updyn.errors import SolverError, UpdynError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.causes.shown import Shown, ShownFault
+from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
 __all__ = [
     "finding_of",
     "findings_in",
-    "set_aside",
+    "mask_symptoms",
     "shown_by",
     "still_shown",
     "unexpected",
@@ -38,7 +38,7 @@ def findings_in(part: Part, noise: NoiseModel) -> list[Finding]:
     return [finding_of(one, part.name) for one in seen]
 
 
-def unexpected(seen: Sequence[Shown], part: Part) -> list[Shown]:
+def unexpected(seen: Sequence[Detection], part: Part) -> list[Detection]:
     """Return the faults that correct data would not show, according to the model of a part."""
     found = []
     for one in seen:
@@ -48,26 +48,26 @@ def unexpected(seen: Sequence[Shown], part: Part) -> list[Shown]:
     return found
 
 
-def shown_by(frf: FRF) -> list[Shown]:
+def shown_by(frf: FRF) -> list[Detection]:
     """Return the faults that data with variance show without a model, the likeliest first.
 
     Faults that another one of them can imitate are omitted. Zero data show no fault.
     """
     if not frf.values.any():
         return []
-    found: list[Shown] = []
+    found: list[Detection] = []
     for kind in CAUSES:
         cause = CAUSES[kind]
-        if issubclass(cause, ShownFault):
-            found += cause.shown(frf)
-    blurred = {kind for one in found for kind in one.fault.blurs}
+        if issubclass(cause, DataFault):
+            found += cause.detect_faults(frf)
+    blurred = {kind for one in found for kind in one.fault.imitated_kinds}
     clear = [one for one in found if one.fault.kind not in blurred]
     return sorted(clear, key=lambda one: -one.log_odds)
 
 
 def still_shown(
-    seen: Sequence[Shown], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
-) -> list[Shown]:
+    seen: Sequence[Detection], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
+) -> list[Detection]:
     """Return the faults that data show, except symptoms that other findings explain.
 
     `thinned` contains some lines of the data, before and after the model-based correction of the
@@ -81,19 +81,19 @@ def still_shown(
     after = {one.fault.kind for one in shown_by(repaired)}
     before, freed = ({one.fault.kind for one in shown_by(data)} for data in thinned)
     gone = before - freed
-    symptoms = [one for one in seen if one.fault.symptom]
+    symptoms = [one for one in seen if one.fault.is_symptom]
     explained = [one for one in symptoms if one.fault.kind not in after or one.fault.kind in gone]
     return [one for one in seen if one not in explained]
 
 
-def set_aside(seen: Sequence[Shown], frf: FRF) -> FRF:
+def mask_symptoms(seen: Sequence[Detection], frf: FRF) -> FRF:
     """Return the data with no weight on values with symptoms; itself if there are no symptoms."""
     for one in seen:
-        frf = one.fault.set_aside(frf)
+        frf = one.fault.mask_values(frf)
     return frf
 
 
-def finding_of(one: Shown, test: str) -> Finding:
+def finding_of(one: Detection, test: str) -> Finding:
     """Return the finding of a fault that the data show."""
     fault = one.fault
     return Finding(
@@ -104,6 +104,6 @@ def finding_of(one: Shown, test: str) -> Finding:
         one.share,
         fault.statement(),
         fault.remedy,
-        fault.written,
+        fault.repair_text,
         test=test,
     )

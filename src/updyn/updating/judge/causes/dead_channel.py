@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.fault import each_sensor, place_of, without
-from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.fault import find_channels, list_channels, remove_channels
+from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
 from updyn.updating.problem.problem import Part
 
 __all__ = ["DeadChannel"]
@@ -20,24 +20,24 @@ _HEARD = 1e-8
 _LINES = 8
 
 
-class DeadChannel(ShownFault):
+class DeadChannel(DataFault):
     """All values of a sensor or a force are exactly zero, which no measurement produces."""
 
     __slots__ = ()
 
     kind: ClassVar[str] = "dead-channel"
     odds: ClassVar[float] = 1e-2
-    leaves_out: ClassVar[bool] = True
+    omits_channels: ClassVar[bool] = True
 
     @classmethod
-    def shown(cls, frf: FRF) -> Iterable[Shown]:
+    def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield each sensor without values if others have some."""
-        for channels in each_sensor(frf):
-            there = place_of(channels, frf).within(frf)
+        for channels in list_channels(frf):
+            there = find_channels(channels, frf).channel_mask(frf)
             # A value of a working channel is certainly not zero.
             log_odds = len(frf.freq) * np.count_nonzero(there) + float(np.log(cls.odds))
             if log_odds > LIKELY and not frf.values[:, there].any():
-                yield Shown(cls(channels), log_odds, float(there.mean()))
+                yield Detection(cls(channels), log_odds, float(there.mean()))
 
     def is_expected(self, part: Part) -> bool:
         """Return whether the model has no response there, e.g. by symmetry or without a connection.
@@ -49,13 +49,13 @@ class DeadChannel(ShownFault):
         """
         few = part.thinned(_LINES)
         level = np.abs(few.responses(few.coordinates.home)).max(axis=0)
-        there = place_of(self.channels, part.frf).within(part.frf)
+        there = find_channels(self.channels, part.frf).channel_mask(part.frf)
         return bool(level[there].max() <= _HEARD * level.max())
 
     @property
-    def written(self) -> str:
+    def repair_text(self) -> str:
         """Text of the fault: ``dead-channel:7:X``."""
-        return self.named
+        return self.name
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the channels.
@@ -65,16 +65,18 @@ class DeadChannel(ShownFault):
         DataError
             If no other data remain.
         """
-        return without(self, frf)
+        return remove_channels(self, frf)
 
     @property
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            f'Leave it out: repair = ["{self.written}"] under [test]; look at the cable and at how'
-            " the file was written."
+            f'Omit it: repair = ["{self.repair_text}"] under [test]. Check the cable and the export'
+            " of the file."
         )
 
     def statement(self) -> str:
         """Return a sentence with the channels."""
-        return f"{self.does('holds', 'hold')} nothing but zeros: a dead channel, or lost data."
+        return (
+            f"{self.begin_sentence('contains', 'contain')} only zeros: a dead channel or lost data."
+        )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
+from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
 
 __all__ = ["Delay"]
 
@@ -28,26 +28,26 @@ class Delay(Fault):
 
     kind: ClassVar[str] = "delay"
     unit: ClassVar[str] = "s"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor, and all together, with several delays."""
-        for channels in [(), *each_sensor(evidence.frf)]:
+        for channels in [(), *list_channels(evidence.frf)]:
             for periods in _PERIODS:
                 yield cls(channels, float(periods / evidence.frf.freq[-1]))
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the phase corrected."""
-        return multiplied(frf, self.channels, frf.s * self.value)
+        return multiply_channels(frf, self.channels, frf.s * self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return -i omega at the channels."""
         frf = evidence.frf
-        return place_of(self.channels, frf).spread(-frf.s, frf.values.shape)
+        return find_channels(self.channels, frf).broadcast(-frf.s, frf.values.shape)
 
     def statement(self) -> str:
         """Return a sentence with the delay."""
         late = "late" if self.value > 0 else "early"
-        return f"{self.does('comes', 'come')} {abs(self.value):.4g} s {late}."
+        return f"{self.begin_sentence('is', 'are')} {abs(self.value):.4g} s {late}."

@@ -15,7 +15,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.candidates import KEPT, SMALL, Begun, candidates, is_small
 from updyn.updating.judge.causes.data_alone import (
     finding_of,
-    set_aside,
+    mask_symptoms,
     shown_by,
     still_shown,
     unexpected,
@@ -103,12 +103,12 @@ def unseen(part: Part, noise: NoiseModel) -> str:
     the data below the noise would explain everything.
     """
     if part.n_lines < _FEWEST:
-        return f"causes are not looked for in {part.n_lines} lines"
+        return f"causes were not searched for, because {part.n_lines} lines are too few"
     clear = np.abs(part.frf.values) > SEEN * np.sqrt(noise.beforehand(part.frf))
     n_clear = int(clear.any(axis=(1, 2)).sum())
     if n_clear < _FEWEST:
         lost = f"{part.n_lines - n_clear} of {part.n_lines} lines"
-        return f"causes are not looked for: no value stands clear of the noise at {lost}"
+        return f"causes were not searched for, because no value is above the noise at {lost}"
     return ""
 
 
@@ -126,7 +126,7 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     frf = with_variance(part.frf, noise)
     seen = unexpected(shown_by(frf), part)
     for one in seen:
-        if one.fault.written:
+        if one.fault.repair_text:
             frf = one.fault.repair(frf)
     stated = [finding_of(one, part.name) for one in seen]
     whole = part.with_data(frf)
@@ -136,7 +136,7 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     stage = stage_of(part)
     known = [np.concatenate([x, held]) for x in points]
     explained = _explained(part, whole, stage, known, stated, noise)
-    aside = set_aside(seen, part.frf)
+    aside = mask_symptoms(seen, part.frf)
     symptoms = explained.findings and aside is not part.frf
     remaining = explained.remaining(part.frf)
     if symptoms and (remaining is None or remaining.power > _EXPLAINED):
@@ -258,19 +258,19 @@ def _explained(
         there = replace(stage.near(part, [end]), frf=part.frf)
         # A fault that adapts is subtracted as fitted to all lines; its error on a few lines would
         # look like other faults.
-        fault = sized.fault if best.fault.adapts else best.fault
-        part = replace(fault.remaining(there, end), solver=part.solver)
+        fault = sized.fault if best.fault.is_adaptive else best.fault
+        part = replace(fault.prepare_next_search(there, end), solver=part.solver)
     return _Explained(tuple(findings), part, stage, end)
 
 
 def _freed_whole(whole: Part, stage: Stage, fault: Fault, x: _Real) -> Part:
     """Return the part with all lines, corrected for a fault if possible."""
-    if fault.written:
+    if fault.repair_text:
         return whole.with_data(fault.repair(whole.frf))
-    if fault.is_of_model:
+    if fault.alters_model:
         there = replace(stage.near(whole, [x]), frf=whole.frf)
         with suppress(SolverError):
-            freed = fault.remaining(there, x[: len(whole.coordinates.home)])
+            freed = fault.prepare_next_search(there, x[: len(whole.coordinates.home)])
             return replace(freed, solver=whole.solver)
     return whole
 
@@ -281,12 +281,12 @@ def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseMod
     The fault is unchanged if the data contradict the held values.
     """
     fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
-    if fault.adapts and fault.written:
+    if fault.is_adaptive and fault.repair_text:
         with suppress(SolverError):
             there = stage.near(whole, [found.trial.x])
-            return replace(found, fault=fault.settled(there, x))
-    sizes = fault.tunes and (fault.written or fault.is_of_model)
-    if not sizes or fault.adapts or fault.leaves_out:
+            return replace(found, fault=fault.fit_all_data(there, x))
+    sizes = fault.has_free_size and (fault.repair_text or fault.alters_model)
+    if not sizes or fault.is_adaptive or fault.omits_channels:
         return found
     there = stage.near(whole, [found.trial.x])
     trial = tried(there, fault, [x])
@@ -311,7 +311,7 @@ def _error(part: Part, trial: Trial, noise: NoiseModel) -> float:
 
 def _freed(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
     """Return model and data at the end of a trial, corrected for its fault."""
-    freed = part if trial.fault is None else trial.fault.accounted(part, trial.x)
+    freed = part if trial.fault is None else trial.fault.correct_part(part, trial.x)
     return freed.responses(trial.x), freed.frf
 
 
@@ -373,7 +373,7 @@ def _likeliest(
 
 def _imitating(part: Part, found: Ranked) -> list[_Real]:
     """Return the point at which the unknowns imitate a fault; empty if the fault has no size."""
-    if not found.fault.tunes:
+    if not found.fault.has_free_size:
         return []
     evidence = Evidence(part, found.trial.x)
     try:
@@ -414,7 +414,7 @@ def _ranked(part: Part, fresh: Sequence[Begun], without: Trial) -> list[Ranked]:
         if ends.best is best:
             break
         best = ends.best
-        ends.try_all(ends.elsewhere(fresh))
+        ends.try_all(ends.list_other_places(fresh))
     return _consistent(part, compared(ends.found.values(), without))
 
 
@@ -433,10 +433,10 @@ def _consistent(part: Part, found: Sequence[Ranked]) -> list[Ranked]:
 def _depends_on_band(part: Part, found: Ranked) -> bool:
     """Return whether the two halves of the band contradict each other about the size of a fault."""
     fault, trial = found.fault, found.trial
-    if not fault.constant:
+    if not fault.has_constant_size:
         return False
     with suppress(SolverError):
-        freed = Evidence(fault.accounted(part, trial.x), trial.x)
+        freed = Evidence(fault.correct_part(part, trial.x), trial.x)
         alike = min(max(trial.alike, 0.0), MOST_ALIKE)
         return halves_apart(freed, fault, alike) > _CONTRADICT
     return False
@@ -461,7 +461,9 @@ class _Ends:
                 continue
             if key not in self.found or trial.gain(self.found[key]) > 0.0:
                 self.found[key] = trial
-                waiting += [(other, trial.x) for other in trial.fault.relatives(self.part)]
+                waiting += [
+                    (other, trial.x) for other in trial.fault.list_similar_faults(self.part)
+                ]
                 if trial.is_noise:
                     self.noise = trial
 
@@ -470,7 +472,7 @@ class _Ends:
         """The trial with the smallest residual."""
         return min(self.found.values(), key=lambda one: one.power, default=None)
 
-    def elsewhere(self, begun: Sequence[Begun]) -> list[Begun]:
+    def list_other_places(self, begun: Sequence[Begun]) -> list[Begun]:
         """Return the best fault at other places, the likeliest at several points.
 
         The points are the end of its trial and, if that does not leave only noise, the ends of the
@@ -489,7 +491,7 @@ class _Ends:
         for x in points:
             others: list[Fault] = []
             with suppress(SolverError):
-                others = list(best.fault.elsewhere(Evidence(self.part, x)))
+                others = list(best.fault.list_other_places(Evidence(self.part, x)))
             if x is not best.x:
                 others = [one for one in others if (kind, one.channels) not in self.found]
             new = [one for one in others if one.channels not in chosen]
@@ -503,8 +505,8 @@ def _finding(found: Sequence[Ranked], test: str) -> Finding:
     statement = fault.statement()
     if others:
         also = " or ".join(one.fault.statement().rstrip(".") for one in others[:_NAMED])
-        statement += f" These data do not tell that from another cause: {also}."
-        tests = dict.fromkeys(one.fault.told_by for one in found[: _NAMED + 1])
+        statement += f" These data do not distinguish this from another cause: {also}."
+        tests = dict.fromkeys(one.fault.distinguishing_test for one in found[: _NAMED + 1])
         statement += "".join(f" {test}" for test in tests if test)
     return Finding(
         fault.kind,
@@ -514,8 +516,8 @@ def _finding(found: Sequence[Ranked], test: str) -> Finding:
         best.explains,
         statement,
         fault.remedy,
-        fault.written,
-        tuple(one.fault.written or one.fault.named for one in others),
+        fault.repair_text,
+        tuple(one.fault.repair_text or one.fault.name for one in others),
         test,
         best.of_misfit,
     )

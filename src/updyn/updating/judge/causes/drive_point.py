@@ -14,7 +14,7 @@ from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.judge.causes.quantity import Quantity
-from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
 from updyn.updating.judge.causes.sign import Sign
 from updyn.updating.judge.causes.square import Square
 
@@ -35,7 +35,7 @@ _PERIODS = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class DrivePoint(ShownFault):
+class DrivePoint(DataFault):
     """At a share `value` of the lines the force takes energy out of the structure at these DOFs.
 
     The mean power of a force is |F|^2 Re(Y) / 2, with Y the mobility of its drive point: Re(Y) >= 0
@@ -51,10 +51,10 @@ class DrivePoint(ShownFault):
     behind: tuple[str, ...] = ()
 
     kind: ClassVar[str] = "drive-point"
-    symptom: ClassVar[bool] = True
+    is_symptom: ClassVar[bool] = True
 
     @classmethod
-    def shown(cls, frf: FRF) -> Iterable[Shown]:
+    def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the affected drive points as one fault."""
         square = Square.of(frf)
         shares, log_odds = {}, 0.0
@@ -68,17 +68,17 @@ class DrivePoint(ShownFault):
         if shares:
             channels = tuple(shares)
             fault = cls(channels, max(shares.values()), tuple(_explained_by(frf, channels)))
-            yield Shown(fault, log_odds, sum(shares.values()) / len(square.labels))
+            yield Detection(fault, log_odds, sum(shares.values()) / len(square.labels))
 
     @property
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at the direction of sensor and force, at the quantity that the file states, and"
-            " at time delays between the channels."
+            "Check the direction of sensor and force, the quantity that the file states, and"
+            " time delays between the channels."
         )
 
-    def set_aside(self, frf: FRF) -> FRF:
+    def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which these values have no weight."""
         square = Square.of(frf)
         at = [square.labels.index(label) for label in self.channels]
@@ -88,11 +88,11 @@ class DrivePoint(ShownFault):
         """Return a sentence with the drive points, the share of lines and possible causes."""
         behind = ""
         if self.behind:
-            behind = f" What would explain it: {', or '.join(self.behind)}."
+            behind = f" Possible causes: {', or '.join(self.behind)}."
         return (
-            f"At the drive point {self.where} the force takes energy out of the structure at"
+            f"At the drive point {self.channel_text} the force takes energy out of the structure at"
             f" {100.0 * self.value:.0f} % of the lines (the real part of the mobility is negative),"
-            f" which no passive structure allows.{behind}"
+            f" which is impossible for a passive structure.{behind}"
         )
 
 
@@ -110,7 +110,7 @@ def _explained_by(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
     for periods in _PERIODS:
         for late in (periods / frf.freq[-1], -periods / frf.freq[-1]):
             if _passive(Delay(tuple(channels), float(late)), frf, channels):
-                yield f"a delay of some {late:.1g} s"
+                yield f"a delay of about {late:.1g} s"
                 return
 
 

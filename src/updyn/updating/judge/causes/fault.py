@@ -18,15 +18,15 @@ from updyn.updating.problem.problem import Part
 
 __all__ = [
     "FORCE",
+    "ChannelIndices",
     "Fault",
     "Irreparable",
-    "Place",
-    "divided",
-    "each_sensor",
-    "multiplied",
-    "place_of",
-    "shared_odds",
-    "without",
+    "divide_data",
+    "divide_odds",
+    "find_channels",
+    "list_channels",
+    "multiply_channels",
+    "remove_channels",
 ]
 
 _Real = NDArray[np.float64]
@@ -40,7 +40,7 @@ FORCE = "force "
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ChannelIndices:
     """Channels of some sensors and forces in an array over lines, responses and references.
 
     Attributes
@@ -53,14 +53,14 @@ class Place:
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
-    def within(self, frf: FRF) -> NDArray[np.bool_]:
+    def channel_mask(self, frf: FRF) -> NDArray[np.bool_]:
         """Return which channels of the data belong to the place, shape (n_i, n_j)."""
         found = np.zeros(frf.values.shape[1:], dtype=np.bool_)
         found[self.rows] = True
         found[:, self.columns] = True
         return found
 
-    def spread(
+    def broadcast(
         self, over_lines: _Complex | _Real, shape: tuple[int, ...]
     ) -> NDArray[np.complex128]:
         """Return values over the lines at the channels, else 0, shape (n_f, n_i, n_j)."""
@@ -70,7 +70,7 @@ class Place:
         return out
 
 
-def place_of(channels: Sequence[str], frf: FRF) -> Place:
+def find_channels(channels: Sequence[str], frf: FRF) -> ChannelIndices:
     """Return the place of sensors and forces in the data; all responses if `channels` is empty.
 
     Raises
@@ -93,10 +93,10 @@ def place_of(channels: Sequence[str], frf: FRF) -> Place:
         found.append(names.index(plain))
     if not channels:
         rows = list(range(len(frf.responses)))
-    return Place(np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp))
+    return ChannelIndices(np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp))
 
 
-def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
+def list_channels(frf: FRF) -> list[tuple[str, ...]]:
     """Return each response and, if there are several, each reference as a tuple of one channel."""
     found: list[tuple[str, ...]] = [(label,) for label in labels_of(frf)]
     if len(frf.references) > 1:
@@ -104,16 +104,16 @@ def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
     return found
 
 
-def multiplied(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) -> FRF:
+def multiply_channels(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) -> FRF:
     """Return the data with channels multiplied by exp(log_factor), given over the lines."""
-    factor = np.exp(place_of(channels, frf).spread(log_factor, frf.values.shape))
+    factor = np.exp(find_channels(channels, frf).broadcast(log_factor, frf.values.shape))
     variance = frf.variance
     if variance is not None:
         variance = variance * np.abs(factor) ** 2
     return replace(frf, values=frf.values * factor, variance=variance)
 
 
-def divided(frf: FRF, log_factor: _Complex) -> FRF:
+def divide_data(frf: FRF, log_factor: _Complex) -> FRF:
     """Return the data divided by exp(log_factor), shape (n_f, n_i, n_j)."""
     variance = frf.variance
     if variance is not None:
@@ -155,7 +155,7 @@ class Fault(ABC):
     leaves_out : bool
         Whether the repair omits its channels, so that no further faults of these are reported.
     adapts : bool
-        Whether the correction is computed anew from model and data during the fit, by `refined`.
+        Whether the correction is computed anew from model and data during the fit, by `adapt_to`.
     constant : bool
         Whether its value has to be the same in both halves of the band; otherwise it is not
         reported.
@@ -173,16 +173,16 @@ class Fault(ABC):
     kind: ClassVar[str]
     odds: ClassVar[float] = 1e-3
     unit: ClassVar[str] = ""
-    two: ClassVar[str] = ""
-    tunes: ClassVar[bool] = False
-    adds: ClassVar[bool] = False
-    blurs: ClassVar[tuple[str, ...]] = ()
-    leaves_out: ClassVar[bool] = False
-    adapts: ClassVar[bool] = False
-    constant: ClassVar[bool] = False
-    is_of_model: ClassVar[bool] = False
+    pair_noun: ClassVar[str] = ""
+    has_free_size: ClassVar[bool] = False
+    is_additive: ClassVar[bool] = False
+    imitated_kinds: ClassVar[tuple[str, ...]] = ()
+    omits_channels: ClassVar[bool] = False
+    is_adaptive: ClassVar[bool] = False
+    has_constant_size: ClassVar[bool] = False
+    alters_model: ClassVar[bool] = False
     concerns_model: ClassVar[bool] = False
-    told_by: ClassVar[str] = ""
+    distinguishing_test: ClassVar[str] = ""
 
     @property
     def prior(self) -> float:
@@ -190,13 +190,13 @@ class Fault(ABC):
         return self.odds
 
     @property
-    def changes_all(self) -> bool:
+    def affects_all_data(self) -> bool:
         """Whether it changes all data so much that it is visible only after a fit."""
         return False
 
     @classmethod
     @abstractmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Return the faults of this kind that are worth testing at a point.
 
         Parameters
@@ -225,7 +225,7 @@ class Fault(ABC):
             Data with the fault corrected.
         """
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data of the evidence without the fault.
 
         If the correction cannot be computed from the data alone, it uses the model at this point.
@@ -257,53 +257,53 @@ class Fault(ABC):
         """
         return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
 
-    def numbers(self, frf: FRF) -> int:
+    def count_parameters(self, frf: FRF) -> int:
         """Return how many numbers of the fault the data determine."""
-        return int(self.tunes)
+        return int(self.has_free_size)
 
-    def refined(self, evidence: Evidence) -> Self:
+    def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault estimated at a point; itself if it does not adapt."""
         return self
 
-    def others(self, frf: FRF) -> FRF:
+    def mask_channels(self, frf: FRF) -> FRF:
         """Return the data in which its channels have no weight, if its repair omits them."""
         return frf
 
-    def searched(self, evidence: Evidence) -> Self:
+    def search_size(self, evidence: Evidence) -> Self:
         """Return the fault with its best size at a point that was fitted to the other channels."""
         return self
 
-    def settled(self, part: Part, x: _Real) -> Self:
+    def fit_all_data(self, part: Part, x: _Real) -> Self:
         """Return the fault estimated from all data of a part, if it adapts; by default itself."""
         return self
 
-    def described(self, part: Part, x: _Real) -> Self:
+    def add_model_figures(self, part: Part, x: _Real) -> Self:
         """Return the fault with figures of the model at x for its statement; x ends a trial."""
         return self
 
-    def accounted(self, part: Part, x: _Real) -> Part:
+    def correct_part(self, part: Part, x: _Real) -> Part:
         """Return the part corrected for the fault; by default with the data corrected at x."""
-        return part.with_data(self.undo(Evidence(part, x)))
+        return part.with_data(self.repair_with_model(Evidence(part, x)))
 
-    def remaining(self, part: Part, x: _Real) -> Part:
+    def prepare_next_search(self, part: Part, x: _Real) -> Part:
         """Return the part for the search of further faults, with the model of the given part."""
-        if self.is_of_model:
-            return part.with_data(self.undo(Evidence(part, x)))
-        return self.accounted(part, x)
+        if self.alters_model:
+            return part.with_data(self.repair_with_model(Evidence(part, x)))
+        return self.correct_part(part, x)
 
-    def begun(self, part: Part, x: _Real) -> _Real:
+    def choose_start(self, part: Part, x: _Real) -> _Real:
         """Return the starting point of a fit that takes account of the fault."""
         return x
 
-    def relatives(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return other faults with nearly the same effect on the data; they are tried as well."""
         return ()
 
-    def elsewhere(self, evidence: Evidence) -> Iterable[Fault]:
+    def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the same fault at other places, the most likely at a point first."""
         return ()
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether a fault of this size is possible and large enough to report."""
         return True
 
@@ -314,33 +314,35 @@ class Fault(ABC):
     @property
     def remedy(self) -> str:
         """Advice to the user."""
-        return f'Look at it; if it is so, write repair = ["{self.written}"] under [test].'
+        return (
+            f'Check this. If it is confirmed, write repair = ["{self.repair_text}"] under [test].'
+        )
 
     @property
-    def where(self) -> str:
+    def channel_text(self) -> str:
         """The channels as text."""
         if not self.channels:
             return "all channels"
         shown = ", ".join(self.channels[:4])
         return shown + in_all(len(self.channels)) if len(self.channels) > 4 else shown
 
-    def does(self, one: str, several: str) -> str:
+    def begin_sentence(self, singular: str, plural: str) -> str:
         """Return the channels as the subject of a sentence, with a verb for one or for several."""
-        text = f"{self.where} {one if len(self.channels) == 1 else several}"
+        text = f"{self.channel_text} {singular if len(self.channels) == 1 else plural}"
         return text[0].upper() + text[1:]
 
     @property
-    def named(self) -> str:
+    def name(self) -> str:
         """Kind and channels without the size: ``kind:channels``."""
         return f"{self.kind}:{','.join(self.channels)}" if self.channels else self.kind
 
     @property
-    def written(self) -> str:
+    def repair_text(self) -> str:
         """Text of the fault: ``kind:channels=value``."""
-        return f"{self.named}={self.value:.9g}" if self.value else self.named
+        return f"{self.name}={self.value:.9g}" if self.value else self.name
 
     @classmethod
-    def read(cls, channels: str, value: str) -> Self:
+    def parse(cls, channels: str, value: str) -> Self:
         """Return the fault from the channels and the value of its text.
 
         Raises
@@ -352,8 +354,10 @@ class Fault(ABC):
         names = tuple(name.strip() for name in channels.split(",") if name.strip())
         for name in names:
             Dof.parse(name.removeprefix(FORCE))
-        if cls.two and (len(names) != 2 or value):
-            raise OptionError(f"repair {cls.kind!r}: expected two {cls.two}, found {channels!r}")
+        if cls.pair_noun and (len(names) != 2 or value):
+            raise OptionError(
+                f"repair {cls.kind!r}: expected two {cls.pair_noun}, found {channels!r}"
+            )
         try:
             number = float(value) if value else 0.0
         except ValueError:
@@ -367,7 +371,7 @@ class Irreparable(Fault):
     __slots__ = ()
 
     @property
-    def written(self) -> str:
+    def repair_text(self) -> str:
         """Empty by default: a job cannot correct the fault."""
         return ""
 
@@ -379,15 +383,15 @@ class Irreparable(Fault):
         DataError
             Always; the message contains the remedy.
         """
-        raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
+        raise DataError(f"{self.kind}: no change of the data corrects it. {self.remedy}")
 
 
-def shared_odds(odds: float, places: int) -> float:
+def divide_odds(odds: float, places: int) -> float:
     """Return the prior odds of one place: those of the kind divided by the number of places."""
     return odds / max(places, _FEWEST)
 
 
-def without(fault: Fault, frf: FRF) -> FRF:
+def remove_channels(fault: Fault, frf: FRF) -> FRF:
     """Return the data without the channels of a fault.
 
     Raises
@@ -395,11 +399,13 @@ def without(fault: Fault, frf: FRF) -> FRF:
     DataError
         If no other data remain.
     """
-    place = place_of(fault.channels, frf)
-    rows = np.setdiff1d(np.arange(len(frf.responses)), place.rows)
-    columns = np.setdiff1d(np.arange(len(frf.references)), place.columns)
+    indices = find_channels(fault.channels, frf)
+    rows = np.setdiff1d(np.arange(len(frf.responses)), indices.rows)
+    columns = np.setdiff1d(np.arange(len(frf.references)), indices.columns)
     if not (fault.channels and len(rows) and len(columns)):
-        raise DataError(f"repair {fault.written!r}: without {fault.where} no data are left")
+        raise DataError(
+            f"repair {fault.repair_text!r}: without {fault.channel_text} no data are left"
+        )
     return frf.select(
         responses=[frf.responses[int(i)] for i in rows],
         references=[frf.references[int(j)] for j in columns],

@@ -100,7 +100,7 @@ class Finding:
     def concerns_model(self) -> bool:
         """Whether the model has the fault, and not the data."""
         cause = CAUSES.find(self.kind)
-        return cause.is_of_model or cause.concerns_model
+        return cause.alters_model or cause.concerns_model
 
     @property
     def overruling(self) -> bool:
@@ -130,5 +130,5 @@ class Finding:
             If no change of the data corrects it.
         """
         if not self.written:
-            raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
+            raise DataError(f"{self.kind}: no change of the data corrects it. {self.remedy}")
         return read_fault(self.written).repair(frf)

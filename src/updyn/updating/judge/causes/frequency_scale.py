@@ -22,11 +22,11 @@ class FrequencyScale(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "frequency-scale"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the only fault of this kind."""
         yield cls()
 
@@ -39,7 +39,7 @@ class FrequencyScale(Fault):
         """Return d ln H / d ln f."""
         return evidence.frf.freq[:, None, None] * evidence.by_frequency
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the axis is off by more than 0.1 %."""
         return 1e-3 < abs(self.value) < 1.0
 
@@ -47,6 +47,6 @@ class FrequencyScale(Fault):
         """Return a sentence with the factor."""
         return (
             f"The frequency axis is scaled: the true frequencies are {np.exp(self.value):.5g} times"
-            " those of the data. One factor on all stiffnesses would do nearly the same where no"
-            " mass is known."
+            " those of the data. One factor on all stiffnesses would have nearly the same effect"
+            " if no mass is known."
         )

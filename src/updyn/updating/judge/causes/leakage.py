@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
 from updyn.updating.problem.noise import level_by_unit
 
 __all__ = ["Leakage"]
@@ -30,7 +30,7 @@ _MOST_OF_IT = 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class Leakage(ShownFault):
+class Leakage(DataFault):
     """Records of `value` seconds were cut off before the response had decayed, and padded by zeros.
 
     The FRF then ripples along the lines with a period of 1 / value; the impulse response ends at
@@ -39,10 +39,10 @@ class Leakage(ShownFault):
 
     kind: ClassVar[str] = "leakage"
     unit: ClassVar[str] = "s"
-    blurs: ClassVar[tuple[str, ...]] = ("missing-mode", "drive-point")
+    imitated_kinds: ClassVar[tuple[str, ...]] = ("missing-mode", "drive-point")
 
     @classmethod
-    def shown(cls, frf: FRF) -> Iterable[Shown]:
+    def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the end of the impulse response, if any, of data with evenly spaced lines."""
         spacing = np.diff(frf.freq)
         if len(frf.freq) < _FEWEST or np.ptp(spacing) > _EVEN * spacing.mean():
@@ -58,14 +58,14 @@ class Leakage(ShownFault):
             end = _end(power, best + first, n)
             length = end / (len(power) * float(spacing.mean()))
             lost = float(power[end - n : end].mean() / power.max())
-            yield Shown(cls((), length), log_odds, min(lost, 1.0))
+            yield Detection(cls((), length), log_odds, min(lost, 1.0))
 
     @property
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Measure longer records, or with an exponential window whose damping is taken out"
-            ' again: repair = ["window-damping=..."].'
+            "Measure longer records, or use an exponential window and correct its damping:"
+            ' repair = ["window-damping=..."].'
         )
 
     def statement(self) -> str:

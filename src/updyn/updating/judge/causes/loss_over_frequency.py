@@ -16,7 +16,7 @@ from updyn.frf import FRF
 from updyn.group import LossTable
 from updyn.updating.judge.causes.altered import Alteration, AlteredPart, log_ratio, solver_of
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
 from updyn.updating.judge.causes.missing_element import directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
@@ -202,18 +202,18 @@ class LossOverFrequency(Irreparable):
     causal: bool = False
 
     kind: ClassVar[str] = "loss-over-frequency"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
-    constant: ClassVar[bool] = True
-    is_of_model: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
+    has_constant_size: ClassVar[bool] = True
+    alters_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
-    told_by: ClassVar[str] = (
-        "A test over a wider band tells them apart, or one of the part alone at several"
-        " frequencies."
+    distinguishing_test: ClassVar[str] = (
+        "A test over a wider band, or of the part alone at several frequencies, would distinguish"
+        " them."
     )
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each loss factor that is unknown or held, and all of them together."""
         lines = _moving(evidence.part)
         whose = {
@@ -251,22 +251,22 @@ class LossOverFrequency(Irreparable):
                 total += float(evidence.x[i]) * evidence.by_unknown[i]
         return np.asarray(total * (own.slope(freq) / known)[:, None, None])
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with these loss factors over the model's H."""
-        return divided(evidence.frf, log_ratio(evidence.part, self.power, evidence.x))
+        return divide_data(evidence.frf, log_ratio(evidence.part, self.power, evidence.x))
 
-    def accounted(self, part: Part, x: _Real) -> Part:
+    def correct_part(self, part: Part, x: _Real) -> Part:
         """Return the part whose model has these loss factors."""
-        return AlteredPart.of(part, self.power) if self.plausible() else part
+        return AlteredPart.of(part, self.power) if self.is_plausible() else part
 
-    def described(self, part: Part, x: _Real) -> Self:
+    def add_model_figures(self, part: Part, x: _Real) -> Self:
         """Return the fault with the lines of a part and the loss factor of its model at a point."""
         state, terms = part.state(x), part.solver.system.terms
         losses = {float(state.loss[t]) for t, term in enumerate(terms) if self.power.acts_on(term)}
         loss = losses.pop() if len(losses) == 1 else 0.0
         return replace(self, loss=loss, lines=_moving(part))
 
-    def relatives(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return the other variant, and viscous damping of the groups with such a loss factor."""
         quantity = "stiffness_damping" if self.value > 0.0 else "mass_damping"
         return [
@@ -274,14 +274,14 @@ class LossOverFrequency(Irreparable):
             *(one for one in self.viscous if one.channels[0].endswith(f".{quantity}")),
         ]
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the exponent is not 0 and not above that of a solid."""
         return 0.0 < abs(self.value) <= _STEEPEST
 
     @property
     def prior(self) -> float:
         """Prior odds that the loss factor of this group varies."""
-        return shared_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.places)
 
     @property
     def _whose(self) -> str:
@@ -307,7 +307,7 @@ class LossOverFrequency(Irreparable):
             stiffer = f", and its stiffness rises by {100.0 * change:.2g} %"
         return (
             f"The loss factor of {self._whose} {course} with frequency: {extent}, as"
-            f" f^{self.value:.2f}{stiffer}; the model holds it constant."
+            f" f^{self.value:.2f}{stiffer}; in the model it is constant."
         )
 
     @property
@@ -321,9 +321,9 @@ class LossOverFrequency(Irreparable):
         level = f", loss_factor = {self.loss:.3g}" if self.loss else ""
         stiffer = " No table describes the change of the stiffness." if self.causal else ""
         return (
-            f"Give the model this course: [[damping]] with groups = {groups}{level} and"
+            f"Add this loss table to the model: [[damping]] with groups = {groups}{level} and"
             f" loss_table = {table} in the job, or Model.with_damping in Python. A test of the part"
-            f" alone gives a better one.{stiffer}"
+            f" alone gives a better table.{stiffer}"
         )
 
     @property

@@ -1,4 +1,4 @@
-"""A low-pass of first order in one measurement chain."""
+"""A first-order low-pass in one measurement chain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
+from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
 
 __all__ = ["LowPass"]
 
@@ -25,31 +25,34 @@ class LowPass(Fault):
 
     kind: ClassVar[str] = "low-pass"
     unit: ClassVar[str] = "s"
-    tunes: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor, and all together, with several corner frequencies."""
         highest = 2.0 * np.pi * evidence.frf.freq[-1]
-        for channels in [(), *each_sensor(evidence.frf)]:
+        for channels in [(), *list_channels(evidence.frf)]:
             for corner in _CORNERS:
                 yield cls(channels, 1.0 / (corner * highest))
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the filter."""
-        return multiplied(frf, self.channels, np.log1p(frf.s * self.value))
+        return multiply_channels(frf, self.channels, np.log1p(frf.s * self.value))
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return -i omega / (1 + i omega value) at the channels."""
         frf = evidence.frf
         s = frf.s
-        return place_of(self.channels, frf).spread(-s / (1.0 + s * self.value), frf.values.shape)
+        return find_channels(self.channels, frf).broadcast(
+            -s / (1.0 + s * self.value), frf.values.shape
+        )
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the time constant is positive."""
         return self.value > 0.0
 
     def statement(self) -> str:
         """Return a sentence with the corner frequency."""
         corner = 1.0 / (2.0 * np.pi * self.value)
-        return f"{self.does('went', 'went')} through a low-pass of first order at {corner:.4g} Hz."
+        subject = self.begin_sentence("is", "are")
+        return f"{subject} filtered by a first-order low-pass at {corner:.4g} Hz."

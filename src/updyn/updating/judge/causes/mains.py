@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
 
 __all__ = ["Mains"]
 
@@ -40,7 +40,7 @@ _RESONANT, _SHARP = 3.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Mains(ShownFault):
+class Mains(DataFault):
     """Lines at multiples of `value` Hz contain mains hum.
 
     Attributes
@@ -59,11 +59,11 @@ class Mains(ShownFault):
     odds: ClassVar[float] = 1e-2
 
     @classmethod
-    def shown(cls, frf: FRF) -> Iterable[Shown]:
+    def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield 50 or 60 Hz, the more likely one, for evenly and finely spaced lines."""
         if len(frf.freq) <= 2 * _BESIDE:
             return
-        found: list[Shown] = []
+        found: list[Detection] = []
         for frequency in _FREQUENCIES:
             hit = _hit(frf.freq, frequency)
             if hit.any() and np.gradient(frf.freq)[hit].max() <= _COARSE * frequency:
@@ -71,7 +71,7 @@ class Mains(ShownFault):
         yield from sorted(found, key=lambda one: -one.log_odds)[:1]
 
     @classmethod
-    def _at(cls, frf: FRF, frequency: float, hit: NDArray[np.bool_]) -> Iterable[Shown]:
+    def _at(cls, frf: FRF, frequency: float, hit: NDArray[np.bool_]) -> Iterable[Detection]:
         found = _Neighbours.of(frf, hit)
         # A mains line has to exceed the largest outlier of all other lines.
         height = np.median(found.ratio, axis=1)
@@ -91,15 +91,15 @@ class Mains(ShownFault):
             text = f"{np.count_nonzero(many)} of {many.size} channels"
             lines = tuple(float(f) for f in frf.freq[out])
             share = np.count_nonzero(out) / len(frf.freq)
-            yield Shown(cls((), frequency, lines, text), log_odds, share)
+            yield Detection(cls((), frequency, lines, text), log_odds, share)
 
     @property
-    def written(self) -> str:
+    def repair_text(self) -> str:
         """Text of the fault: ``mains=50``."""
         return f"{self.kind}={self.value:g}"
 
     @classmethod
-    def read(cls, channels: str, value: str) -> Mains:
+    def parse(cls, channels: str, value: str) -> Mains:
         """Return the fault from its text.
 
         Raises
@@ -107,7 +107,7 @@ class Mains(ShownFault):
         OptionError
             If the frequency is not above 0, or channels are named.
         """
-        found = super(ShownFault, cls).read(channels, value)
+        found = super(DataFault, cls).parse(channels, value)
         if not found.value > 0.0 or found.channels:
             raise OptionError(f"repair {cls.kind!r}: expected mains=50 or mains=60")
         return found
@@ -116,8 +116,8 @@ class Mains(ShownFault):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            f'Leave these lines out: repair = ["{self.written}"] under [test]; in the next test,'
-            " look at cables and grounding."
+            f'Omit these lines: repair = ["{self.repair_text}"] under [test]. Before the next test,'
+            " check cables and grounding."
         )
 
     def repair(self, frf: FRF) -> FRF:
@@ -131,8 +131,8 @@ class Mains(ShownFault):
             shown += f" and {len(self.lines) - 6} more"
         plural = "s" if len(self.lines) > 1 else ""
         return (
-            f"Mains of {self.value:g} Hz: the line{plural} at {shown} Hz stand{'s' * (not plural)}"
-            f" out of what the neighbouring lines predict, in {self.many}."
+            f"Mains hum of {self.value:g} Hz: the line{plural} at {shown} Hz"
+            f" deviate{'s' * (not plural)} from the neighbouring lines in {self.many}."
         )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divided
+from updyn.updating.judge.causes.fault import Irreparable, divide_data
 
 __all__ = ["MassLoading"]
 
@@ -27,10 +27,10 @@ class MassLoading(Irreparable):
 
     kind: ClassVar[str] = "mass-loading"
     unit: ClassVar[str] = "kg"
-    tunes: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the only fault of this kind, if the responses are translations."""
         turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)
         if len(evidence.frf.responses) > 1 and not turns:
@@ -40,8 +40,8 @@ class MassLoading(Irreparable):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at it; if it is so, make one test of each row, with the mass on its model"
-            " ([test] sensor_masses), or use dummy masses."
+            "Check whether a sensor was moved. If so, make each row a separate test with the mass"
+            " in its model ([test] sensor_masses), or use dummy masses."
         )
 
     def repair(self, frf: FRF) -> FRF:
@@ -53,8 +53,8 @@ class MassLoading(Irreparable):
             Always; the message contains the remedy.
         """
         raise DataError(
-            "mass loading cannot be taken out of the data by themselves, as it takes the drive"
-            " point of every sensor: make one test of each row and put the mass on its model"
+            "mass loading cannot be corrected from the data alone, because the correction needs the"
+            " drive point of every sensor: make each row a separate test with the mass in its model"
             " (updyn.sensor_masses), or use dummy masses"
         )
 
@@ -63,17 +63,15 @@ class MassLoading(Irreparable):
         a = evidence.apparent
         return np.broadcast_to((a / (1.0 - self.value * a))[:, :, None], evidence.frf.values.shape)
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data times 1 - omega^2 m H_ii of the model."""
         left = np.log(1.0 - self.value * evidence.apparent)[:, :, None]
-        return divided(evidence.frf, np.broadcast_to(-left, evidence.frf.values.shape))
+        return divide_data(evidence.frf, np.broadcast_to(-left, evidence.frf.values.shape))
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the mass is positive."""
         return self.value > 0.0
 
     def statement(self) -> str:
         """Return a sentence with the mass."""
-        return (
-            f"A sensor that roves loads each row by a mass of {self.value:.4g} kg at its own place."
-        )
+        return f"A roving sensor adds a mass of {self.value:.4g} kg at the response of each row."

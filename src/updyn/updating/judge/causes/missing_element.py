@@ -14,7 +14,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.altered import AlteredPart
 from updyn.updating.judge.causes.element import Element, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
 from updyn.updating.judge.causes.screening import best_elements
 from updyn.updating.problem.problem import Part
 
@@ -41,10 +41,10 @@ class MissingElement(Irreparable):
     between: bool = False
     places: int = 1
 
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
-    constant: ClassVar[bool] = True
-    is_of_model: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
+    has_constant_size: ClassVar[bool] = True
+    alters_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
     #: Matrix of a group to which it contributes.
     quantity: ClassVar[str]
@@ -61,7 +61,7 @@ class MissingElement(Irreparable):
         yield from directed_places(frf)
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the elements that explain most, to first order."""
         return cls._best(evidence, _MOST)
 
@@ -71,7 +71,7 @@ class MissingElement(Irreparable):
         best = best_elements(evidence, every, most)
         return [cls(one.labels, one.value, one.between, len(every)) for one in best]
 
-    def elsewhere(self, evidence: Evidence) -> Iterable[Fault]:
+    def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
         found = (replace(one, places=self.places) for one in self._best(evidence, _NEXT))
         return [one for one in found if one.channels != self.channels]
@@ -79,7 +79,7 @@ class MissingElement(Irreparable):
     @property
     def prior(self) -> float:
         """Prior odds that the model lacks the element at this place."""
-        return shared_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.places)
 
     @property
     def element(self) -> Element:
@@ -90,15 +90,15 @@ class MissingElement(Irreparable):
         """Return the derivative of the model's ln H by the size of the element."""
         return evidence.receptances.slope(self.element)
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with the element over the model's H."""
-        return divided(evidence.frf, evidence.receptances.change(self.element))
+        return divide_data(evidence.frf, evidence.receptances.change(self.element))
 
-    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part whose model has the element."""
-        return AlteredPart.of(part, self.element) if self.plausible() else part
+        return AlteredPart.of(part, self.element) if self.is_plausible() else part
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether its size is positive."""
         return self.value > 0.0
 

@@ -71,10 +71,10 @@ class MissingMode(Fault):
     concerns_model: ClassVar[bool] = True
     unit: ClassVar[str] = "Hz"
     odds: ClassVar[float] = 5e-3
-    adapts: ClassVar[bool] = True
+    is_adaptive: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the lines near which the misfit has a peak."""
         frf = evidence.frf
         if len(frf.freq) <= _FEWEST:
@@ -86,13 +86,13 @@ class MissingMode(Fault):
         large = power > max(_STANDS_OUT * float(np.median(power)), _LEAST)
         out = np.flatnonzero(peaks & large & (frf.freq > 0.0))
         for line in out[np.argsort(-power[out])][:_MOST]:
-            yield cls((), float(frf.freq[line])).refined(evidence)
+            yield cls((), float(frf.freq[line])).adapt_to(evidence)
 
-    def numbers(self, frf: FRF) -> int:
+    def count_parameters(self, frf: FRF) -> int:
         """Return 2 for the pole and 2 for each entry of a and b, less 2 for their common scale."""
         return 2 * (len(frf.responses) + len(frf.references))
 
-    def refined(self, evidence: Evidence) -> Self:
+    def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault with the pole that explains most, near its own."""
         at = _Residual.near(evidence, self.value)
         best, least = self, at.left(self)
@@ -112,7 +112,7 @@ class MissingMode(Fault):
             step, factor = 0.5 * step, np.sqrt(factor)
         return replace(best, wide=best.loss * best.value / spacing, many=at.many(best))
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data minus the mode; its shape, if unknown, is fitted to the residual."""
         frf = evidence.frf
         if self.shape:
@@ -127,7 +127,7 @@ class MissingMode(Fault):
         s = frf.s / (2.0 * np.pi * self.value)
         return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
 
-    def settled(self, part: Part, x: _Real) -> Self:
+    def fit_all_data(self, part: Part, x: _Real) -> Self:
         """Return the mode with its shape, fitted to all data together with the unknowns."""
         frf = part.frf
         evidence = Evidence(part, x)
@@ -180,7 +180,7 @@ class MissingMode(Fault):
         return left.select(lines=frf.freq[kept])
 
     @classmethod
-    def read(cls, channels: str, value: str) -> MissingMode:
+    def parse(cls, channels: str, value: str) -> MissingMode:
         """Return the fault from its text.
 
         Raises
@@ -189,7 +189,7 @@ class MissingMode(Fault):
             If the frequency is not above 0, or an entry cannot be read.
         """
         frequency, *more = value.split(",")
-        found = super(MissingMode, cls).read(channels, frequency)
+        found = super(MissingMode, cls).parse(channels, frequency)
         if not found.value > 0.0 or found.channels:
             raise OptionError(f"repair {cls.kind!r}: expected its frequency in Hz")
         if not more:
@@ -204,7 +204,7 @@ class MissingMode(Fault):
             ) from None
 
     @property
-    def written(self) -> str:
+    def repair_text(self) -> str:
         """Text of the fault: ``missing-mode=9.3``, with loss factor and shape if known."""
         text = f"{self.kind}={self.value:.9g}"
         if not self.shape:
@@ -212,19 +212,19 @@ class MissingMode(Fault):
         entries = [f"{label} {a.real:.6g}{a.imag:+.6g}j" for label, a in self.shape]
         return ", ".join([text, f"{self.loss:.6g}", *entries])
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the damping is that of a mode, and enough channels measure it."""
         return self.loss < 0.5 and self.wide > _NARROW and self.many > _FEW
 
     @property
     def remedy(self) -> str:
         """Advice to the user."""
-        does, written = "take it out", self.written
+        does, written = "subtract it", self.repair_text
         if not self.shape or len(self.shape) > _SHORT:
-            does = f"leave {100.0 * _LEFT_OUT:.0f} % on either side of it out"
-            written = replace(self, shape=()).written
+            does = f"omit {100.0 * _LEFT_OUT:.0f} % on either side of it"
+            written = replace(self, shape=()).repair_text
         return (
-            f"Look at the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
+            f"Check the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
             " this motion (torsion, another plane, an attached part). Until the model has it,"
             f" {does}:"
             f' repair = ["{written}"] under [test].'
@@ -233,8 +233,8 @@ class MissingMode(Fault):
     def statement(self) -> str:
         """Return a sentence with the frequency and the loss factor."""
         return (
-            f"A mode at {self.value:.4g} Hz (loss factor {self.loss:.2g}) is measured and is not in"
-            " the model."
+            f"A measured mode at {self.value:.4g} Hz (loss factor {self.loss:.2g}) is not in the"
+            " model."
         )
 
 

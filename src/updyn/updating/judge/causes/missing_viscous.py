@@ -31,16 +31,16 @@ class MissingViscous(MissingElement):
     units: ClassVar[tuple[str, str]] = ("N s/m", "N m s/rad")
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Any]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Any]:
         """Yield the dashpots that explain most, to first order, and the damping of each group."""
         courses = {
             viscous.channels: one
-            for one in LossOverFrequency.suspected(evidence)
+            for one in LossOverFrequency.propose_faults(evidence)
             for viscous in one.viscous
         }
         places = viscous_places(evidence.part)
-        yield from (replace(one, places=places) for one in super().suspected(evidence))
-        for one in ProportionalDamping.suspected(evidence):
+        yield from (replace(one, places=places) for one in super().propose_faults(evidence))
+        for one in ProportionalDamping.propose_faults(evidence):
             yield replace(one, places=places, course=courses.get(one.channels))
 
 

@@ -16,15 +16,15 @@ __all__ = ["UNITS_OF_MODELS", "ModelUnit"]
 
 #: Factor for all stiffnesses or all masses, and the mistake that it corrects.
 UNITS_OF_MODELS: tuple[tuple[str, float, str], ...] = (
-    ("stiffness", 1e3, "stiffnesses in N/mm where N/m go with the masses"),
-    ("stiffness", 1e-3, "stiffnesses in N/m where N/mm go with the masses"),
-    ("stiffness", 1e6, "moduli in MPa where Pa go with the lengths"),
-    ("stiffness", 1e-6, "moduli in Pa where MPa go with the lengths"),
-    ("stiffness", 1e9, "moduli in GPa where Pa go with the lengths"),
-    ("mass", 1e-3, "masses in kg where tonnes go with the stiffnesses"),
-    ("mass", 1e3, "masses in tonnes where kg go with the stiffnesses"),
-    ("mass", 1.0 / 9.80665, "weights in N where masses in kg are wanted"),
-    ("mass", 0.0254 / 9.80665, "weights in lbf where masses in lbf s2/in are wanted"),
+    ("stiffness", 1e3, "stiffnesses in N/mm instead of N/m"),
+    ("stiffness", 1e-3, "stiffnesses in N/m instead of N/mm"),
+    ("stiffness", 1e6, "moduli in MPa instead of Pa"),
+    ("stiffness", 1e-6, "moduli in Pa instead of MPa"),
+    ("stiffness", 1e9, "moduli in GPa instead of Pa"),
+    ("mass", 1e-3, "masses in kg instead of tonnes"),
+    ("mass", 1e3, "masses in tonnes instead of kg"),
+    ("mass", 1.0 / 9.80665, "weights in N instead of masses in kg"),
+    ("mass", 0.0254 / 9.80665, "weights in lbf instead of masses in lbf s2/in"),
 )
 
 
@@ -48,7 +48,7 @@ class ModelUnit(Irreparable):
     odds: ClassVar[float] = 1e-2
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Return an empty tuple: units are tried only if model and data have nothing in common."""
         return ()
 
@@ -81,8 +81,8 @@ class ModelUnit(Irreparable):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at the units of the model: those of force, mass and length have to go together,"
-            " as N, kg and m or N, tonnes and mm do."
+            "Check the units of the model: those of force, mass and length have to be consistent,"
+            " such as N, kg and m, or N, tonnes and mm."
         )
 
     def statement(self) -> str:

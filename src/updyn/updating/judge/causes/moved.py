@@ -22,10 +22,10 @@ class Moved(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "moved"
-    two: ClassVar[str] = "places"
+    pair_noun: ClassVar[str] = "places"
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield other directions of a node and neighbouring nodes; for a force also all sensors."""
         for dof, place in mistaken(evidence.part):
             yield cls((str(abs(dof)), str(place)))
@@ -53,11 +53,11 @@ class Moved(Fault):
         """Return a sentence with the correct place."""
         here, there = (name.removeprefix(FORCE) for name in self.channels)
         if self._is_force:
-            return f"The force that is called {here} acts at {there}."
-        return f"The sensor called {here} stands at {there}."
+            return f"The force labelled {here} acts at {there}."
+        return f"The sensor labelled {here} is at {there}."
 
     @classmethod
-    def read(cls, channels: str, value: str) -> Self:
+    def parse(cls, channels: str, value: str) -> Self:
         """Return the fault from its text.
 
         Raises
@@ -65,7 +65,7 @@ class Moved(Fault):
         OptionError
             If it does not name two places of a sensor, or of a force.
         """
-        found = super().read(channels, value)
+        found = super().parse(channels, value)
         if len({name.startswith(FORCE) for name in found.channels}) > 1:
             raise OptionError(
                 f"repair {cls.kind!r}: expected two places of a sensor, or of a force as in"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divided
+from updyn.updating.judge.causes.fault import Irreparable, divide_data
 from updyn.updating.judge.causes.holding import ground_springs
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
@@ -38,12 +38,12 @@ class NoSupport(Irreparable):
 
     kind: ClassVar[str] = "no-support"
     concerns_model: ClassVar[bool] = True
-    tunes: ClassVar[bool] = True
-    adapts: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_adaptive: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the groups of springs to the ground whose stiffness is taken as known."""
         for group in ground_springs(evidence.part):
             for left in _LEFT:
@@ -53,8 +53,8 @@ class NoSupport(Irreparable):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at how the structure was held in the test; leave that group out of the model, or"
-            " make its stiffness an unknown with a wide prior."
+            "Check how the structure was supported in the test; leave that group out of the model,"
+            " or make its stiffness an unknown with a wide prior."
         )
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
@@ -64,29 +64,29 @@ class NoSupport(Irreparable):
         )
         return np.asarray((high - low) / (2.0 * _STEP))
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with this stiffness over the model's H."""
-        return divided(evidence.frf, evidence.loosened(self.channels[0], self.value))
+        return divide_data(evidence.frf, evidence.loosened(self.channels[0], self.value))
 
-    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with this stiffness as an unknown with a wide prior."""
         items, at = list(part.coordinates.parameters), self._at(part)
         items[at] = replace(items[at], lower=_LEAST, prior_std=_ANYTHING)
         wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
         return replace(part, coordinates=wide)
 
-    def begun(self, part: Part, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def choose_start(self, part: Part, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x with the stiffness at its share."""
         return part.coordinates.with_one(x, self._at(part), max(self.value, np.log(_LEAST)))
 
-    def refined(self, evidence: Evidence) -> Self:
+    def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault with the stiffness at the point."""
         return replace(self, value=float(evidence.x[self._at(evidence.part)]))
 
     def _at(self, part: Part) -> int:
         return part.coordinates.parameters.names.index(f"{self.channels[0]}.stiffness")
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether most of the stiffness is missing."""
         return bool(self.value < np.log(_MOST_LEFT))
 
@@ -94,6 +94,6 @@ class NoSupport(Irreparable):
         """Return a sentence with the group and the remaining share of its stiffness."""
         share = 100.0 * np.exp(max(self.value, -20.0))
         return (
-            f"The group {self.where!r} holds the model to the ground, and the structure seems to be"
-            f" free of it: the data leave {share:.2g} % of its stiffness."
+            f"The group {self.channel_text!r} holds the model to the ground, but apparently not the"
+            f" structure: the data agree with {share:.2g} % of its stiffness."
         )

@@ -115,7 +115,7 @@ class CausesOfRun:
                             searched = True
                             continue
                         except SolverError as error:
-                            why = f"causes could not be looked for ({error})"
+                            why = f"the search for causes failed ({error})"
                     because = why
                     out += findings_in(whole, noise)
         return Causes(tuple(out), searched, because, bool(self._overruling))

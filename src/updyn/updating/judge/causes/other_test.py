@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import FORCE, Fault, divided, each_sensor, place_of, without
+from updyn.updating.judge.causes.fault import (
+    FORCE,
+    Fault,
+    divide_data,
+    find_channels,
+    list_channels,
+    remove_channels,
+)
 from updyn.updating.problem.problem import Part
 
 __all__ = ["OtherTest"]
@@ -35,12 +42,12 @@ class OtherTest(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "other-test"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
-    leaves_out: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
+    omits_channels: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor with several factors, if there are others for comparison.
 
         The values of a sensor that was left out have a variance above their square.
@@ -48,8 +55,8 @@ class OtherTest(Fault):
         frf = evidence.frf
         assert frf.variance is not None
         clear = np.abs(frf.values) ** 2 > frf.variance
-        for channels in each_sensor(frf):
-            own = place_of(channels, frf).within(frf)
+        for channels in list_channels(frf):
+            own = find_channels(channels, frf).channel_mask(frf)
             if clear[:, own].any() and clear[:, ~own].any():
                 yield from (cls(channels, shift) for shift in _SHIFTS)
 
@@ -61,19 +68,19 @@ class OtherTest(Fault):
         DataError
             If no other data remain.
         """
-        return without(self, frf)
+        return remove_channels(self, frf)
 
-    def others(self, frf: FRF) -> FRF:
+    def mask_channels(self, frf: FRF) -> FRF:
         """Return the data in which the sensor has no weight."""
         assert frf.variance is not None
         lost = _LOST * float(np.abs(frf.values).max()) ** 2
         return replace(frf, variance=np.where(self._at(frf), lost, frf.variance))
 
-    def searched(self, evidence: Evidence) -> Self:
+    def search_size(self, evidence: Evidence) -> Self:
         """Return the fault with the shift that fits the data best at a point."""
 
         def left(one: Self) -> float:
-            e = evidence.misfit(one.undo(evidence))
+            e = evidence.misfit(one.repair_with_model(evidence))
             return float(e @ e)
 
         best = replace(self, value=0.0)
@@ -81,7 +88,7 @@ class OtherTest(Fault):
             best = min((replace(self, value=best.value + float(v)) for v in steps), key=left)
         return best
 
-    def relatives(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return the other sensor of its direction, if only one: either may be wrong."""
         prefix = FORCE if self.channels[0].startswith(FORCE) else ""
         dofs = part.frf.references if prefix else part.frf.responses
@@ -101,15 +108,15 @@ class OtherTest(Fault):
         power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
         return (frf.freq[:, None, None] * evidence.by_frequency + power) * self._at(frf)
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's A(exp(value) f) / A(f) at the channels."""
-        return divided(evidence.frf, evidence.stretched(self.value) * self._at(evidence.frf))
+        return divide_data(evidence.frf, evidence.stretched(self.value) * self._at(evidence.frf))
 
     def _at(self, frf: FRF) -> NDArray[np.bool_]:
         """Return which channels are of the other test, shape (n_i, n_j)."""
-        return place_of(self.channels, frf).within(frf)
+        return find_channels(self.channels, frf).channel_mask(frf)
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the factor is between 0.5 % and 30 %."""
         return 5e-3 < abs(self.value) < 0.3
 
@@ -117,14 +124,14 @@ class OtherTest(Fault):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at when and how it was measured; if the structure was in another state, leave it"
-            f' out, repair = ["{self.written}"] under [test], or make it a test of its own.'
+            "Check when and how it was measured. If the structure was in another state, omit it,"
+            f' repair = ["{self.repair_text}"] under [test], or make it a separate test.'
         )
 
     def statement(self) -> str:
         """Return a sentence with the factor of the resonances."""
         return (
-            f"The resonances of {self.where} stand at {np.exp(-self.value):.4g} times those of the"
-            " other channels: its data seem to come from another test, or another state of the"
-            " structure."
+            f"The resonances of {self.channel_text} are at {np.exp(-self.value):.4g} times the"
+            " frequencies of the other channels: its data seem to be from another test, or another"
+            " state of the structure."
         )

@@ -66,7 +66,7 @@ def gain_of(part: Part, fault: WrongAxes, x: _Real) -> float:
     SolverError
         If one of the models is singular there.
     """
-    return _gain(part, fault.accounted(part, x), fault, x)
+    return _gain(part, fault.correct_part(part, x), fault, x)
 
 
 def _gain(part: Part, there: Part, fault: WrongAxes, x: _Real) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.altered import AlteredPart, log_ratio
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
 from updyn.updating.judge.causes.rates import ALL, MATRICES, Rates, rate_slopes
 from updyn.updating.problem.problem import Part
 
@@ -43,14 +43,14 @@ class ProportionalDamping(Irreparable):
     course: Fault | None = None
 
     kind: ClassVar[str] = "missing-viscous"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
-    constant: ClassVar[bool] = True
-    is_of_model: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
+    has_constant_size: ClassVar[bool] = True
+    alters_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the damping of each group, and of all, whose coefficient is not an unknown."""
         for name in evidence.by_rate:
             yield cls((name,))
@@ -62,26 +62,26 @@ class ProportionalDamping(Irreparable):
             return evidence.by_rate[name]
         return rate_slopes(self._rates.on(evidence.part), evidence.x, [name])[name]
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with the damping over the model's H."""
-        return divided(evidence.frf, log_ratio(evidence.part, self._rates, evidence.x))
+        return divide_data(evidence.frf, log_ratio(evidence.part, self._rates, evidence.x))
 
-    def accounted(self, part: Part, x: _Real) -> Part:
+    def correct_part(self, part: Part, x: _Real) -> Part:
         """Return the part whose model has the damping."""
-        return AlteredPart.of(part, self._rates) if self.plausible() else part
+        return AlteredPart.of(part, self._rates) if self.is_plausible() else part
 
-    def relatives(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return a loss factor that varies with frequency and has nearly the same effect."""
         return () if self.course is None else (self.course,)
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the damping is positive."""
         return self.value > 0.0
 
     @property
     def prior(self) -> float:
         """Prior odds that the model lacks the damping of this group."""
-        return shared_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.places)
 
     @property
     def _rates(self) -> Rates:

@@ -11,7 +11,7 @@ import numpy as np
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence, labels_of
-from updyn.updating.judge.causes.fault import Fault, multiplied
+from updyn.updating.judge.causes.fault import Fault, multiply_channels
 
 __all__ = ["Quantity"]
 
@@ -27,12 +27,12 @@ class Quantity(Fault):
     odds: ClassVar[float] = 1e-2
 
     @property
-    def changes_all(self) -> bool:
+    def affects_all_data(self) -> bool:
         """Whether it affects all channels."""
         return not self.channels
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the two other quantities, for all data and for each of several sensors."""
         frf = evidence.frf
         if frf.freq[0] == 0.0:
@@ -44,7 +44,7 @@ class Quantity(Fault):
                 yield from (cls(channels, float(power)) for channels in places)
 
     @property
-    def name(self) -> str:
+    def quantity(self) -> str:
         """Name of the quantity."""
         return _NAMES[round(self.value)]
 
@@ -57,25 +57,25 @@ class Quantity(Fault):
             If single channels have a line at 0 Hz, where quantities cannot be converted.
         """
         if not self.channels:
-            return replace(frf, quantity=self.name)
+            return replace(frf, quantity=self.quantity)
         if (frf.s == 0.0).any():
-            raise DataError(f"repair {self.written!r}: no quantity is converted at 0 Hz")
+            raise DataError(f"repair {self.repair_text!r}: no quantity is converted at 0 Hz")
         power = QUANTITIES[frf.quantity] - round(self.value)
-        return multiplied(frf, self.channels, power * np.log(frf.s))
+        return multiply_channels(frf, self.channels, power * np.log(frf.s))
 
     def statement(self) -> str:
         """Return a sentence with the quantity."""
         if not self.channels:
-            return f"The data are {self.name}, and not what they are called."
-        return f"{self.does('is', 'are')} {self.name}, unlike the other channels."
+            return f"The data are {self.quantity}, not the stated quantity."
+        return f"{self.begin_sentence('is', 'are')} {self.quantity}, unlike the other channels."
 
     @property
-    def written(self) -> str:
+    def repair_text(self) -> str:
         """Text of the fault: ``quantity=mobility``, ``quantity:2:Z=mobility``."""
-        return f"{self.named}={self.name}"
+        return f"{self.name}={self.quantity}"
 
     @classmethod
-    def read(cls, channels: str, value: str) -> Self:
+    def parse(cls, channels: str, value: str) -> Self:
         """Return the fault from its text.
 
         Raises
@@ -85,4 +85,4 @@ class Quantity(Fault):
         """
         if value not in QUANTITIES:
             raise OptionError(f"repair 'quantity': {value!r}; {suggest(value, QUANTITIES)}")
-        return replace(super().read(channels, ""), value=float(QUANTITIES[value]))
+        return replace(super().parse(channels, ""), value=float(QUANTITIES[value]))

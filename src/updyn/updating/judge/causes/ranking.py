@@ -86,7 +86,7 @@ def _share(trial: Trial, without: Trial, explained: float) -> float:
     spread is known, also if the fault reduces it by a good part.
     """
     # A fault without a size cannot reduce the distance by chance.
-    known = trial.fault is not None and not trial.fault.tunes
+    known = trial.fault is not None and not trial.fault.has_free_size
     if known and without.far > FAR_OFF**2 * len(without.x):
         explained = max(explained, 1.0 - trial.far / without.far)
     if without.far_held > FAR_OFF**2 * without.n_held:
@@ -102,7 +102,7 @@ def is_as_likely(one: Ranked, best: Ranked) -> bool:
     A sensor of another state is described by one factor on all stiffnesses. The accuracy of this
     description does not show which of two sensors it is.
     """
-    of_a_state = one.fault.leaves_out and best.fault.leaves_out
+    of_a_state = one.fault.omits_channels and best.fault.omits_channels
     if of_a_state and min(one.explains, best.explains) > 1.0 - LITTLE:
         return True
     return one.log_odds > best.log_odds - _ALIKE_ODDS

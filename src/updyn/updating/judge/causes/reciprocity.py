@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
 from updyn.updating.judge.causes.square import Square
 
 __all__ = ["Reciprocity"]
@@ -29,7 +29,7 @@ _TURNS, _STEPS = 2.0, 401
 
 
 @dataclass(frozen=True, slots=True)
-class Reciprocity(ShownFault):
+class Reciprocity(DataFault):
     """H_ab and H_ba differ by a share of `value`.
 
     They are equal for a linear passive structure without rotating parts (Ewins, Modal Testing, 2nd
@@ -45,10 +45,10 @@ class Reciprocity(ShownFault):
 
     kind: ClassVar[str] = "reciprocity"
     odds: ClassVar[float] = 1e-2
-    symptom: ClassVar[bool] = True
+    is_symptom: ClassVar[bool] = True
 
     @classmethod
-    def shown(cls, frf: FRF) -> Iterable[Shown]:
+    def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the pairs that are not reciprocal, the worst first."""
         square = Square.of(frf)
         found = []
@@ -63,7 +63,7 @@ class Reciprocity(ShownFault):
             if ratio > 1.0 and log_odds > LIKELY:
                 pair = (square.labels[a], square.labels[b])
                 fault = cls(pair, size, difference.described())
-                found.append(Shown(fault, log_odds, min(size, 1.0)))
+                found.append(Detection(fault, log_odds, min(size, 1.0)))
         number = max(sum(1 for _ in square.pairs()), 1)
         found.sort(key=lambda one: -one.log_odds)
         for one in found:
@@ -73,19 +73,19 @@ class Reciprocity(ShownFault):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at the two runs: the place and direction of sensor and hammer, and the"
-            f" sensitivities; measure {self.where} again, or leave out the one that is in doubt."
+            "Check place and direction of sensor and hammer, and the sensitivities, in the two"
+            f" runs; measure {self.channel_text} again, or omit the doubtful one."
         )
 
     def statement(self) -> str:
         """Return a sentence with the pair, the difference, and its explanation."""
         a, b = self.channels
         return (
-            f"Reciprocity is broken: the response at {a} to a force at {b} and that at {b} to a"
+            f"Reciprocity is violated: the response at {a} to a force at {b} and that at {b} to a"
             f" force at {a} differ by {100.0 * self.value:.0f} %{self.as_if}."
         )
 
-    def set_aside(self, frf: FRF) -> FRF:
+    def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which neither of the two FRFs has weight."""
         square = Square.of(frf)
         a, b = (square.labels.index(label) for label in self.channels)
@@ -140,5 +140,5 @@ class _Difference:
         ]
         for log_factor, text in described:
             if self.without(log_factor).size < _EXPLAINED * self.size:
-                return f", which {text} explains"
+                return f"; {text} explains it"
         return "; neither sign nor a factor nor a delay explains it"

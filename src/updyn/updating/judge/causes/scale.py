@@ -11,7 +11,7 @@ import numpy as np
 from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, multiplied
+from updyn.updating.judge.causes.fault import Fault, multiply_channels
 
 __all__ = ["UNITS", "Scale"]
 
@@ -48,7 +48,7 @@ class Scale(Fault):
     odds: ClassVar[float] = 5e-3
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the factors between units in use."""
         for factor in sorted(set(UNITS.values())):
             yield cls((), factor)
@@ -61,7 +61,7 @@ class Scale(Fault):
                 yield cls(channels, known)
 
     @classmethod
-    def read(cls, channels: str, value: str) -> Self:
+    def parse(cls, channels: str, value: str) -> Self:
         """Return the fault from its text.
 
         Raises
@@ -69,19 +69,19 @@ class Scale(Fault):
         OptionError
             If the factor is not above 0.
         """
-        found = super().read(channels, value)
+        found = super().parse(channels, value)
         if not found.value > 0.0:
             raise OptionError(f"repair 'scale': {value!r}; expected a factor above 0")
         return found
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data in SI."""
-        return multiplied(frf, self.channels, np.full(len(frf.freq), -np.log(self.value)))
+        return multiply_channels(frf, self.channels, np.full(len(frf.freq), -np.log(self.value)))
 
     def statement(self) -> str:
         """Return a sentence with the factor and the units that explain it."""
         causes = [name for name, f in UNITS.items() if abs(np.log(f / self.value)) < _NEAR]
         return (
-            f"{self.does('reads', 'read')} {self.value:.6g} times what is there:"
+            f"The values of {self.channel_text} are {self.value:.6g} times the true values:"
             f" {' or '.join(causes) or 'another unit'}."
         )

@@ -27,13 +27,13 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
     unknowns. All unknowns adapt, and the size of the fault if it tunes.
     """
     frf = evidence.frf
-    if fault is not None and not (fault.tunes and fault.value == 0.0):
-        frf = fault.undo(evidence)
+    if fault is not None and not (fault.has_free_size and fault.value == 0.0):
+        frf = fault.repair_with_model(evidence)
     unit = evidence.unit
     home = evidence.home
     b = np.concatenate([evidence.misfit(frf) / unit, home])
     b = evidence.left(frf, b)
-    if fault is not None and fault.tunes:
+    if fault is not None and fault.has_free_size:
         d = np.zeros_like(b)
         d[: -len(home)] = stacked(evidence.weight * fault.slope(evidence)) / unit
         size = float(np.linalg.norm(d))

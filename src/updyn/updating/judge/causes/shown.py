@@ -14,14 +14,14 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Irreparable
 from updyn.updating.problem.problem import Part
 
-__all__ = ["LIKELY", "Shown", "ShownFault"]
+__all__ = ["LIKELY", "DataFault", "Detection"]
 
 #: Logarithm of the odds above which a fault is found: 100 to 1.
 LIKELY = float(np.log(100.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class Detection:
     """A fault that the data show, and its odds.
 
     Attributes
@@ -34,12 +34,12 @@ class Shown:
         Share of the data that it affects.
     """
 
-    fault: ShownFault
+    fault: DataFault
     log_odds: float
     share: float
 
 
-class ShownFault(Irreparable):
+class DataFault(Irreparable):
     """A fault that is found in the data alone, without comparison with the model.
 
     Attributes
@@ -50,16 +50,16 @@ class ShownFault(Irreparable):
 
     __slots__ = ()
 
-    symptom: ClassVar[bool] = False
+    is_symptom: ClassVar[bool] = False
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Return an empty tuple: the model is not used."""
         return ()
 
     @classmethod
     @abstractmethod
-    def shown(cls, frf: FRF) -> Iterable[Shown]:
+    def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Return the faults of this kind with odds of at least 100 to 1.
 
         Parameters
@@ -68,7 +68,7 @@ class ShownFault(Irreparable):
             The data, with their variance as far as it is known.
         """
 
-    def set_aside(self, frf: FRF) -> FRF:
+    def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which the affected values have no weight for other faults."""
         return frf
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied
+from updyn.updating.judge.causes.fault import Fault, list_channels, multiply_channels
 
 __all__ = ["Sign"]
 
@@ -22,14 +22,14 @@ class Sign(Fault):
     kind: ClassVar[str] = "sign"
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each sensor, and all together."""
-        yield from map(cls, [(), *each_sensor(evidence.frf)])
+        yield from map(cls, [(), *list_channels(evidence.frf)])
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the sign changed."""
-        return multiplied(frf, self.channels, np.full(len(frf.freq), 1j * np.pi))
+        return multiply_channels(frf, self.channels, np.full(len(frf.freq), 1j * np.pi))
 
     def statement(self) -> str:
         """Return a sentence with the channels."""
-        return f"The sign of {self.where} is the opposite of what its label says."
+        return f"The sign of {self.channel_text} is opposite to the label."

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divided
+from updyn.updating.judge.causes.fault import Irreparable, divide_data
 from updyn.updating.judge.causes.holding import is_free
 
 __all__ = ["Support"]
@@ -33,12 +33,12 @@ class Support(Irreparable):
     kind: ClassVar[str] = "support"
     concerns_model: ClassVar[bool] = True
     unit: ClassVar[str] = "Hz"
-    tunes: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
-    blurs: ClassVar[tuple[str, ...]] = ("missing-mode",)
+    imitated_kinds: ClassVar[tuple[str, ...]] = ("missing-mode",)
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield several frequencies of the suspension, if the model is free."""
         if not is_free(evidence.part):
             return
@@ -51,8 +51,8 @@ class Support(Irreparable):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at how the structure was held in the test; give the model springs to the ground"
-            " there, as a group whose stiffness is unknown, or take the supports away and measure"
+            "Check how the structure was supported in the test; add springs to the ground to the"
+            " model, as a group whose stiffness is an unknown, or remove the supports and measure"
             " again."
         )
 
@@ -61,17 +61,17 @@ class Support(Irreparable):
         low, high = (evidence.lifted(self.value * f) for f in (1.0 - _STEP, 1.0 + _STEP))
         return np.asarray((high - low) / (2.0 * _STEP * self.value))
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's H of K + (2 pi value)^2 M over that of K."""
-        return divided(evidence.frf, evidence.lifted(self.value))
+        return divide_data(evidence.frf, evidence.lifted(self.value))
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the frequency is positive."""
         return self.value > 0.0
 
     def statement(self) -> str:
         """Return a sentence with the frequency of the suspension."""
         return (
-            f"The structure seems to be held where the model is free: supports on which it would"
-            f" oscillate at {self.value:.3g} Hz explain the data."
+            f"The structure seems to be supported, while the model is free: a suspension at"
+            f" {self.value:.3g} Hz explains the data."
         )

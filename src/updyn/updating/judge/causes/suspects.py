@@ -71,7 +71,7 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
     unheld = _log_evidence(evidence, None) if weighs else 0.0
     found: list[Suspect] = []
     for kind in CAUSES:
-        for fault in CAUSES[kind].suspected(evidence):
+        for fault in CAUSES[kind].propose_faults(evidence):
             part.session.check(often=True)
             if fault.channels and evidence.silent.issuperset(fault.channels):
                 continue
@@ -79,13 +79,13 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
                 cost, tuned = fitted(evidence, fault)
             except SolverError:  # a resonance without damping, under that hypothesis
                 continue
-            if tuned is None or not tuned.plausible():
+            if tuned is None or not tuned.is_plausible():
                 continue
             gain = 0.5 * (without - cost)
-            if weighs and fault.tunes:
+            if weighs and fault.has_free_size:
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
             gain += float(np.log(fault.prior))
-            gain -= 0.5 * fault.numbers(part.frf) * float(np.log(max(n_seen(part.frf), 2)))
+            gain -= 0.5 * fault.count_parameters(part.frf) * float(np.log(max(n_seen(part.frf), 2)))
             found.append(Suspect(tuned, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
 
@@ -107,6 +107,6 @@ def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
     """Return the log evidence near a point whose residual is noise, to first order."""
     frf = slope = None
     if fault is not None:
-        frf, slope = fault.undo(evidence), fault.slope(evidence)
+        frf, slope = fault.repair_with_model(evidence), fault.slope(evidence)
     quadratic = Quadratic.at(evidence, frf, slope)
     return quadratic.best(n_seen(evidence.frf), evidence.unit**2)[1].log_evidence

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import FORCE, Fault, place_of
+from updyn.updating.judge.causes.fault import FORCE, Fault, find_channels
 
 __all__ = ["Swapped"]
 
@@ -23,10 +23,10 @@ class Swapped(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "swapped"
-    two: ClassVar[str] = "sensors"
+    pair_noun: ClassVar[str] = "sensors"
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the pairs of responses, and of references, with the same kind of motion."""
         for dofs, prefix in ((evidence.frf.responses, ""), (evidence.frf.references, FORCE)):
             few = list(dofs)[:_MOST]
@@ -36,16 +36,16 @@ class Swapped(Fault):
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the two channels exchanged."""
-        place = place_of(self.channels, frf)
+        indices = find_channels(self.channels, frf)
         parts = {}
         for name in ("values", "variance", "coherence"):
             whole = getattr(frf, name)
             if whole is not None:
                 whole = whole.copy()
-                if len(place.rows):
-                    whole[:, place.rows] = whole[:, place.rows[::-1]]
+                if len(indices.rows):
+                    whole[:, indices.rows] = whole[:, indices.rows[::-1]]
                 else:
-                    whole[:, :, place.columns] = whole[:, :, place.columns[::-1]]
+                    whole[:, :, indices.columns] = whole[:, :, indices.columns[::-1]]
                 parts[name] = whole
         return replace(frf, **parts)
 

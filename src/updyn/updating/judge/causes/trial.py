@@ -88,7 +88,7 @@ class Trial:
     far: float
     alike: float
     n_values: int
-    numbers: int = 0
+    n_parameters: int = 0
     quadratic: Quadratic | None = None
 
     @property
@@ -128,7 +128,7 @@ class Trial:
         alike = min(self.alike, other.alike) if alike is None else alike
         alike = min(max(alike, 0.0), MOST_ALIKE)
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
-        cost = 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0))
+        cost = 0.5 * (self.n_parameters - other.n_parameters) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
             level = [t.power + SMALLEST**2 for t in (other, self)]
             gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
@@ -174,9 +174,9 @@ def _fitted(
     try:
         fault, x = _begun(part, fault, x, steps)
         for number in range(1, rounds + 1):
-            freed = part if fault is None else fault.accounted(part, x)
+            freed = part if fault is None else fault.correct_part(part, x)
             x, power, far, alike = _descent(freed, x, steps)
-            sized = number > 1 or fault is None or not (fault.tunes or fault.adapts)
+            sized = number > 1 or fault is None or not (fault.has_free_size or fault.is_adaptive)
             behind = rival is not None and power > _FAR_BEHIND * (rival.power + SMALLEST**2)
             if number == rounds or (sized and behind):
                 break
@@ -186,10 +186,10 @@ def _fitted(
             fault = better
     except SolverError:
         return None
-    if fault is not None and not fault.plausible():
+    if fault is not None and not fault.is_plausible():
         return None
-    fault = None if fault is None else fault.described(part, x)
-    numbers = 0 if fault is None else fault.numbers(part.frf)
+    fault = None if fault is None else fault.add_model_figures(part, x)
+    numbers = 0 if fault is None else fault.count_parameters(part.frf)
     quadratic = _about(freed, fault, x) if holds else None
     return Trial(fault, x, power, far, alike, n_seen(part.frf), numbers, quadratic)
 
@@ -198,22 +198,22 @@ def _begun(part: Part, fault: Fault | None, x: _Real, steps: int) -> tuple[Fault
     """Return the fault and the starting point of a fit."""
     if fault is None:
         return None, x
-    x = fault.begun(part, x)
-    if fault.leaves_out:
-        x = _descent(part.with_data(fault.others(part.frf)), x, steps)[0]
-        fault = fault.searched(Evidence(part, x))
+    x = fault.choose_start(part, x)
+    if fault.omits_channels:
+        x = _descent(part.with_data(fault.mask_channels(part.frf)), x, steps)[0]
+        fault = fault.search_size(Evidence(part, x))
     return fault, x
 
 
 def _resized(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault:
     """Return the fault with its size from the data at x, either original or corrected for it."""
-    if fault.adapts:
-        return fault.refined(Evidence(part, x))
-    if not fault.tunes:
+    if fault.is_adaptive:
+        return fault.adapt_to(Evidence(part, x))
+    if not fault.has_free_size:
         return fault
-    if fault.leaves_out:
-        return fault.searched(Evidence(part, x))
-    if not fault.adds:
+    if fault.omits_channels:
+        return fault.search_size(Evidence(part, x))
+    if not fault.is_additive:
         return fitted(Evidence(part, x), fault)[1]
     more = fitted(Evidence(freed, x), replace(fault, value=0.0))[1]
     return replace(fault, value=fault.value + more.value)
@@ -223,9 +223,9 @@ def _is_settled(fault: Fault | None, better: Fault | None) -> bool:
     """Return whether the size of a fault has converged; False for faults that adapt."""
     if fault is None or better is None:
         return True
-    if fault.adapts:
+    if fault.is_adaptive:
         return False
-    return not fault.tunes or abs(better.value - fault.value) < 1e-3 * abs(better.value)
+    return not fault.has_free_size or abs(better.value - fault.value) < 1e-3 * abs(better.value)
 
 
 def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
@@ -233,9 +233,9 @@ def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
     try:
         evidence = Evidence(freed, x)
         slope = None
-        if fault is not None and fault.tunes:
+        if fault is not None and fault.has_free_size:
             # For faults that add up, the size counts from 0 after the correction.
-            slope = (replace(fault, value=0.0) if fault.adds else fault).slope(evidence)
+            slope = (replace(fault, value=0.0) if fault.is_additive else fault).slope(evidence)
         return Quadratic.at(evidence, slope=slope)
     except SolverError:
         return None

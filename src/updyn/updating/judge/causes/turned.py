@@ -43,22 +43,22 @@ class Turned(Fault):
 
     kind: ClassVar[str] = "turned"
     unit: ClassVar[str] = "degrees"
-    tunes: ClassVar[bool] = True
-    adapts: ClassVar[bool] = True
+    has_free_size: ClassVar[bool] = True
+    is_adaptive: ClassVar[bool] = True
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each axis with both perpendicular directions at a node, with its best angle."""
         frf = evidence.frf
         sides = [(frf.responses, ""), (frf.references, FORCE)]
         rows, columns = ([f"{prefix}{dof}" for dof in axes_across(dofs)] for dofs, prefix in sides)
         both = [(one, f"{FORCE}{one}") for one in rows if f"{FORCE}{one}" in columns]
         for channels in [*((one,) for one in (*rows, *columns)), *both]:
-            fault = cls(channels).refined(evidence)
-            if fault.plausible():
+            fault = cls(channels).adapt_to(evidence)
+            if fault.is_plausible():
                 yield fault
 
-    def refined(self, evidence: Evidence) -> Self:
+    def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault with the best-fitting angle at a point.
 
         If the directions are not coupled, the transverse response is zero, and the derivative of
@@ -66,9 +66,9 @@ class Turned(Fault):
         """
         return replace(self, value=_best_angle(_Turn.of(self.channels, evidence.frf), evidence))
 
-    def settled(self, part: Part, x: _Real) -> Self:
+    def fit_all_data(self, part: Part, x: _Real) -> Self:
         """Return the fault with the best-fitting angle for all data of a part."""
-        return self.refined(Evidence(part, x))
+        return self.adapt_to(Evidence(part, x))
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data in the directions that the labels state.
@@ -103,7 +103,7 @@ class Turned(Fault):
         size = np.maximum(size, np.finfo(np.float64).tiny)
         return np.asarray(np.radians(1.0) * change * H.conj() / size)
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the angle exceeds the transverse sensitivity, and is not a full turn."""
         return _LEAST <= abs(self.value) <= 180.0 + _LEAST
 
@@ -129,7 +129,7 @@ class Turned(Fault):
         return said
 
     @classmethod
-    def read(cls, channels: str, value: str) -> Self:
+    def parse(cls, channels: str, value: str) -> Self:
         """Return the fault from its text.
 
         Raises
@@ -137,7 +137,7 @@ class Turned(Fault):
         OptionError
             If a channel is not a node with an axis X, Y or Z, or the angle is not a number.
         """
-        found = super().read(channels, value)
+        found = super().parse(channels, value)
         axes = [Dof.parse(name.removeprefix(FORCE)).direction for name in found.channels]
         if not axes or any(axis.startswith("R") for axis in axes):
             raise OptionError(

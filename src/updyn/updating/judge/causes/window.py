@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.fault import Fault, divide_data
 from updyn.updating.judge.causes.missing_viscous import viscous_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL
@@ -27,15 +27,15 @@ class Window(Fault):
 
     kind: ClassVar[str] = "window-damping"
     unit: ClassVar[str] = "1/s"
-    tunes: ClassVar[bool] = True
-    adds: ClassVar[bool] = True
-    constant: ClassVar[bool] = True
-    told_by: ClassVar[str] = (
-        "The settings of the analyser tell them apart, or a record without a window."
+    has_free_size: ClassVar[bool] = True
+    is_additive: ClassVar[bool] = True
+    has_constant_size: ClassVar[bool] = True
+    distinguishing_test: ClassVar[str] = (
+        "The settings of the analyser, or a record without a window, would distinguish them."
     )
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the only fault of this kind."""
         yield cls()
 
@@ -47,15 +47,15 @@ class Window(Fault):
         """Return d ln H / d (i omega)."""
         return evidence.by_frequency / (2j * np.pi)
 
-    def undo(self, evidence: Evidence) -> FRF:
+    def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's H(i omega + value) / H(i omega)."""
-        return divided(evidence.frf, evidence.damped(self.value))
+        return divide_data(evidence.frf, evidence.damped(self.value))
 
-    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part whose model is evaluated with the decay of the data."""
-        return part.with_data(self.repair(part.frf)) if self.plausible() else part
+        return part.with_data(self.repair(part.frf)) if self.is_plausible() else part
 
-    def relatives(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return viscous damping in proportion to all mass, which has nearly the same effect.
 
         (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s between
@@ -64,7 +64,7 @@ class Window(Fault):
         places = viscous_places(part)
         return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, places),)
 
-    def plausible(self) -> bool:
+    def is_plausible(self) -> bool:
         """Return whether the damping is positive."""
         return self.value > 0.0
 
@@ -72,8 +72,8 @@ class Window(Fault):
     def remedy(self) -> str:
         """Advice to the user."""
         return (
-            "Look at the settings of the analyser: the decay that it states is more exact than one"
-            f' that is found. Write repair = ["{self.written}"] under [test], or that number.'
+            "Check the settings of the analyser: its stated decay is more accurate than an"
+            f' estimate. Write repair = ["{self.repair_text}"] under [test], or the stated value.'
         )
 
     def statement(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, shared_odds
+from updyn.updating.judge.causes.fault import Irreparable, divide_odds
 from updyn.updating.judge.causes.other_model import OtherModel
 from updyn.updating.problem.problem import Part
 from updyn.variants import exchanged_axes
@@ -34,26 +34,26 @@ class WrongAxes(Irreparable):
     places: int = 1
 
     kind: ClassVar[str] = "wrong-axes"
-    is_of_model: ClassVar[bool] = True
+    alters_model: ClassVar[bool] = True
     odds: ClassVar[float] = 1e-2
 
     @classmethod
-    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+    def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Return an empty tuple: `promising_variants` selects these faults."""
         return ()
 
     @property
     def prior(self) -> float:
         """Prior odds that the axes of these groups are wrong."""
-        return shared_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.places)
 
-    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""
         return part if self.other is None else self.other.near(part, [x])
 
-    def remaining(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def prepare_next_search(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""
-        return self.accounted(part, x)
+        return self.correct_part(part, x)
 
     def statement(self) -> str:
         """Return a sentence with the groups."""

@@ -46,7 +46,7 @@ def test_what_was_spoilt_is_undone(frf, written, spoilt):
     bad = replace(frf, values=spoilt(frf.values, omega(frf)))
     good = read_fault(written).repair(bad)
     assert good.values == pytest.approx(frf.values, rel=1e-9)
-    assert read_fault(written).written == written
+    assert read_fault(written).repair_text == written
 
 
 def test_data_of_another_quantity_keep_their_numbers(frf):

@@ -12,7 +12,7 @@ from updyn.updating.judge.causes import diagnosis
 from updyn.updating.judge.causes.altered import AlteredPart
 from updyn.updating.judge.causes.element import Element
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import shared_odds
+from updyn.updating.judge.causes.fault import divide_odds
 from updyn.updating.judge.causes.halves import halves_apart
 from updyn.updating.judge.causes.misfit import Weighed
 from updyn.updating.judge.causes.missing_mass import MissingMass
@@ -100,7 +100,7 @@ def test_slopes_by_rayleigh_coefficients(chain12, unknowns, name, value):
         damped = chain12.with_damping({one: {quantity: amount} for one in groups})
         return np.log(Part.build(damped, frf, unknowns).responses(x))
 
-    altered = fault.accounted(part, x)
+    altered = fault.correct_part(part, x)
     np.testing.assert_allclose(np.log(altered.responses(x)), log_response(value), rtol=1e-10)
     step = 1e-4 * value
     slope = (log_response(value + step) - log_response(value - step)) / (2.0 * step)
@@ -162,7 +162,7 @@ def test_a_window_that_is_not_told_from_missing_damping_is_named_with_it(
     (found,) = updyn.diagnose(chain12, replace(frf, decay=0.0), unknowns)
     named = {found.kind, *(other.partition(":")[0].partition("=")[0] for other in found.also)}
     assert named == {"window-damping", "missing-viscous"}
-    assert "The settings of the analyser tell them apart" in found.statement
+    assert "The settings of the analyser, or a record" in found.statement
 
 
 def test_a_window_in_one_half_of_the_band_is_no_fact(chain12, chain12_true, unknowns, add_noise):
@@ -253,7 +253,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_odds(silent, taken):
 def test_sensors_that_measure_only_noise_do_not_change_the_halves(silent):
     fault = Window((), 0.05)
     apart = [
-        halves_apart(Evidence(fault.accounted(part, x), x), fault, 0.0)
+        halves_apart(Evidence(fault.correct_part(part, x), x), fault, 0.0)
         for part in silent
         for x in [part.coordinates.home]
     ]
@@ -271,15 +271,15 @@ def test_a_spring_is_named_in_data_without_noise(chain12, chain12_true, unknowns
 
 def test_places_share_the_odds_of_a_kind():
     """Ten places at least: one is no likelier than a fault of one sensor, 1e-3."""
-    assert shared_odds(1e-2, 4) == pytest.approx(1e-3)
-    assert shared_odds(1e-2, 50) == pytest.approx(2e-4)
+    assert divide_odds(1e-2, 4) == pytest.approx(1e-3)
+    assert divide_odds(1e-2, 50) == pytest.approx(2e-4)
     assert MissingSpring(("2:X",), 1.0, places=50).prior == pytest.approx(2e-4)
     assert ProportionalDamping(("a.mass_damping",), 1.0, places=50).prior == pytest.approx(2e-4)
 
 
 def test_damping_in_place_of_a_window_shares_the_odds_of_its_kind(chain12, unknowns):
     part = Part.build(chain12, updyn.response(chain12, LINES, SENSORS, FORCES), unknowns)
-    (found,) = Window((), 0.5).relatives(part)
+    (found,) = Window((), 0.5).list_similar_faults(part)
     rates = 2 * (len(chain12.groups) + 1)
     assert found.prior == pytest.approx(1e-2 / (5 + 10 + rates))
 

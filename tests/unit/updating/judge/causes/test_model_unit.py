@@ -54,7 +54,7 @@ def test_an_update_is_not_to_be_believed_and_says_why(chain12, data):
         result = updyn.update(wrong, data, unknowns)
     assert [one.kind for one in result.findings] == ["model-unit"]
     assert result.trust["plausible"].holds is False
-    assert "stiffnesses in N/mm where N/m go with the masses" in result.message
+    assert "stiffnesses in N/mm instead of N/m" in result.message
     assert "No further start was tried" in result.message
 
 
@@ -77,4 +77,4 @@ def test_a_larger_model_is_reduced_for_it(add_noise):
     unknowns = updyn.parameters(wrong, stiffness="all", loss_factor="all")
     (found,) = updyn.diagnose(wrong, noisy, unknowns)
     assert (found.kind, found.value) == ("model-unit", 1e6)
-    assert "moduli in MPa where Pa go with the lengths" in found.statement
+    assert "moduli in MPa instead of Pa" in found.statement

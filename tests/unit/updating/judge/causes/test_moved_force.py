@@ -54,7 +54,7 @@ def test_a_force_elsewhere_exchanges_its_columns(chain12, chain12_true):
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = Part.build(chain12, frf, updyn.parameters(chain12, stiffness="all", mass="all"))
     evidence = Evidence(part, part.coordinates.home)
-    moved = read_fault("moved:force 5:X,force 7:X").undo(evidence)
+    moved = read_fault("moved:force 5:X,force 7:X").repair_with_model(evidence)
     there = part.with_data(moved)
     blocks = [there.block(evidence.x, lines) for lines in there.partition()]
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
@@ -80,7 +80,7 @@ def test_a_moved_force_is_found(chain12, chain12_true, unknowns, add_noise, acts
     found = updyn.diagnose(chain12, noisy, unknowns)
     assert [one.channels for one in found] == [(f"force {called}", f"force {acts}")]
     assert found[0].kind == "moved"
-    assert f"The force that is called {called} acts at {acts}." in found[0].statement
+    assert f"The force labelled {called} acts at {acts}." in found[0].statement
     assert found[0].repair(noisy).references.labels == [acts, *others]
 
 
@@ -92,5 +92,5 @@ def test_data_alone_show_where_the_force_puts_energy_in(chain12_true, add_noise,
     frf = updyn.response(chain12_true, freq, sensors, [acts], "accelerance")
     called = updyn.FRF(freq, frf.values, sensors, ["2:X"], frf.quantity)
     noisy = add_noise(called, np.random.default_rng(6), 0.01)
-    (shown,) = DrivePoint.shown(replace(noisy, variance=1e-4 * np.abs(noisy.values) ** 2))
+    (shown,) = DrivePoint.detect_faults(replace(noisy, variance=1e-4 * np.abs(noisy.values) ** 2))
     assert f"a force at 10:X, not at 2:X{also and ','}{also}." in shown.fault.statement()

@@ -112,7 +112,7 @@ def test_of_two_sensors_either_may_be_of_another_state(chain12, chain12_true, ad
     assert named.keys() == {("5:X",), ("12:X",)}
     assert np.exp(-2.0 * named[labels[wrong],]) == pytest.approx(1.15, rel=0.02)
     assert np.exp(2.0 * named[labels[1 - wrong],]) == pytest.approx(1.15, rel=0.02)
-    assert "do not tell that from another cause" in found.statement
+    assert "do not distinguish this from another cause" in found.statement
 
 
 def test_the_stiffness_of_another_state_is_undone_exactly(chain12_true, clean):
@@ -126,7 +126,7 @@ def test_the_stiffness_of_another_state_is_undone_exactly(chain12_true, clean):
         bad = replace(sound, values=np.concatenate([other.values[:, :1], sound.values[:, 1:]], 1))
         part = Part.build(chain12_true, bad, all_unknowns(chain12_true))
         fault = read_fault(f"other-test:2:X={-0.5 * float(np.log(1.2))!r}")
-        good = fault.undo(Evidence(part, part.coordinates.home))
+        good = fault.repair_with_model(Evidence(part, part.coordinates.home))
         assert good.values == pytest.approx(sound.values, rel=1e-8)
 
 
@@ -143,10 +143,10 @@ def test_the_last_sensor_is_not_another_test(chain12, data):
     part = Part.build(chain12, with_variance(two, choose_noise(None, two)), all_unknowns(chain12))
     sensors = {("5:X",), ("12:X",)}
     seen = Evidence(part, part.coordinates.home)
-    assert {one.channels for one in OtherTest.suspected(seen)} == sensors
-    without = OtherTest(("5:X",), 0.02).others(part.frf)
+    assert {one.channels for one in OtherTest.propose_faults(seen)} == sensors
+    without = OtherTest(("5:X",), 0.02).mask_channels(part.frf)
     left = Evidence(part.with_data(without), part.coordinates.home)
-    assert not list(OtherTest.suspected(left))
+    assert not list(OtherTest.propose_faults(left))
 
 
 # -- a missing mode
@@ -202,7 +202,7 @@ def test_an_update_of_data_less_the_mode_finds_the_truth(chain12, chain12_true, 
 def test_a_mode_with_its_shape_is_written_and_read(clean):
     text = "missing-mode=9.3, 0.02, 2:X 1e-05+2e-07j, 5:X -3e-05-1e-08j, force 5:X 1+0j"
     fault = read_fault(text)
-    assert fault.written == text
+    assert fault.repair_text == text
     assert (fault.value, fault.loss, fault.channels) == (9.3, 0.02, ())
     assert dict(fault.shape)["5:X"] == -3e-05 - 1e-08j
     turned = updyn.FRF(FREQ, np.ones((len(FREQ), 2, 1)), ["5:-X", "2:X"], ["5:X"], "mobility")
@@ -234,11 +234,11 @@ def test_the_missing_mode_is_taken_away_exactly(chain12_true, clean):
         all_unknowns(chain12_true),
     )
     evidence = Evidence(part, part.coordinates.home)
-    fault = read_fault("missing-mode=9.3").refined(evidence)
+    fault = read_fault("missing-mode=9.3").adapt_to(evidence)
     assert fault.value == pytest.approx(9.3, rel=2e-3)
     assert fault.loss == pytest.approx(0.02, rel=0.1)
     exact = replace(fault, value=9.3, loss=0.02)
-    assert exact.undo(evidence).values == pytest.approx(clean.values, rel=1e-6)
+    assert exact.repair_with_model(evidence).values == pytest.approx(clean.values, rel=1e-6)
 
 
 @pytest.mark.parametrize("written", ["missing-mode=0", "missing-mode:2:X=9"])
@@ -309,5 +309,7 @@ def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(
     part = Part.build(test.model, with_variance(test.frf, noise), ready.parameters).thinned(60)
     part, _ = widened(part)
     fit = tried(part, None, [damped(part, part.coordinates.home)])
-    found = [mode for mode in MissingMode.suspected(Evidence(part, fit.x)) if mode.plausible()]
+    found = [
+        mode for mode in MissingMode.propose_faults(Evidence(part, fit.x)) if mode.is_plausible()
+    ]
     assert found[0].value == pytest.approx(1377.0, rel=5e-3)

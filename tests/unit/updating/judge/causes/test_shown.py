@@ -95,9 +95,9 @@ def test_of_coarse_lines_nothing_is_said_of_mains(data):
 @pytest.mark.parametrize(
     ("factor", "explains"),
     [
-        (lambda f: -1.0, "which the sign explains"),
-        (lambda f: 1.6, "which a factor of"),
-        (lambda f: np.exp(-2j * np.pi * f * 1e-3), "which a delay of"),
+        (lambda f: -1.0, "; the sign explains it"),
+        (lambda f: 1.6, "; a factor of"),
+        (lambda f: np.exp(-2j * np.pi * f * 1e-3), "; a delay of"),
         (lambda f: np.exp(1.5j * np.sin(f / 5.0)), "neither sign nor a factor nor a delay"),
     ],
 )
@@ -122,7 +122,7 @@ def test_a_drive_point_that_gives_energy_is_named_with_what_may_be_behind_it(dat
     assert found.value > 0.3
     assert "opposite sign" in found.statement
     (found,) = shown(one(data, 1, 0, np.exp(-2j * np.pi * data.freq * 1e-3)))
-    assert "a delay of some 0.00" in found.statement
+    assert "a delay of about 0.00" in found.statement
     found = shown(replace(data.converted("receptance"), quantity="mobility"))
     assert [f.kind for f in found] == ["drive-point"]
     assert found[0].grave
@@ -209,7 +209,7 @@ def test_a_dead_channel_is_named_and_left_out(data, rows, columns, channel):
     (found,) = shown(dead)
     assert (found.kind, found.channels) == ("dead-channel", (channel,))
     assert found.written == f"dead-channel:{channel}"
-    assert f"{channel[0].upper()}{channel[1:]} holds nothing but zeros" in found.statement
+    assert f"{channel[0].upper()}{channel[1:]} contains only zeros" in found.statement
     assert found.grave
     rest = found.repair(dead)
     assert rest.values.all()
@@ -247,7 +247,7 @@ def test_an_update_tells_of_a_dead_channel(chain12, chain12_true, add_noise):
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
     result = updyn.update(chain12, dead, unknowns, starts=0)
     assert [(one.kind, one.channels) for one in result.findings] == [("dead-channel", ("5:X",))]
-    assert "5:X holds nothing but zeros" in result.summary()
+    assert "5:X contains only zeros" in result.summary()
     assert result.status == "not-credible"
     repaired = updyn.update(chain12, result.findings[0].repair(dead), unknowns, starts=0)
     assert repaired.status == "converged"
