@@ -30,7 +30,7 @@ from updyn.demos.antenna import BAND
 from updyn.demos.antenna_model import antenna as antenna_model
 from updyn.frf import FRF
 from updyn.job import load_job
-from updyn.job.unknowns import unknowns_of
+from updyn.job.unknowns import choose_unknowns
 from updyn.model import Model
 from updyn.planning.candidates import find_candidates
 from updyn.planning.criteria import CRITERIA, Planning, volume_score
@@ -202,7 +202,7 @@ def antenna() -> None:
     model = antenna_model()
     with tempfile.TemporaryDirectory() as there:
         job = load_job(find_demo("antenna").write_inputs(Path(there)))
-        unknowns = unknowns_of(job, model, [])
+        unknowns = choose_unknowns(job, model, [])
     plans: dict[str, updyn.Plan] = {}
     print("| candidates | draws | CPU s | peak memory, MB |")
     print("|---|---|---|---|")

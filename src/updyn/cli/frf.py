@@ -20,7 +20,7 @@ from updyn.io import write_frf
 from updyn.io.formats import find_format
 from updyn.job.base import Document
 from updyn.job.load import load_records_job
-from updyn.job.recorded import Recorded, RecordedSetup, recorded
+from updyn.job.recorded import RecordedFRFs, RecordedSetup, estimate_from_records
 from updyn.job.records_table import RecordsTable
 from updyn.text_table import text_table
 
@@ -59,7 +59,7 @@ def frf(
         with key_path("records", "output"):
             check_free([target], force=force)
             find_format(target, "write_frf")
-        found = recorded(loaded, table)
+        found = estimate_from_records(loaded, table)
     write_new(target, lambda path: write_frf(found.frf, path), force=force)
     print_text(f"{describe_recorded(found)}\n\n{target}: {found.frf!r}")
     return DONE
@@ -81,7 +81,7 @@ def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
     return target
 
 
-def describe_recorded(found: Recorded) -> str:
+def describe_recorded(found: RecordedFRFs) -> str:
     """Return the findings about records, and coherence or noise of their FRFs, as text."""
     texts = [_setup_text(setup) for setup in found.setups]
     texts.append(describe_frf(found.frf))

@@ -21,12 +21,12 @@ Texts = Annotated[tuple[str, ...], Strict(False)]
 def tables_of(name: str) -> Callable[[Any], Any]:
     """Return a validator that rejects a single table in place of an array of tables."""
 
-    def several(given: Any) -> Any:
+    def check_array(given: Any) -> Any:
         if isinstance(given, dict):
             raise ValueError(f"one table, [{name}]; write [[{name}]], as there may be several")  # noqa: TRY004
         return given
 
-    return several
+    return check_array
 
 
 def is_number(given: Any) -> bool:

@@ -17,7 +17,7 @@ from updyn.io.toml_text import parse_toml
 from updyn.job.folder import check_out, default_out
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
-from updyn.job.run import as_tests, job_selection, update_keys
+from updyn.job.run import job_selection, locate_update_errors, make_tests
 from updyn.job.schema import Job
 from updyn.outputs.switch import open_folder, replaced
 from updyn.store.comparison import write_comparison_json
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from updyn.updating.fit.monitor import Progress
 
 __all__ = [
-    "COMPARED",
+    "COMPARISON_FILES",
     "compare_job",
     "read_truth",
 ]
 
 #: Files that a comparison writes.
-COMPARED = ("compare.html", "compare.json")
+COMPARISON_FILES = ("compare.html", "compare.json")
 
 
 def compare_job(
@@ -93,7 +93,7 @@ def compare_job(
     """
     from updyn.report import write_comparison
 
-    out = check_out(job, out or default_out(job, "compare"), COMPARED)
+    out = check_out(job, out or default_out(job, "compare"), COMPARISON_FILES)
     ready = prepare(job) if prepared is None else prepared
     true_values = None
     if truth is not None:
@@ -105,20 +105,20 @@ def compare_job(
     Options.checked(ready.parameters, methods, by_method, true_values, **options)
     options |= {"methods": methods, "truth": true_values, "options": by_method}
     with open_folder(out):
-        check_out(job, out, COMPARED)  # again, now that no other run can change the folder
-        with update_keys(job):
-            found = _compared(ready, {"callback": callback, "engine": engine, **options})
-        with replaced(out, "compare", COMPARED) as new:
+        check_out(job, out, COMPARISON_FILES)  # again, now that no other run can change the folder
+        with locate_update_errors(job):
+            found = _run_comparison(ready, {"callback": callback, "engine": engine, **options})
+        with replaced(out, "compare", COMPARISON_FILES) as new:
             write_comparison(found, new / "compare.html")
             write_comparison_json(found, new / "compare.json")
     return found
 
 
-def _compared(ready: Prepared, options: dict[str, Any]) -> Comparison:
+def _run_comparison(ready: Prepared, options: dict[str, Any]) -> Comparison:
     """Return the comparison of methods on the tests of a job."""
     job = ready.job
     options |= {"title": job.title or job.path.stem} | job.method.settings
-    tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
+    tests, unknowns = make_tests(ready), job_selection(ready) or ready.parameters
     if isinstance(unknowns, Selection) and options["truth"] is not None:
         selected = unknowns.parameters.names
         options["truth"] = {k: v for k, v in options["truth"].items() if k in selected}
@@ -149,10 +149,10 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
     """
     path = Path(path)
     found: dict[str, float] = {}
-    for name, value in _flattened(_content(path)):
+    for name, value in _flatten_table(_read_content(path)):
         if name not in parameters.names:
             raise FormatError(
-                f"{name!r} is no unknown of the job; {suggest(name, parameters.names)}", path
+                f"{name!r} is not an unknown of the job; {suggest(name, parameters.names)}", path
             )
         if not is_number(value) or not math.isfinite(value):
             raise FormatError(f"{name!r}: expected a finite number, found {value!r}", path)
@@ -161,12 +161,12 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
         found[name] = float(value)
     if not found:
         raise FormatError(
-            'holds no true value; expected lines such as "part 1.stiffness" = 0.8', path
+            'contains no true value; expected lines such as "part 1.stiffness" = 0.8', path
         )
     return found
 
 
-def _content(path: Path) -> Mapping[str, Any]:
+def _read_content(path: Path) -> Mapping[str, Any]:
     """Return the content of a TOML or JSON file."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -185,10 +185,10 @@ def _content(path: Path) -> Mapping[str, Any]:
     return content
 
 
-def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flatten_table(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted names and values of a table and its nested tables."""
     for key, value in table.items():
         if isinstance(value, dict):
-            yield from _flattened(value, f"{prefix}{key}.")
+            yield from _flatten_table(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value

@@ -8,27 +8,27 @@ from updyn.errors import OptionError, key_path, suggest
 from updyn.job.schema import DampingTable, Job
 from updyn.model import Model
 
-__all__ = ["configured", "damped", "with_all_masses"]
+__all__ = ["add_all_masses", "apply_damping", "configure_model"]
 
 
-def damped(job: Job, model: Model) -> Model:
+def apply_damping(job: Job, model: Model) -> Model:
     """Return the model with the damping of ``[[damping]]``; later tables take precedence."""
     for number, table in enumerate(job.damping):
-        names = _damped_groups(model, number, table)
-        chosen = {name: table.stated for name in model.groups if name in names}
+        names = _find_damped_groups(model, number, table)
+        chosen = {name: table.damping_values for name in model.groups if name in names}
         with key_path("damping", number):
             model = model.with_damping(chosen)
     return model
 
 
-def _damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
+def _find_damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
     """Return the groups that a table of ``[[damping]]`` names.
 
     A pattern selects the groups that have the quantities to damp. If it is the name of a group, or
     none of its groups has them, all matches are returned, and the model reports the missing
     quantity.
     """
-    needed = {"loss_factor" if name == "loss_table" else name for name in table.stated}
+    needed = {"loss_factor" if name == "loss_table" else name for name in table.damping_values}
     names: set[str] = set()
     for pattern in table.groups:
         fits = set(model.groups)
@@ -45,18 +45,18 @@ def _damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
     return names
 
 
-def configured(job: Job, model: Model) -> Model:
+def configure_model(job: Job, model: Model) -> Model:
     """Return the model configured as in the job's test, with added masses and fixed DOFs."""
     from updyn.elements.constraints import constrain
 
-    model = _loaded(job, model)
+    model = _add_test_masses(job, model)
     if job.test.grounded:
         with key_path("test", "grounded"):
             model = constrain(model, grounded=job.test.grounded)
     return model
 
 
-def _loaded(job: Job, model: Model) -> Model:
+def _add_test_masses(job: Job, model: Model) -> Model:
     """Return the model with the masses of the job's test."""
     from updyn.elements.masses import add_masses, add_sensor_masses
 
@@ -69,10 +69,10 @@ def _loaded(job: Job, model: Model) -> Model:
     return model
 
 
-def with_all_masses(job: Job, model: Model) -> Model:
+def add_all_masses(job: Job, model: Model) -> Model:
     """Return the model with the masses of all tests, to which unknowns may refer."""
     groups = dict(model.groups)
     for part in job.parts:
-        groups = dict(_loaded(part, model).groups) | groups
+        groups = dict(_add_test_masses(part, model).groups) | groups
     order = dict.fromkeys([*model.groups, *groups])
     return Model({name: groups[name] for name in order}, model.dofs, model.geometry, model.title)

@@ -25,15 +25,15 @@ __all__ = [
     "JOURNAL",
     "PLAN_JOURNAL",
     "RESERVED",
+    "can_resume",
     "check_out",
     "default_out",
     "earlier_outputs",
-    "is_of_a_run",
+    "format_resolved_job",
+    "is_run_job",
     "outputs",
     "relative_path",
-    "resolved_job",
     "run_journal",
-    "was_saved",
 ]
 
 #: Journal of an unfinished run with all its evaluations; see `updyn.updating.fit.checkpoint`.
@@ -47,10 +47,10 @@ JOB_FILE = "job.toml"
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"
 #: Commands whose files the next run replaces.
-_OF_A_RUN = ("run", "plant")
-_MOVE = "move them away, or choose another --out"
+_RUN_COMMANDS = ("run", "plant")
+_MOVE_ADVICE = "move them away, or choose another --out"
 #: Files that each of several tests has in a folder of its name.
-_OF_A_TEST = ("model.h5", "run.nc", "report.html")
+_TEST_FILES = ("model.h5", "run.nc", "report.html")
 
 
 # -- files of a run --------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ def outputs(job: Job) -> tuple[str, ...]:
     if len(job.parts) == 1:
         return (*names, *OUTPUTS)
     for part in job.parts:
-        names += [f"{part.test.name}/{name}" for name in _OF_A_TEST]
+        names += [f"{part.test.name}/{name}" for name in _TEST_FILES]
     names += [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
     return tuple(names)
 
@@ -76,10 +76,10 @@ def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
     (`updyn.outputs.manifest.is_output`), and are not inputs of the job. An `UpdynWarning` lists
     files of an earlier run with other names: chosen by its job, or the manifest is forged.
     """
-    inputs = {_without_links(path) for path in _inputs(job)}
+    inputs = {_resolve_links(path) for path in _list_inputs(job)}
     now = outputs(job)
     entries = Manifest.read(out).entries
-    listed = [name for name, entry in entries.items() if entry.command in _OF_A_RUN]
+    listed = [name for name, entry in entries.items() if entry.command in _RUN_COMMANDS]
     earlier = [name for name in listed if os.path.realpath(out / name) not in inputs]
     foreign = [name for name in earlier if not is_output(name) and name not in now]
     if foreign:
@@ -156,31 +156,31 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
         if target.is_dir():
             raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
     written = {os.path.realpath(target) for target in targets}
-    for path, what in _inputs(job).items():
-        whole = _without_links(path)
+    for path, what in _list_inputs(job).items():
+        whole = _resolve_links(path)
         if whole is None:
             continue  # the reader of the file refuses it, with the line of its key
         relative_path(path, out)  # which job.toml will state
         if whole in written:
-            text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
+            text = f"the run would overwrite its {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
     recover(out)
     kept = obstacles(out, names)
-    if JOB_FILE in names and (out / JOB_FILE).is_file() and not is_of_a_run(out / JOB_FILE):
+    if JOB_FILE in names and (out / JOB_FILE).is_file() and not is_run_job(out / JOB_FILE):
         kept.setdefault(JOB_FILE, "was not written by a run")
     if kept:
         reasons = ", ".join(f"{str(out / name)!r} {why}" for name, why in kept.items())
-        text = f"the run would write over files that are not its own: {reasons}; {_MOVE}"
+        text = f"the run would overwrite files that it did not write: {reasons}; {_MOVE_ADVICE}"
         raise JobError(text, job.path)
     return out
 
 
-def is_of_a_run(path: Path) -> bool:
+def is_run_job(path: Path) -> bool:
     """Return whether a job file was written by a run."""
     return path.read_bytes().startswith(f"# {HEADER}".encode())
 
 
-def _inputs(job: Job) -> dict[Path, str]:
+def _list_inputs(job: Job) -> dict[Path, str]:
     """Return the input files of a job with their kind."""
     found = {job.path: "job file"}
     for part in job.parts:
@@ -216,7 +216,7 @@ def run_journal(out: Path, name: str = JOURNAL) -> Iterator[Path]:
         raise
 
 
-def was_saved(out: Path) -> bool:
+def can_resume(out: Path) -> bool:
     """Return whether a folder holds a run to resume; otherwise warn that the run starts anew."""
     if (out / JOURNAL).exists():
         return True
@@ -231,7 +231,7 @@ def was_saved(out: Path) -> bool:
 
 
 # -- job.toml --------------------------------------------------------------------------------------
-def resolved_job(job: Job, out: Path) -> str:
+def format_resolved_job(job: Job, out: Path) -> str:
     """Return a job file with all defaults that repeats the job from the folder `out`."""
     import tomlkit
 
@@ -243,14 +243,14 @@ def resolved_job(job: Job, out: Path) -> str:
     content["output"] = output
     tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
     content["test"] = tests if len(tests) > 1 else tests[0]
-    _rename_files(content["model"], "file", job, out)
-    _rename_files(content["match"], "geometry", job, out)
+    _make_files_relative(content["model"], "file", job, out)
+    _make_files_relative(content["match"], "geometry", job, out)
     records = content.get("records", {})
     for table in (records, *records.get("setup", ())):
-        _rename_files(table, "file", job, out)
+        _make_files_relative(table, "file", job, out)
     for test in tests:
         for key in ("file", "repeats", "modes"):
-            _rename_files(test, key, job, out)
+            _make_files_relative(test, key, job, out)
     for key, value in options_of(job.method.name).items():
         if isinstance(value, bool | int | float | str):
             content["method"].setdefault(key, value)
@@ -262,7 +262,7 @@ def resolved_job(job: Job, out: Path) -> str:
     return tomlkit.dumps(document).rstrip("\n") + "\n"
 
 
-def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
+def _make_files_relative(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
     """Make the file, or files, of a key relative to a folder."""
     if key not in table:
         return
@@ -273,7 +273,7 @@ def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
         table[key] = [relative_path(job.beside(file), out) for file in named]
 
 
-def _without_links(path: Path) -> str | None:
+def _resolve_links(path: Path) -> str | None:
     """Return the path of a file without links; None if it is not a valid file name."""
     try:
         return os.path.realpath(path)

@@ -17,7 +17,7 @@ from updyn.io import write_modes
 from updyn.job.base import Table, is_number
 from updyn.job.folder import check_out, default_out
 from updyn.job.job_table import JobTable
-from updyn.job.prepare import measurement
+from updyn.job.prepare import read_measurement
 from updyn.job.schema import Job
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.identify import identified
@@ -35,7 +35,7 @@ _NEAR = 0.02
 _CLICKED, _OF_MODE = 2e-6, 0.25
 
 
-def _picks(given: Any) -> Any:
+def _parse_picks(given: Any) -> Any:
     if isinstance(given, list | tuple) and given and all(is_number(x) and x > 0 for x in given):
         return tuple(float(x) for x in given)
     raise ValueError("expected an array of frequencies in Hz, such as [11.9, 23.6]")
@@ -45,8 +45,8 @@ class ModesTable(Table):
     """``[modes]``: how modes are identified, which are picked, and which poles are added."""
 
     damping: Literal["structural", "viscous"] = "structural"
-    pick: Annotated[tuple[float, ...], BeforeValidator(_picks), Strict(False)] | None = None
-    poles: Annotated[tuple[float, ...], BeforeValidator(_picks), Strict(False)] | None = None
+    pick: Annotated[tuple[float, ...], BeforeValidator(_parse_picks), Strict(False)] | None = None
+    poles: Annotated[tuple[float, ...], BeforeValidator(_parse_picks), Strict(False)] | None = None
 
 
 class _ModesJobTable(JobTable):
@@ -77,11 +77,11 @@ def modes_job(
     table = job.table(ModesTable) or ModesTable()
     with job.located():
         if len(job.parts) > 1:
-            raise JobError("modes are those of one test; leave one [[test]]", key=("test", 1))
+            raise JobError("modes are identified from one test; keep one [[test]]", key=("test", 1))
     out = check_out(job, out or default_out(job, "modes"), MODES_FILES)
     with job.located():
-        frf: FRF = measurement(job)
-        picked = _picked(frf, identify_modes(frf, damping=table.damping), table, say)
+        frf: FRF = read_measurement(job)
+        picked = _pick_modes(frf, identify_modes(frf, damping=table.damping), table, say)
     title = job.title or job.path.stem
     with open_folder(out):
         check_out(job, out, MODES_FILES)  # again, now that no other run can change the folder
@@ -99,7 +99,7 @@ def modes_job(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Picked:
+class _PickedModes:
     """The picked modes.
 
     Attributes
@@ -117,23 +117,23 @@ class _Picked:
     left_out: ModeSet | None
 
 
-def _picked(
+def _pick_modes(
     frf: FRF, found: ModeSet, table: ModesTable, say: Callable[[str], None] | None
-) -> _Picked:
+) -> _PickedModes:
     """Return the picked modes, including modes refined from picked poles."""
     poles: list[float] = list(table.poles or ())
     at: list[float] = []  # frequencies of the modes
     with key_path("modes", "poles"):
-        _check_once(poles, "two are the pole at")
+        _check_unique(poles, "two are the pole at")
     with key_path("modes", "pick"):
         for frequency in table.pick or ():
-            pole = _pole(found, frequency)
+            pole = _find_pole(found, frequency)
             if pole is None:
-                at.append(_mode(found, frequency))
+                at.append(_find_mode(found, frequency))
             else:
                 poles.append(pole)
-        _check_once(poles, "two picks are the pole at")
-        _check_once(at, "two picks are nearest to the mode at")
+        _check_unique(poles, "two picks are the pole at")
+        _check_unique(at, "two picks are nearest to the mode at")
     number = [-1] * len(found)
     if poles:
         with key_path("modes", "pick" if table.poles is None else "poles"):
@@ -141,25 +141,25 @@ def _picked(
     refined = [k for k, n in enumerate(number) if n >= 0]
     own = np.array([k for k, n in enumerate(number) if n < 0], dtype=np.intp)
     if table.pick is not None:
-        nearest = {_nearest(found.frequency[own], f) for f in at}
+        nearest = {_find_nearest(found.frequency[own], f) for f in at}
         own = own[np.isin(found.frequency[own], list(nearest))]
     kept = sorted([*own.tolist(), *refined])
     if say is not None:
         for k in refined:
-            say(_refined(found, k, poles[number[k]]))
+            say(_describe_refinement(found, k, poles[number[k]]))
     given = [poles[number[k]] if k in refined else None for k in kept]
     rest = [k for k in range(len(found)) if k not in kept]
-    return _Picked(found.select(kept), given, found.select(rest) if rest else None)
+    return _PickedModes(found.select(kept), given, found.select(rest) if rest else None)
 
 
-def _check_once(frequencies: list[float], what: str) -> None:
+def _check_unique(frequencies: list[float], what: str) -> None:
     """Refuse a frequency that is listed twice."""
     for frequency in frequencies:
         if frequencies.count(frequency) > 1:
             raise JobError(f"{what} {frequency:.6g} Hz; leave one")
 
 
-def _pole(found: ModeSet, frequency: float) -> float | None:
+def _find_pole(found: ModeSet, frequency: float) -> float | None:
     """Return the frequency of the picked pole; None if a mode was picked.
 
     A click gives the frequency to seven digits; a frequency written by hand means the nearest
@@ -170,8 +170,8 @@ def _pole(found: ModeSet, frequency: float) -> float | None:
         return None
     peaks = found.unexplained
     if len(peaks):
-        peak = _nearest(peaks, frequency)
-        mode = _nearest(found.frequency, frequency)
+        peak = _find_nearest(peaks, frequency)
+        mode = _find_nearest(found.frequency, frequency)
         if abs(peak - frequency) <= min(_NEAR * frequency, abs(mode - frequency)):
             return peak
     stable = diagram.frequency[diagram.stable]
@@ -182,9 +182,9 @@ def _pole(found: ModeSet, frequency: float) -> float | None:
     return float(clicked[0])
 
 
-def _mode(found: ModeSet, frequency: float) -> float:
+def _find_mode(found: ModeSet, frequency: float) -> float:
     """Return the frequency of the mode nearest to a pick."""
-    at = _nearest(found.frequency, frequency)
+    at = _find_nearest(found.frequency, frequency)
     if abs(at - frequency) <= _NEAR * frequency:
         return at
     text = (
@@ -193,23 +193,24 @@ def _mode(found: ModeSet, frequency: float) -> float:
     )
     diagram = found.diagram
     if diagram is not None and diagram.stable.any():
-        near = _nearest(diagram.frequency[diagram.stable], frequency)
+        near = _find_nearest(diagram.frequency[diagram.stable], frequency)
         text += f", the nearest stable pole of the diagram at {near:.7g} Hz"
     if len(found.unexplained):
-        peak = _nearest(found.unexplained, frequency)
+        peak = _find_nearest(found.unexplained, frequency)
         text += f", the nearest peak without a mode at {peak:.6g} Hz"
     raise JobError(text)
 
 
-def _nearest(values: NDArray[np.float64], frequency: float) -> float:
+def _find_nearest(values: NDArray[np.float64], frequency: float) -> float:
     """Return the value nearest to a frequency."""
     return float(values[int(np.argmin(np.abs(values - frequency)))])
 
 
-def _refined(found: ModeSet, k: int, pole: float) -> str:
+def _describe_refinement(found: ModeSet, k: int, pole: float) -> str:
     return (
         f"The pole at {pole:.6g} Hz is refined to a mode at {found.frequency[k]:.6g} Hz"
         f" (standard deviation {found.std_frequency[k]:.2g} Hz) with"
         f" {100.0 * found.damping[k]:.3g} % ({100.0 * found.std_damping[k]:.2g} %) of critical"
-        f" damping; it explains {100.0 * found.quality[k]:.1f} % of what the others leave there."
+        f" damping; it explains {100.0 * found.quality[k]:.1f} % of the residual of the other modes"
+        " there."
     )

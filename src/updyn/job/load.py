@@ -26,14 +26,14 @@ from updyn.updating.fit.regularisation import check_regularise
 __all__ = ["load_job", "load_records_job"]
 
 #: Tables that a job with an update must have.
-_OF_AN_UPDATE = ("model", "test", "parameter")
+_UPDATE_TABLES = ("model", "test", "parameter")
 
 _NAME = re.compile(r"[\w-][\w -]*(?<! )")
 #: Message of `tomllib` for a table that is declared twice.
-_TWICE = re.compile(r"Cannot declare (\(.+\)) twice")
+_DUPLICATE = re.compile(r"Cannot declare (\(.+\)) twice")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 #: Longest value that a message repeats, in characters.
-_LONGEST = 40
+_MAX_VALUE_LENGTH = 40
 #: Expected value, by error type of pydantic.
 _EXPECTED = {
     "bool_type": "expected true or false",
@@ -84,20 +84,20 @@ def load_job(
     """
     path = Path(path)
     check_encodable(path.name)
-    document, lines = _parsed(path, text)
+    document, lines = _read_document(path, text)
     if before_test:
         document.setdefault("test", {} if "records" in document else NO_TEST)
     if of_test:
         document = NO_UPDATE | ({"test": {}} if "records" in document else {}) | document
-    tables, wrong = _further_tables(document, lines)
+    tables, wrong = _take_further_tables(document, lines)
     jobs = []
-    for one, own in _each_test(document, lines):
+    for one, own in _split_tests(document, lines):
         try:
             jobs.append(Job.model_validate(one).with_source(path, own, tables))
         except ValidationError as error:
-            wrong += _complaints(error, own, Job)
+            wrong += _collect_complaints(error, own, Job)
     if wrong:
-        raise _joined(sorted(set(wrong)), path)
+        raise _merge_complaints(sorted(set(wrong)), path)
     job = jobs[0].with_others(tuple(jobs[1:]))
     with job.located():
         _check_model(job.model)
@@ -116,30 +116,32 @@ def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
     A `JobError` is raised as by `load_job`, or if the file has no such table.
     """
     path = Path(path)
-    document, lines = _parsed(path)
+    document, lines = _read_document(path)
     job: Job | RecordsJob
-    if any(name in document for name in _OF_AN_UPDATE):
+    if any(name in document for name in _UPDATE_TABLES):
         job = load_job(path)
     else:
         try:
             job = RecordsJob.model_validate(document).at(path, lines)
         except ValidationError as error:
-            raise _joined(sorted(_complaints(error, lines, RecordsJob)), path) from error
+            raise _merge_complaints(
+                sorted(_collect_complaints(error, lines, RecordsJob)), path
+            ) from error
     if job.records is None:
-        raise JobError("no table [records]: it says which files become FRFs", path)
+        raise JobError("missing table [records], which lists the files of time records", path)
     return job, job.records
 
 
-def _parsed(path: Path, text: str | None = None) -> tuple[dict[str, Any], dict[Place, int]]:
+def _read_document(path: Path, text: str | None = None) -> tuple[dict[str, Any], dict[Place, int]]:
     """Return the content of a job file and the line of each key."""
-    text = _text(path) if text is None else text
+    text = _read_text(path) if text is None else text
     try:
         return read_toml(text)
     except tomllib.TOMLDecodeError as error:
-        raise _not_toml(error, text, path) from error
+        raise _locate_toml_error(error, text, path) from error
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     if is_folder(path):
         raise JobError("is a folder; expected a job file (TOML)", path)
     if not is_file(path):
@@ -153,39 +155,39 @@ def _text(path: Path) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        text = f"byte {raw[error.start]:#04x} is not UTF-8; TOML is{_other_file(path)}"
+        text = f"byte {raw[error.start]:#04x} is not UTF-8; TOML is{_suffix_hint(path)}"
         raise JobError(text, path, line) from error
 
 
-def _other_file(path: Path) -> str:
+def _suffix_hint(path: Path) -> str:
     """Return the hint for a file without the suffix of a job; empty if it has the suffix."""
     if path.suffix.lower() == ".toml":
         return ""
     return f"; expected a job file (TOML), and updyn info {path.name} prints what this file holds"
 
 
-def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
+def _locate_toml_error(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
     """Return an error of `tomllib` with the line in the job file."""
     message = str(error)
     found = _PLACE.search(message)
-    hint = _other_file(path)
+    hint = _suffix_hint(path)
     if found is None:
         return JobError(f"not TOML: {message}{hint}", path)
-    message = _TWICE.sub(_declared_twice, message[: found.start()])
+    message = _DUPLICATE.sub(_format_duplicate, message[: found.start()])
     if found[1] is None:
         line = text.rstrip("\n").count("\n") + 1
         return JobError(f"not TOML: {message} at the end of the file{hint}", path, line)
     return JobError(f"not TOML: {message} at column {found[2]}{hint}", path, int(found[1]))
 
 
-def _declared_twice(found: re.Match[str]) -> str:
+def _format_duplicate(found: re.Match[str]) -> str:
     """Return the message about a table declared twice, with its name as in the file."""
     keys: tuple[str, ...] = ast.literal_eval(found[1])
     name = ".".join(keys)
     return f"[{name}] is declared twice; write [[{name}]] where there may be several"
 
 
-def _further_tables(
+def _take_further_tables(
     document: dict[str, Any], lines: Mapping[Place, int]
 ) -> tuple[dict[str, Table], list[_Complaint]]:
     """Remove the tables of `JOB_TABLES` from a document; return them validated, and errors."""
@@ -199,11 +201,11 @@ def _further_tables(
         try:
             tables[name] = schema.model_validate(document.pop(name))
         except ValidationError as error:
-            wrong += _complaints(error, lines, schema, (name,))
+            wrong += _collect_complaints(error, lines, schema, (name,))
     return tables, wrong
 
 
-def _each_test(
+def _split_tests(
     document: dict[str, Any], lines: dict[Place, int]
 ) -> Iterator[tuple[dict[str, Any], dict[Place, int]]]:
     """Yield the document for each of its tests, with the lines of its keys."""
@@ -330,7 +332,7 @@ class _Complaint(NamedTuple):
     text: str
 
 
-def _joined(found: Sequence[_Complaint], path: Path) -> JobError:
+def _merge_complaints(found: Sequence[_Complaint], path: Path) -> JobError:
     """Return one error with a line of text per complaint."""
     first, *others = found
     texts = [first.text]
@@ -338,7 +340,7 @@ def _joined(found: Sequence[_Complaint], path: Path) -> JobError:
     return JobError("\n".join(texts), path, first.line or None)
 
 
-def _complaints(
+def _collect_complaints(
     error: ValidationError,
     lines: Mapping[Place, int],
     schema: type[BaseModel],
@@ -354,29 +356,31 @@ def _complaints(
         *array, last = place or ("",)
         if item["type"] == "missing" and isinstance(last, int) and (*array, last + 1) in places:
             continue  # the last missing entry gives the expected number
-        text = _sentence(item, (*at, *place), _keys(place[:-1], schema))
+        text = _format_error(item, (*at, *place), _find_keys(place[:-1], schema))
         line = line_of((*at, *place), lines)
         found.append(_Complaint(item["type"] != "extra_forbidden", line or 0, text))
     return found
 
 
-def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
+def _format_error(item: Any, place: Place, keys: Iterable[str]) -> str:
     """Return one error of pydantic as a sentence."""
     kind, given = item["type"], item["input"]
     context = item.get("ctx", {})
     table = place[:-1]
     if kind == "extra_forbidden":
-        return f"unknown key {place[-1]!r}{_inside(table)}; {suggest(str(place[-1]), keys)}"
+        return (
+            f"unknown key {place[-1]!r}{_format_location(table)}; {suggest(str(place[-1]), keys)}"
+        )
     if kind == "missing":
         if isinstance(place[-1], int):
-            return f"{_dotted(table)}: expected at least {place[-1] + 1} entries"
-        return f"missing key {place[-1]!r}{_inside(table)}"
+            return f"{_format_place(table)}: expected at least {place[-1] + 1} entries"
+        return f"missing key {place[-1]!r}{_format_location(table)}"
     of_a_row = bool(place) and isinstance(place[-1], int) and isinstance(given, Mapping)
     if kind == "value_error" and of_a_row:
-        return f"{context['error']}{_inside(place)}"
-    shown = _dotted(place)
+        return f"{context['error']}{_format_location(place)}"
+    shown = _format_place(place)
     value = str(given).lower() if isinstance(given, bool) else repr(given)  # as in the file
-    if len(value) <= _LONGEST:
+    if len(value) <= _MAX_VALUE_LENGTH:
         shown += f" = {value}"
     if kind == "literal_error":
         choices = [c.strip("' ") for c in context["expected"].replace(" or ", ",").split(",")]
@@ -387,16 +391,16 @@ def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
     return f"{shown}: {expected}"
 
 
-def _inside(table: Place) -> str:
+def _format_location(table: Place) -> str:
     """Return the table that holds a key, such as `` in [[parameter]] 2``; empty at top level."""
     if not table:
         return ""
     if len(table) == 2 and isinstance(table[1], int):
         return f" in [[{table[0]}]] {table[1] + 1}"
-    return f" in [{_dotted(table)}]"
+    return f" in [{_format_place(table)}]"
 
 
-def _dotted(place: Place) -> str:
+def _format_place(place: Place) -> str:
     """Return a place as text, such as ``plant.inputs[2]``, counted from 1."""
     out = ""
     for part in place:
@@ -407,24 +411,24 @@ def _dotted(place: Place) -> str:
     return out
 
 
-def _keys(place: Place, schema: type[BaseModel]) -> list[str]:
+def _find_keys(place: Place, schema: type[BaseModel]) -> list[str]:
     """Return the valid keys of the table at `place`."""
     table = schema
     for part in place:
         field = table.model_fields.get(str(part))
-        inner = None if field is None else _table_in(field.annotation)
+        inner = None if field is None else _find_table_class(field.annotation)
         if inner is not None:
             table = inner
     keys = list(table.model_fields)
     return [*keys, *JOB_TABLES] if table is Job else keys
 
 
-def _table_in(annotation: Any) -> type[BaseModel] | None:
+def _find_table_class(annotation: Any) -> type[BaseModel] | None:
     """Return the table class of a field, also inside an array; None if it has none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for inner in get_args(annotation):
-        found = _table_in(inner)
+        found = _find_table_class(inner)
         if found is not None:
             return found
     return None

@@ -11,7 +11,7 @@ from updyn.job.prepared import PreparedTest
 from updyn.job.start import start_model
 from updyn.modal import ModeSet
 from updyn.updating.judge.modal_table import ModalTable
-from updyn.updating.modes import LARGEST, judge_by_modes, modal_table, modes_like
+from updyn.updating.modes import LARGEST, identify_modes_for, judge_by_modes, modal_table
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -26,21 +26,25 @@ def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult
     largest = 0 if result.status == "stopped" else LARGEST
     if isinstance(result, UpdateResult):
         table = modal_table(result, largest=largest)
-        return replace(judge_by_modes(result, _telling({"": table}, [result])), modes=table)
+        return replace(
+            judge_by_modes(result, _select_informative({"": table}, [result])), modes=table
+        )
     given = result.first.options.get("modes")
     by_test = given if isinstance(given, Mapping) else {}
     tables = {
         name: modal_table(one, by_test.get(name), largest=largest)
         for name, one in result.results.items()
     }
-    telling = _telling(tables, list(result.results.values()))
+    telling = _select_informative(tables, list(result.results.values()))
     judged = {}
     for name, one in result.results.items():
         judged[name] = replace(judge_by_modes(one, telling), modes=tables[name])
     return replace(result, results=judged)
 
 
-def _telling(tables: Mapping[str, ModalTable], results: Sequence[UpdateResult]) -> list[ModalTable]:
+def _select_informative(
+    tables: Mapping[str, ModalTable], results: Sequence[UpdateResult]
+) -> list[ModalTable]:
     """Return the tables of tests whose residual is not noise."""
     return [
         table
@@ -60,7 +64,7 @@ def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
             found = correlate(model, measured)
         else:
             band = float(test.freq[0]), float(test.freq[-1])
-            found = correlate(model, modes_like(model, test.frf), band=band)
+            found = correlate(model, identify_modes_for(model, test.frf), band=band)
     except UpdynError as error:
         return f"Modes: not known; {str(error).removeprefix('modes: ')}."
     return f"Modes of the test (measured) and of the model (computed)\n{found.table()}"

@@ -28,14 +28,14 @@ from updyn.errors import (
 )
 from updyn.frf import FRF
 from updyn.io import read_frf, read_geometry, read_model, read_modes, write_properties
-from updyn.job.configuration import configured, damped
+from updyn.job.configuration import apply_damping, configure_model
 from updyn.job.files import existing_file
 from updyn.job.folder import RESERVED, outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepared import Prepared, PreparedTest
-from updyn.job.recorded import recorded
+from updyn.job.recorded import estimate_from_records
 from updyn.job.schema import Job
-from updyn.job.unknowns import unknowns_of
+from updyn.job.unknowns import choose_unknowns
 from updyn.linalg.solver import check_backend
 from updyn.matching import MatchError, Matching, match
 from updyn.modal import ModeSet
@@ -48,11 +48,11 @@ from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
-    "matched",
-    "matched_modes",
-    "measurement",
+    "match_measurement",
     "prepare",
     "prepare_model",
+    "read_measurement",
+    "relabel_modes",
 ]
 
 
@@ -76,23 +76,23 @@ def prepare(job: Job) -> Prepared:
         file.
     """
     with job.located():
-        model = damped(job, _model(job))
+        model = apply_damping(job, _build_model(job))
     data: list[FRF | ModeSet] = []
     for part in job.parts:
         with part.located():
-            data.append(_read_modes(part) if part.has_modes else measurement(part))
+            data.append(_read_modes(part) if part.has_modes else read_measurement(part))
     tests: list[PreparedTest] = []
     for number, part in enumerate(job.parts):
         with part.located():
-            tests.append(_test(part, model, data, number))
+            tests.append(_prepare_test(part, model, data, number))
     with job.located():
         frfs = [test.data for test in tests if isinstance(test.data, FRF)]
-        parameters = unknowns_of(job, model, frfs)
+        parameters = choose_unknowns(job, model, frfs)
         _check_properties(job, parameters)
         prepared = Prepared(job, tuple(tests), parameters)
         for name in job.tables:
             JOB_TABLES[name].check(prepared)
-    _ask(job, tests)
+    _warn_of_doubts(job, tests)
     return prepared
 
 
@@ -103,24 +103,28 @@ def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
     is not in the model, or the like.
     """
     with job.located():
-        model = damped(job, _model(job))
-        return configured(job, model), unknowns_of(job, model, [])
+        model = apply_damping(job, _build_model(job))
+        return configure_model(job, model), choose_unknowns(job, model, [])
 
 
-def _test(job: Job, model: Model, data: Sequence[FRF | ModeSet], number: int) -> PreparedTest:
+def _prepare_test(
+    job: Job, model: Model, data: Sequence[FRF | ModeSet], number: int
+) -> PreparedTest:
     """Return a test matched to the model, with its fitted data."""
     others = [*data[:number], *data[number + 1 :]]
-    matching = matched(job, configured(job, model), data[number], others)
+    matching = match_measurement(job, configure_model(job, model), data[number], others)
     if isinstance(matching.data, ModeSet):
         _check_table(matching.model, matching.data.frequency)
         _check_method(job, matching.data)
-        fitted = _fitted_modes(job, matching.data)
+        fitted = _remove_validation_modes(job, matching.data)
         return PreparedTest(job, matching.model, matching.data, fitted, matching)
-    matching = replace(matching, data=_repaired(job, matching.model, matching.data))
+    matching = replace(matching, data=_apply_repairs(job, matching.model, matching.data))
     _check_table(matching.model, matching.frf.freq)
-    own = _fitted(job, matching.frf)
+    own = _remove_validation_set(job, matching.frf)
     _check_method(job, own)
-    return PreparedTest(job, matching.model, matching.frf, own, matching, _modes(job, matching))
+    return PreparedTest(
+        job, matching.model, matching.frf, own, matching, _read_matched_modes(job, matching)
+    )
 
 
 def _check_table(model: Model, freq: NDArray[np.float64]) -> None:
@@ -131,7 +135,7 @@ def _check_table(model: Model, freq: NDArray[np.float64]) -> None:
                 group.loss_table.at(freq, name)
 
 
-def _repaired(job: Job, model: Model, frf: FRF) -> FRF:
+def _apply_repairs(job: Job, model: Model, frf: FRF) -> FRF:
     """Return the matched data with the repairs of the job applied in turn."""
     with key_path("test", "repair"):
         for written in job.test.repair or ():
@@ -141,7 +145,7 @@ def _repaired(job: Job, model: Model, frf: FRF) -> FRF:
 
 
 # -- model and measurement -------------------------------------------------------------------------
-def _model(job: Job) -> Model:
+def _build_model(job: Job) -> Model:
     """Return the model of ``[model]``, from a file or a builder."""
     table = job.model
     if table.kind is not None:
@@ -153,7 +157,7 @@ def _model(job: Job) -> Model:
         return read_model(path, format=table.format, **table.keys)
 
 
-def _ask(job: Job, tests: Sequence[PreparedTest]) -> None:
+def _warn_of_doubts(job: Job, tests: Sequence[PreparedTest]) -> None:
     """Warn about keys of ``[model]`` that are doubtful in the band of the tests."""
     kind = job.model.kind
     if kind is None or kind not in MODEL_QUESTIONS:
@@ -172,11 +176,11 @@ def _check_properties(job: Job, parameters: ParameterSet) -> None:
     with key_path("output", "properties"):
         if job.model.file is None:
             raise OptionError(
-                "output.properties: a model that was built here has no deck; write it to model.h5"
+                "output.properties: a model built from the job has no deck; use model.h5 instead"
             )
         if Path(name).name != name or name in (*outputs(job)[1:], *RESERVED):
             raise OptionError(
-                f"output.properties = {name!r}: expected the name of a file of its own"
+                f"output.properties = {name!r}: expected a file name that no other output has"
             )
         deck = job.beside(job.model.file)
         changes = parameters.changes(parameters.upper)
@@ -188,25 +192,25 @@ def _check_properties(job: Job, parameters: ParameterSet) -> None:
                 raise OptionError(text) from error
 
 
-def measurement(job: Job) -> FRF:
+def read_measurement(job: Job) -> FRF:
     """Return the measurement of one test in its band, averaged over its repeats.
 
     The labels are those of the file. An `UpdynError` is raised if a file cannot be read or the job
     contradicts it.
     """
     table = job.test
-    frf = _recorded(job) if table.file is None else _read(job, table.file, "file")
+    frf = _estimate_from_records(job) if table.file is None else _read_frf(job, table.file, "file")
     if table.repeats is not None:
         if table.averages is not None:
             text = "test.averages: with repeats the variance comes from them; leave it out"
             raise OptionError(text, key=("test", "averages"))
-        repeats = [_read(job, file, "repeats") for file in table.repeats]
+        repeats = [_read_frf(job, file, "repeats") for file in table.repeats]
         with key_path("test", "repeats"):
             frf = average([frf, *repeats])
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
             text = (
-                f"test.averages = {table.averages}, but {table.measured} says {frf.averages};"
+                f"test.averages = {table.averages}, but {table.source} states {frf.averages};"
                 " leave it out"
             )
             raise OptionError(text, key=("test", "averages"))
@@ -215,10 +219,10 @@ def measurement(job: Job) -> FRF:
         return frf.select(band=table.band, exclude=table.exclude or ())
 
 
-def _recorded(job: Job) -> FRF:
+def _estimate_from_records(job: Job) -> FRF:
     """Return the FRFs of ``[records]``, with a warning for each fault of the records."""
     assert job.records is not None
-    found = recorded(job, job.records)
+    found = estimate_from_records(job, job.records)
     for setup in found.setups:
         for one in setup.open_findings:
             text = f"{setup.name}: {one.statement} {one.remedy}"
@@ -230,20 +234,20 @@ def _recorded(job: Job) -> FRF:
         )
 
 
-def _read(job: Job, file: str, key: str) -> FRF:
+def _read_frf(job: Job, file: str, key: str) -> FRF:
     """Return the measurement in a file that a key of ``[test]`` names."""
     path = existing_file(job, file, "test", key)
     with key_path("test", otherwise=(key,)):
         return read_frf(path, **job.test.reader_options)
 
 
-def _modes(job: Job, matching: Matching) -> ModeSet | None:
+def _read_matched_modes(job: Job, matching: Matching) -> ModeSet | None:
     """Return the modes that the test names in addition to FRFs; None if it names none."""
     if job.test.modes is None:
         return None
     modes = _read_modes(job)
     with key_path("test", "modes"):
-        return matched_modes(matching, modes)
+        return relabel_modes(matching, modes)
 
 
 def _read_modes(job: Job) -> ModeSet:
@@ -252,14 +256,14 @@ def _read_modes(job: Job) -> ModeSet:
     assert table.modes is not None
     path = existing_file(job, table.modes, "test", "modes")
     options = table.modes_reader or {}
-    with _key_of_option(options):
+    with _assign_option_key(options):
         modes = read_modes(path, **options)
     with key_path("test", "band"):
         return modes if table.band is None else modes.select(band=table.band)
 
 
 @contextmanager
-def _key_of_option(options: Mapping[str, Any]) -> Iterator[None]:
+def _assign_option_key(options: Mapping[str, Any]) -> Iterator[None]:
     """Assign errors of an option of the modes reader to its key, others to the file."""
     try:
         yield
@@ -271,7 +275,7 @@ def _key_of_option(options: Mapping[str, Any]) -> Iterator[None]:
 
 
 # -- fitted data -----------------------------------------------------------------------------------
-def _fitted(job: Job, frf: FRF) -> FRF:
+def _remove_validation_set(job: Job, frf: FRF) -> FRF:
     """Return the data without the validation set."""
     held = job.validation
     if held is None:
@@ -290,7 +294,7 @@ def _fitted(job: Job, frf: FRF) -> FRF:
         raise DataError("validation holds out everything: nothing is left to fit")
 
 
-def _fitted_modes(job: Job, modes: ModeSet) -> ModeSet:
+def _remove_validation_modes(job: Job, modes: ModeSet) -> ModeSet:
     """Return the modes without the validation set."""
     held = job.validation
     if held is None:
@@ -323,7 +327,7 @@ def _check_method(job: Job, fitted: FRF | ModeSet) -> None:
 T = TypeVar("T")
 
 
-def matched(
+def match_measurement(
     job: Job, model: Model, data: FRF | ModeSet, others: Sequence[FRF | ModeSet] = ()
 ) -> Matching:
     """Match the measurement of a job to its model, as in ``[match]``.
@@ -351,14 +355,14 @@ def matched(
             unit=table.unit,
             alignment=alignment,
             angle=table.angle,
-            table=_of_this_test(table.table, data, others),
-            directions=_of_this_test(table.directions, data, others),
+            table=_select_entries(table.table, data, others),
+            directions=_select_entries(table.directions, data, others),
         )
     except MatchError as error:
-        raise _in_terms_of_the_job(job, error) from error
+        raise _reword_match_error(job, error) from error
 
 
-def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
+def relabel_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     """Return modes with the DOF labels of the model.
 
     DOFs that the FRFs have too are matched as their sensors and forces; all others must have the
@@ -374,8 +378,8 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
             continue
         if row.turned:
             raise DofError(
-                f"DOF {dof} of the modes: the sensor at it points obliquely, and the model has"
-                " turned with it"
+                f"DOF {dof} of the modes: its sensor is oblique, and the axes of its node in"
+                " the model are rotated along it"
             )
         of_model = Dof.parse(row.dof)
         named.append(of_model if dof.sign > 0 else -of_model)
@@ -384,14 +388,14 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     return modes.renamed(dofs)
 
 
-def _of_this_test(
+def _select_entries(
     stated: Mapping[str, T], data: FRF | ModeSet, others: Sequence[FRF | ModeSet]
 ) -> dict[str, T]:
     """Return the sensor entries without those of sensors that only other tests have."""
     elsewhere: set[str] = set()
     for other in others:
-        elsewhere |= _sensor_names(other)
-    elsewhere -= _sensor_names(data)
+        elsewhere |= _list_sensors(other)
+    elsewhere -= _list_sensors(data)
     unsigned = str.maketrans("", "", "+-")
     return {
         label: value
@@ -400,7 +404,7 @@ def _of_this_test(
     }
 
 
-def _sensor_names(data: FRF | ModeSet) -> set[str]:
+def _list_sensors(data: FRF | ModeSet) -> set[str]:
     """Return the names of the sensors and forces, by DOF and by node."""
     names: set[str] = set()
     dofs = data.dofs if isinstance(data, ModeSet) else (*data.responses, *data.references)
@@ -409,9 +413,9 @@ def _sensor_names(data: FRF | ModeSet) -> set[str]:
     return names
 
 
-def _in_terms_of_the_job(job: Job, error: MatchError) -> JobError:
+def _reword_match_error(job: Job, error: MatchError) -> JobError:
     """Return an error of `match` worded with the keys of the job."""
-    text = str(error).replace("the measurement", job.test.measured)
+    text = str(error).replace("the measurement", job.test.source)
     text = text.replace(" in table", " in [match.table]")
     if error.key == ("by",):
         text = text.replace("coordinates (by = ", "coordinates ([match] by = ")

@@ -35,7 +35,7 @@ from updyn.text_table import counted, printable
 from updyn.updating.before_search import REMEDY
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 
-__all__ = ["Inputs", "describe_inputs", "job_text", "look_at"]
+__all__ = ["Inputs", "describe_inputs", "job_text", "read_inputs"]
 
 #: Largest number of sensors listed in a comment.
 _SENSORS = 24
@@ -61,15 +61,15 @@ class Inputs:
         The model.
     frf : FRF
         The measurement.
-    stated : dict of str to object
+    options : dict of str to object
         Reader options given by the user, by name: ``quantity``, ``scale``, ``unit``.
     has_quantity : bool
         Whether the file or the options give the measured quantity.
     matching : Matching or None
         Sensors and forces matched to the model; None if any of them is not a DOF of the model.
-    lost : tuple of str
+    unmatched : tuple of str
         Labels (in the test) of the sensors and forces without a DOF.
-    trouble : str
+    match_error : str
         Why matching by label failed; empty if it succeeded.
     match_options : dict of str to object
         Options of `match` other than ``by`` that were used.
@@ -82,11 +82,11 @@ class Inputs:
     frf_file: Path
     model: Model
     frf: FRF
-    stated: dict[str, Any]
+    options: dict[str, Any]
     has_quantity: bool
     matching: Matching | None
-    lost: tuple[str, ...] = ()
-    trouble: str = ""
+    unmatched: tuple[str, ...] = ()
+    match_error: str = ""
     match_options: dict[str, Any] = field(default_factory=dict)
     counterparts: Counterparts | None = None
 
@@ -104,27 +104,27 @@ class Inputs:
         return 2 * elastic or sum(group.mass is not None for group in groups)
 
     @property
-    def open(self) -> list[str]:
+    def missing_keys(self) -> list[str]:
         """Keys that the user has to add before the job can run."""
         texts = []
         if not self.has_quantity:
             texts.append("what was measured: quantity in [test]")
-        if self.matching is None and not self.lost:
+        if self.matching is None and not self.unmatched:
             texts.append("how the sensors lie on the model: [match]")
         elif self.matching is None:
-            n, of = len(self.lost), len(self.sensors)
+            n, of = len(self.unmatched), len(self.sensors)
             texts.append(f"where {n} of {of} sensors and forces are on the model: [match.table]")
         return texts
 
 
 # -- reading ---------------------------------------------------------------------------------------
-def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
+def read_inputs(model_file: Path, frf_file: Path, options: dict[str, Any]) -> Inputs:
     """Read model and measurement and match them by label, otherwise by coordinates.
 
-    `stated` holds ``unit`` of the model's deck and ``quantity`` and ``scale`` of the measurement;
+    `options` holds ``unit`` of the model's deck and ``quantity`` and ``scale`` of the measurement;
     None if one is not given. An `InputError` is raised if a file cannot be read.
     """
-    given = {name: value for name, value in stated.items() if value is not None}
+    given = {name: value for name, value in options.items() if value is not None}
     of_model = {name: value for name, value in given.items() if name == "unit"}
     of_frf = {name: value for name, value in given.items() if name != "unit"}
     try:
@@ -132,7 +132,7 @@ def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
     except InputError as error:
         if not _is_measurement(model_file):
             raise
-        raise _misplaced(model_file, frf_file) from error
+        raise _swapped_files_error(model_file, frf_file) from error
     try:
         frf, has_quantity = _read_frf(frf_file, of_frf)
     except InputError as error:
@@ -143,26 +143,26 @@ def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
         raise
     inputs = (model_file, frf_file, model, frf, given, has_quantity)
     try:
-        return _compared(Inputs(*inputs, match(model, frf)))
+        return _add_counterparts(Inputs(*inputs, match(model, frf)))
     except MatchError as error:
         lost, trouble, options = tuple(error.lost), str(error), error.proposal
     if model.geometry is not None and frf.geometry is not None:
         try:
-            matching, options = _by_coordinates(model, frf, options)
-            return _compared(Inputs(*inputs, matching, (), trouble, options))
+            matching, options = _match_by_coordinates(model, frf, options)
+            return _add_counterparts(Inputs(*inputs, matching, (), trouble, options))
         except InputError as error:
             trouble += f"\nBy coordinates: {error}"
     return Inputs(*inputs, None, lost, trouble)
 
 
-def _compared(inputs: Inputs) -> Inputs:
+def _add_counterparts(inputs: Inputs) -> Inputs:
     """Return matched inputs with the counterparts of the measured modes."""
     assert inputs.matching is not None
     found = find_counterparts(inputs.matching.model, inputs.matching.frf)
     return replace(inputs, counterparts=found)
 
 
-def _by_coordinates(
+def _match_by_coordinates(
     model: Model, frf: FRF, options: dict[str, Any]
 ) -> tuple[Matching, dict[str, Any]]:
     """Match by coordinates, in another length unit if only that fits; return the options, too."""
@@ -176,7 +176,7 @@ def _by_coordinates(
     return match(model, frf, by="coordinates", **options), options
 
 
-def _misplaced(first: Path, second: Path) -> FormatError:
+def _swapped_files_error(first: Path, second: Path) -> FormatError:
     """Return the error for a measurement given in place of the model."""
     if _is_model(second):
         right = shlex.join(["updyn", "new", str(second), str(first)])
@@ -210,15 +210,15 @@ def _is_job(path: Path) -> bool:
     return any(name in content for name in Job.model_fields)
 
 
-def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:
+def _read_frf(path: Path, options: dict[str, Any]) -> tuple[FRF, bool]:
     """Return a measurement and whether its quantity is known."""
     try:
-        return read_frf(path, **stated), True
+        return read_frf(path, **options), True
     except FormatError:
-        if "quantity" in stated:
+        if "quantity" in options:
             raise
         try:
-            frf = read_frf(path, quantity="accelerance", **stated)
+            frf = read_frf(path, quantity="accelerance", **options)
         except InputError:
             frf = None
         if frf is None:
@@ -229,13 +229,14 @@ def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:
 def describe_inputs(inputs: Inputs) -> str:
     """Return a summary of the inputs and of the keys that the user has to add, as text."""
     model, of = inputs.model, len(inputs.sensors)
-    how = "" if inputs.matching is None else f", by {_way(inputs)}"
-    matched = f"{of - len(inputs.lost)} of {of} sensors and forces are DOFs of the model{how}"
-    if inputs.trouble and inputs.matching is None and not inputs.lost:
-        matched = inputs.trouble
-    elif inputs.trouble and inputs.matching is not None:
+    how = "" if inputs.matching is None else f", by {_describe_matching(inputs)}"
+    matched = f"{of - len(inputs.unmatched)} of {of} sensors and forces are DOFs of the model{how}"
+    if inputs.match_error and inputs.matching is None and not inputs.unmatched:
+        matched = inputs.match_error
+    elif inputs.match_error and inputs.matching is not None:
         matched += (
-            f"\nNot by label: {inputs.trouble}\nThe distances in the job show whether that is right"
+            f"\nNot by label: {inputs.match_error}"
+            "\nThe distances in the job show whether that is right"
         )
     elif inputs.matching is not None:
         matched = "\n".join([matched, *inputs.matching.notes])
@@ -244,14 +245,14 @@ def describe_inputs(inputs: Inputs) -> str:
         f"measurement: {len(inputs.frf.freq)} lines, {len(inputs.frf.responses)} responses,"
         f" {len(inputs.frf.references)} references",
         matched,
-        *_in_common(inputs),
+        *_describe_counterparts(inputs),
         f"proposed: {counted(inputs.n_unknowns, 'unknown')}",
     ]
-    texts += [f"Before it can run, state {text}" for text in inputs.open]
+    texts += [f"Before it can run, state {text}" for text in inputs.missing_keys]
     return "\n".join(texts)
 
 
-def _in_common(inputs: Inputs) -> list[str]:
+def _describe_counterparts(inputs: Inputs) -> list[str]:
     """Return how many measured modes have a counterpart in the model, and a remedy if few."""
     found = inputs.counterparts
     if found is None:
@@ -259,11 +260,13 @@ def _in_common(inputs: Inputs) -> list[str]:
     return [found.statement, found.remedy or REMEDY] if found.few else [found.statement]
 
 
-def _way(inputs: Inputs) -> str:
+def _describe_matching(inputs: Inputs) -> str:
     """Return how sensors were matched, with the options used."""
     assert inputs.matching is not None
-    stated = ", ".join(f"{name} = {_value(value)}" for name, value in inputs.match_options.items())
-    return f"{inputs.matching.by} ({stated})" if stated else inputs.matching.by
+    options = ", ".join(
+        f"{name} = {_format_value(value)}" for name, value in inputs.match_options.items()
+    )
+    return f"{inputs.matching.by} ({options})" if options else inputs.matching.by
 
 
 # -- writing ---------------------------------------------------------------------------------------
@@ -273,81 +276,83 @@ def job_text(inputs: Inputs, out: Path, of_model: str = "", of_frf: str = "") ->
     `of_model` and `of_frf` describe the contents of model and measurement, for comments.
     """
     tables = (
-        _head(inputs, out),
-        [*_comments(inputs.model_file.name, of_model), *_model(inputs, out)],
-        [*_comments(inputs.frf_file.name, of_frf), *_test(inputs, out)],
-        _match(inputs, out),
-        _parameters(inputs),
-        _method(inputs),
-        ["[output]", _key(OutputTable, "report", True)],
+        _format_head(inputs, out),
+        [*_wrap_comment(inputs.model_file.name, of_model), *_format_model(inputs, out)],
+        [*_wrap_comment(inputs.frf_file.name, of_frf), *_format_test(inputs, out)],
+        _format_match(inputs, out),
+        _format_parameters(inputs),
+        _format_method(inputs),
+        ["[output]", _format_key(OutputTable, "report", True)],
     )
     return "\n\n".join("\n".join(table) for table in tables) + "\n"
 
 
-def _head(inputs: Inputs, out: Path) -> list[str]:
-    name = _on_one_line(shlex.quote(out.name))
+def _format_head(inputs: Inputs, out: Path) -> list[str]:
+    name = _escape_line_breaks(shlex.quote(out.name))
     lines = [
-        f"# A job for updyn {__version__}, proposed after a look at model and measurement. What",
-        "# stands in comments can be used by taking the # away. All keys: docs/job.md.",
+        f"# A job for updyn {__version__}, proposed from a model and a measurement. To use a",
+        "# key in a comment, remove the #. All keys: docs/job.md.",
         f"# Next: updyn check {name}, then updyn run {name}",
     ]
-    if inputs.open:
-        lines += ["#", "# Before that, state:", *(f"# - {text}" for text in inputs.open)]
-    return [*lines, "", f"title = {_value(inputs.model.title or inputs.frf_file.stem)}"]
+    if inputs.missing_keys:
+        lines += ["#", "# Before that, state:", *(f"# - {text}" for text in inputs.missing_keys)]
+    return [*lines, "", f"title = {_format_value(inputs.model.title or inputs.frf_file.stem)}"]
 
 
-def _model(inputs: Inputs, out: Path) -> list[str]:
-    lines = ["[model]", f"file = {_value(relative_path(inputs.model_file, out.parent))}"]
-    if "unit" in inputs.stated:
-        lines.append(f"unit = {_value(inputs.stated['unit'])}")
+def _format_model(inputs: Inputs, out: Path) -> list[str]:
+    lines = ["[model]", f"file = {_format_value(relative_path(inputs.model_file, out.parent))}"]
+    if "unit" in inputs.options:
+        lines.append(f"unit = {_format_value(inputs.options['unit'])}")
     return lines
 
 
-def _test(inputs: Inputs, out: Path) -> list[str]:
+def _format_test(inputs: Inputs, out: Path) -> list[str]:
     frf = inputs.frf
-    lines = ["[test]", f"file = {_value(relative_path(inputs.frf_file, out.parent))}"]
+    lines = ["[test]", f"file = {_format_value(relative_path(inputs.frf_file, out.parent))}"]
     for name in ("quantity", "scale"):
-        if name in inputs.stated:
-            lines.append(_key(TestTable, name, inputs.stated[name]))
+        if name in inputs.options:
+            lines.append(_format_key(TestTable, name, inputs.options[name]))
     if not inputs.has_quantity:
-        lines.append("# The file does not say what was measured. Take one:")
-        lines += [f"# quantity = {_value(name)}" for name in QUANTITIES]
+        lines.append("# The file does not state the measured quantity. Choose one:")
+        lines += [f"# quantity = {_format_value(name)}" for name in QUANTITIES]
     band = [float(frf.freq[0]), float(frf.freq[-1])]
-    lines.append(_key(TestTable, "band", band, off=True))
+    lines.append(_format_key(TestTable, "band", band, off=True))
     labels = [str(dof) for dof in frf.responses]
-    if inputs.lost:
-        labels = [label for label in labels if label.lstrip("+-") not in inputs.lost] or labels
+    if inputs.unmatched:
+        labels = [label for label in labels if label.lstrip("+-") not in inputs.unmatched] or labels
     if len(labels) <= _SENSORS:
-        lines.append(_key(TestTable, "responses", labels, off=True))
-    in_common = _in_common(inputs)
+        lines.append(_format_key(TestTable, "responses", labels, off=True))
+    in_common = _describe_counterparts(inputs)
     if in_common:
-        lines += _comments("Before the search", "\n".join(in_common))
+        lines += _wrap_comment("Before the search", "\n".join(in_common))
     return lines
 
 
-def _match(inputs: Inputs, out: Path) -> list[str]:
+def _format_match(inputs: Inputs, out: Path) -> list[str]:
     matching = inputs.matching
     if matching is not None:
         rows = str(matching).splitlines()
         shown = rows[: _SENSORS + 3]
-        lines = _comments("Sensors and forces", "\n".join(shown))
-        if inputs.trouble:
-            lines += _comments("Not by label", inputs.trouble)
+        lines = _wrap_comment("Sensors and forces", "\n".join(shown))
+        if inputs.match_error:
+            lines += _wrap_comment("Not by label", inputs.match_error)
         if len(rows) > len(shown):
             lines.append(f"#   ... and {len(rows) - len(shown)} more: see updyn check")
-        lines += ["[match]", _key(MatchTable, "by", matching.by)]
-        lines += [_key(MatchTable, name, value) for name, value in inputs.match_options.items()]
+        lines += ["[match]", _format_key(MatchTable, "by", matching.by)]
+        lines += [
+            _format_key(MatchTable, name, value) for name, value in inputs.match_options.items()
+        ]
         if matching.by == "coordinates" and "tolerance" not in inputs.match_options:
-            lines.append(_key(MatchTable, "tolerance", "1 %", off=True))
+            lines.append(_format_key(MatchTable, "tolerance", "1 %", off=True))
         return lines
-    lines = _comments("Sensors and forces", inputs.trouble)
-    lines += ["[match]", _key(MatchTable, "by", "label"), "", "[match.table]"]
-    lines.append(f"# {_about(MatchTable, 'table')}")
-    lines += [f'# {_value(label)} = ""' for label in inputs.lost]
+    lines = _wrap_comment("Sensors and forces", inputs.match_error)
+    lines += ["[match]", _format_key(MatchTable, "by", "label"), "", "[match.table]"]
+    lines.append(f"# {_describe_key(MatchTable, 'table')}")
+    lines += [f'# {_format_value(label)} = ""' for label in inputs.unmatched]
     return lines
 
 
-def _parameters(inputs: Inputs) -> list[str]:
+def _format_parameters(inputs: Inputs) -> list[str]:
     groups = inputs.model.groups.values()
     elastic = [group for group in groups if group.stiffness is not None]
     every = "*" if "all" in inputs.model.groups else "all"  # "all" may be the name of a group
@@ -359,23 +364,23 @@ def _parameters(inputs: Inputs) -> list[str]:
             f"# The unknowns: {inputs.n_unknowns}, stiffness and loss factor of"
             f" {len(elastic)} groups.",
             "# Fewer are better determined: name the groups that can be wrong, such as",
-            f"# groups = [{_value(next(iter(inputs.model.groups)))}].",
-            *_unknown(every, "stiffness", _BOUNDS["stiffness"]),
+            f"# groups = [{_format_value(next(iter(inputs.model.groups)))}].",
+            *_format_unknown(every, "stiffness", _BOUNDS["stiffness"]),
             "",
-            *_unknown(every, "loss_factor", (0.0, most)),
+            *_format_unknown(every, "loss_factor", (0.0, most)),
         ]
         if max(loss) == 0.0:
             lines.append(f"start = {_START_LOSS}  # the model has no structural damping")
     if any(group.viscous is not None for group in groups):
-        lines += ["", *_unknown(every, "viscous", _BOUNDS["viscous"], off=True)]
+        lines += ["", *_format_unknown(every, "viscous", _BOUNDS["viscous"], off=True)]
     if any(group.mass is not None for group in groups):
         lines += ["", "# Masses are mostly known better than stiffnesses; free those that are not."]
-        lines += _unknown(every, "mass", _BOUNDS["mass"], off=bool(elastic))
-        lines.append(_key(ParameterTable, "prior_std", 0.1, off=True))
+        lines += _format_unknown(every, "mass", _BOUNDS["mass"], off=bool(elastic))
+        lines.append(_format_key(ParameterTable, "prior_std", 0.1, off=True))
     return lines
 
 
-def _method(inputs: Inputs) -> list[str]:
+def _format_method(inputs: Inputs) -> list[str]:
     frf = inputs.frf
     known = "estimated from the residual, as the file holds neither variance nor coherence"
     if frf.coherence is not None:
@@ -385,27 +390,27 @@ def _method(inputs: Inputs) -> list[str]:
     n = len(frf.freq)
     lines = ["[method]", 'name = "maximum-likelihood"']
     chosen = f"d-optimal:{min(_CHOSEN_LINES, n)}"
-    lines.append(_key(MethodTable, "lines", chosen, off=n < _MANY_LINES))
+    lines.append(_format_key(MethodTable, "lines", chosen, off=n < _MANY_LINES))
     lines.append(f"# The noise is {known}.")
-    lines.append(_key(MethodTable, "noise", {"relative": 0.02, "floor": 0.001}, off=True))
-    held = _held_out(inputs)
+    lines.append(_format_key(MethodTable, "noise", {"relative": 0.02, "floor": 0.001}, off=True))
+    held = _choose_validation_set(inputs)
     if held:
-        lines.append(_key(MethodTable, "validation", held))
+        lines.append(_format_key(MethodTable, "validation", held))
     else:
-        example = _responses_of_model(inputs)[:1]
-        lines += [_key(MethodTable, "validation", example, off=True)] if example else []
+        example = _list_known_responses(inputs)[:1]
+        lines += [_format_key(MethodTable, "validation", example, off=True)] if example else []
     return lines
 
 
-def _responses_of_model(inputs: Inputs) -> list[str]:
+def _list_known_responses(inputs: Inputs) -> list[str]:
     """Return the known response labels in the model."""
     if inputs.matching is not None:
         return inputs.matching.frf.responses.labels
-    responses = inputs.frf.responses if inputs.lost else []
-    return [str(dof) for dof in responses if str(abs(dof)) not in inputs.lost]
+    responses = inputs.frf.responses if inputs.unmatched else []
+    return [str(dof) for dof in responses if str(abs(dof)) not in inputs.unmatched]
 
 
-def _held_out(inputs: Inputs) -> list[str]:
+def _choose_validation_set(inputs: Inputs) -> list[str]:
     """Return the model's label of a response to hold out that is not a drive point."""
     if inputs.matching is None or len(inputs.frf.responses) < _HOLD_OUT_FROM:
         return []
@@ -417,7 +422,7 @@ def _held_out(inputs: Inputs) -> list[str]:
     return [free[len(free) // 2]]
 
 
-def _unknown(
+def _format_unknown(
     groups: str, quantity: str, bounds: tuple[float, float], *, off: bool = False
 ) -> list[str]:
     """Return a ``[[parameter]]`` table, commented out if `off`."""
@@ -426,25 +431,25 @@ def _unknown(
         f"{mark}[[parameter]]",
         f'{mark}groups = "{groups}"',
         f'{mark}quantity = "{quantity}"',
-        _key(ParameterTable, "bounds", list(bounds), off=off),
+        _format_key(ParameterTable, "bounds", list(bounds), off=off),
     ]
 
 
-def _key(table: type[Table], key: str, value: Any, *, off: bool = False) -> str:
+def _format_key(table: type[Table], key: str, value: Any, *, off: bool = False) -> str:
     """Return a key with its description as a comment; commented out if `off`."""
-    return f"{'# ' if off else ''}{key} = {_value(value)}  # {_about(table, key)}"
+    return f"{'# ' if off else ''}{key} = {_format_value(value)}  # {_describe_key(table, key)}"
 
 
-def _about(table: type[Table], key: str) -> str:
+def _describe_key(table: type[Table], key: str) -> str:
     """Return the description of a key."""
     about = table.model_fields[key].description
     assert about is not None
     return about
 
 
-def _comments(title: str, text: str) -> list[str]:
+def _wrap_comment(title: str, text: str) -> list[str]:
     """Return text as wrapped comment lines below a title."""
-    lines = [f"# {_on_one_line(title)}:"]
+    lines = [f"# {_escape_line_breaks(title)}:"]
     for line in map(printable, text.splitlines()):
         if "  " in line.strip():  # a row of a table
             lines.append(f"#   {line}")
@@ -460,16 +465,18 @@ def _comments(title: str, text: str) -> list[str]:
     return lines
 
 
-def _value(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a value as TOML."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
+        return (
+            "{ " + ", ".join(f"{key} = {_format_value(item)}" for key, item in value.items()) + " }"
+        )
     if isinstance(value, list):
-        return "[" + ", ".join(map(_value, value)) + "]"
+        return "[" + ", ".join(map(_format_value, value)) + "]"
     # Strings and booleans of JSON are valid TOML, except that TOML escapes one more character.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _on_one_line(name: str) -> str:
+def _escape_line_breaks(name: str) -> str:
     """Return the name of a file without line breaks, for a comment."""
     return printable(name).replace("\n", "\\n")

@@ -1,4 +1,4 @@
-"""`recorded`: the FRFs of ``[records]``, and the faults found in the records."""
+"""`estimate_from_records`: estimate the FRFs of ``[records]``, and look for faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from updyn.signals.quality import RecordFinding, check_records
 from updyn.signals.records import Records, chain_records, records_of
 from updyn.signals.windows import ImpactWindow
 
-__all__ = ["Recorded", "RecordedSetup", "recorded"]
+__all__ = ["RecordedFRFs", "RecordedSetup", "estimate_from_records"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class RecordedSetup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
+class RecordedFRFs:
     """FRFs of time records.
 
     Attributes
@@ -72,7 +72,7 @@ class Recorded:
     setups: tuple[RecordedSetup, ...]
 
 
-def recorded(job: Document, table: RecordsTable) -> Recorded:
+def estimate_from_records(job: Document, table: RecordsTable) -> RecordedFRFs:
     """Read the records of a job, check them for faults, and estimate FRFs.
 
     An `InputError` with the key of the job is raised if a file cannot be read, a channel is not in
@@ -81,16 +81,16 @@ def recorded(job: Document, table: RecordsTable) -> Recorded:
     setups: list[RecordedSetup] = []
     frfs: list[FRF] = []
     for number, setup in enumerate(table.setups):
-        with _place_in_job(table, number):
-            one = _setup(job, table, setup)
-            frfs.append(_estimate(table, setup, one))
+        with _locate_error(table, number):
+            one = _read_setup(job, table, setup)
+            frfs.append(_estimate_setup(table, setup, one))
             setups.append(one)
     with key_path("records"):
         frf = joined_frfs(frfs, [one.name for one in setups])
-    return Recorded(frf, tuple(setups))
+    return RecordedFRFs(frf, tuple(setups))
 
 
-def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSetup:
+def _read_setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSetup:
     """Read the records of a setup and look for their faults."""
     assert setup.file is not None
     parts = []
@@ -98,18 +98,18 @@ def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSet
         path = existing_file(job, file, "records", "file")
         with key_path("reader"):
             found = read_records(path, **_reader_options(setup))
-        parts.append(records_of(found).calibrated(setup.units, setup.factors))
+        parts.append(records_of(found).calibrate(setup.units, setup.factors))
     records = chain_records(parts)
     if table.cut is not None:
         before = table.cut.length / 20.0 if table.cut.before is None else table.cut.before
-        force = _names(setup.excitation)[0]
+        force = _list_channels(setup.excitation)[0]
         with key_path("cut"):
             records = cut_records(records, force, table.cut.length, before, table.cut.level)
     segment = table.segment
     if segment is None and ESTIMATORS[table.estimator].is_local:  # a continuous force
         segment = records.values.shape[2] * records.step
     findings = check_records(
-        records, list(_names(setup.excitation)), band=table.band, segment=segment
+        records, list(_list_channels(setup.excitation)), band=table.band, segment=segment
     )
     return RecordedSetup(setup.file, records, setup.reject or {}, findings)
 
@@ -121,11 +121,11 @@ def _reader_options(setup: SetupTable) -> dict[str, Any]:
     return stated
 
 
-def _names(channels: Mapping[str, str] | tuple[str, ...] | None) -> tuple[str, ...]:
+def _list_channels(channels: Mapping[str, str] | tuple[str, ...] | None) -> tuple[str, ...]:
     return tuple(channels or ())
 
 
-def _estimate(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF:
+def _estimate_setup(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF:
     """Return the FRFs of a setup."""
     window: str | ImpactWindow | None = table.window
     if table.impact is not None:
@@ -145,7 +145,7 @@ def _estimate(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF
 
 
 @contextmanager
-def _place_in_job(table: RecordsTable, number: int) -> Iterator[None]:
+def _locate_error(table: RecordsTable, number: int) -> Iterator[None]:
     """Assign the key in the job to an error: in its setup, or common to all setups."""
     try:
         yield

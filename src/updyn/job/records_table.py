@@ -12,7 +12,7 @@ from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
 __all__ = ["CutTable", "RecordsJob", "RecordsTable", "SetupTable", "WindowTable"]
 
 
-def _files(given: Any) -> Any:
+def _parse_files(given: Any) -> Any:
     files = [given] if isinstance(given, str) else given
     if not isinstance(files, list | tuple) or not files:
         raise ValueError("expected a file, or an array of files with hits of the same channels")
@@ -21,7 +21,7 @@ def _files(given: Any) -> Any:
     return tuple(files)
 
 
-def _channels(given: Any) -> Any:
+def _parse_channels(given: Any) -> Any:
     if isinstance(given, str):
         return (given,)
     if isinstance(given, Mapping) and given and all(isinstance(v, str) for v in given.values()):
@@ -34,26 +34,26 @@ def _channels(given: Any) -> Any:
     )
 
 
-def _rejected(given: Any) -> Any:
+def _parse_rejections(given: Any) -> Any:
     if not isinstance(given, Mapping):
-        raise ValueError('expected records and why, such as { 1 = "clipped" }')  # noqa: TRY004
+        raise ValueError('expected records with reasons, such as { 1 = "clipped" }')  # noqa: TRY004
     found: dict[int, str] = {}
     for number, why in given.items():
         if not (str(number).isdecimal() and int(number) >= 1):
             raise ValueError(f"record {number!r}; expected whole numbers from 1")
         if not isinstance(why, str) or not why.strip():
-            raise ValueError(f"record {number}: expected why it is left out, as a text")
+            raise ValueError(f"record {number}: expected the reason as a text")
         found[int(number)] = why
     return found
 
 
-def _factors(given: Any) -> Any:
+def _parse_factors(given: Any) -> Any:
     if not isinstance(given, Mapping) or not all(is_number(v) for v in given.values()):
         raise ValueError("expected channels with numbers, such as { Force = 22.5 }")
     return {name: float(factor) for name, factor in given.items()}
 
 
-_Channels = Annotated[dict[str, str] | Texts | None, BeforeValidator(_channels)]
+_Channels = Annotated[dict[str, str] | Texts | None, BeforeValidator(_parse_channels)]
 
 
 class WindowTable(Table):
@@ -75,14 +75,14 @@ class CutTable(Table):
 class SetupTable(Table):
     """``[[records.setup]]``: files with records of the same channels."""
 
-    file: Annotated[tuple[str, ...] | None, BeforeValidator(_files)] = None
+    file: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_files)] = None
     format: str | None = None
     reader: dict[str, Any] | None = None
     excitation: _Channels = None
     responses: _Channels = None
     units: dict[str, str] | None = None
-    factors: Annotated[dict[str, float] | None, BeforeValidator(_factors)] = None
-    reject: Annotated[dict[int, str] | None, BeforeValidator(_rejected)] = None
+    factors: Annotated[dict[str, float] | None, BeforeValidator(_parse_factors)] = None
+    reject: Annotated[dict[int, str] | None, BeforeValidator(_parse_rejections)] = None
 
 
 class RecordsTable(SetupTable):
@@ -104,11 +104,11 @@ class RecordsTable(SetupTable):
     output: str | None = None
 
     @model_validator(mode="after")
-    def _one_or_several(self) -> RecordsTable:
+    def _check_setups(self) -> RecordsTable:
         if self.setup and self.file is not None:
             raise ValueError("file and [[records.setup]]; expected one of the two")
         if self.setup and self.reject is not None:
-            raise ValueError("reject: say in which [[records.setup]] the record stands")
+            raise ValueError("reject: give it in the [[records.setup]] of the record")
         if not self.setup and self.file is None:
             raise ValueError("missing key 'file', or [[records.setup]] with files")
         for number, setup in enumerate(self.setup, 1):
@@ -117,7 +117,7 @@ class RecordsTable(SetupTable):
         if self.impact is not None and (self.window, self.segment) != (None, None):
             raise ValueError("impact: windows for hits need whole records; omit window and segment")
         if self.cut is not None and self.segment is not None:
-            raise ValueError("cut: it is for hits, segment for a force that lasts; give one")
+            raise ValueError("cut applies to hits, segment to a continuous force; give one")
         for setup in self.setups:
             if setup.excitation is None:
                 raise ValueError("missing key 'excitation': the channel of the force, with its DOF")

@@ -14,12 +14,12 @@ from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
 from updyn.frf import FRF
 from updyn.io import write_model, write_properties
 from updyn.job.folder import (
+    can_resume,
     check_out,
     earlier_outputs,
+    format_resolved_job,
     outputs,
-    resolved_job,
     run_journal,
-    was_saved,
 )
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.modes import modal_texts, with_modes
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "JobRun",
-    "as_tests",
     "job_analysis",
     "job_identifiability",
     "job_selection",
+    "locate_update_errors",
+    "make_tests",
     "run_job",
-    "update_keys",
 ]
 
 #: Statuses after which a run can be resumed.
@@ -94,7 +94,7 @@ class JobRun:
 
 
 @dataclass(slots=True)
-class _Caller:
+class _StopTracker:
     """Progress callback of a run that remembers whether the caller asked to stop."""
 
     callback: Callable[[Progress], bool | None] | None
@@ -163,18 +163,18 @@ def run_job(
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
-    caller = _Caller(callback)
+    caller = _StopTracker(callback)
     with open_folder(out):
         check_out(job, out)  # again, now that no other run can change the folder
         names = (*outputs(job), *earlier_outputs(job, out))
-        resume = resume and was_saved(out)
+        resume = resume and can_resume(out)
         load_libraries()
         with run_journal(out) as journal:
-            result = _update(ready, caller, engine=engine, checkpoint=journal, resume=resume)
+            result = _run_update(ready, caller, engine=engine, checkpoint=journal, resume=resume)
             result = with_modes(result)
-            further = _further(ready, result, caller, engine)
+            further = _run_further_tables(ready, result, caller, engine)
         with replaced(out, "run", names) as new:
-            _write(result, job, out, new)
+            _write_files(result, job, out, new)
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, new)
             if job.output.report:
@@ -208,9 +208,9 @@ def job_selection(prepared: Prepared) -> Selection | None:
     table = prepared.job.selection
     if table is None:
         return None
-    tests = as_tests(prepared, held_out=False)
+    tests = make_tests(prepared, held_out=False)
     selection = Selection(prepared.parameters)
-    with update_keys(prepared.job):
+    with locate_update_errors(prepared.job):
         if table.cluster is not None:
             selection = cluster_jointly(tests, selection, table.cluster)
         if table.n is not None or table.max_collinearity is not None:
@@ -260,12 +260,12 @@ def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Anal
     JobError, SolverError
         As `job_identifiability`.
     """
-    tests = as_tests(prepared, held_out=False)
-    with update_keys(prepared.job):
+    tests = make_tests(prepared, held_out=False)
+    with locate_update_errors(prepared.job):
         return start_analysis(tests, selection or prepared.parameters)
 
 
-def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
+def make_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     """Return the tests as arguments of the update, with or without their validation sets."""
     tests = []
     for test in prepared.tests:
@@ -279,7 +279,7 @@ def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     return tests
 
 
-def _update(
+def _run_update(
     ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any
 ) -> UpdateResult | JointResult:
     """Run the update; `running` holds engine, checkpoint and whether to resume."""
@@ -291,10 +291,10 @@ def _update(
     }
     options |= running | method.options | method.settings
     if ready.modes:
-        _check_takes_modes(ready)
+        _check_fits_modes(ready)
         options["modes"] = ready.modes_option
-    tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
-    with update_keys(job):
+    tests, unknowns = make_tests(ready), job_selection(ready) or ready.parameters
+    with locate_update_errors(job):
         if len(tests) > 1:
             return update_jointly(tests, unknowns, **options)
         (test,) = tests
@@ -302,7 +302,7 @@ def _update(
         return update(test.model, test.data, unknowns, **options)
 
 
-def _check_takes_modes(ready: Prepared) -> None:
+def _check_fits_modes(ready: Prepared) -> None:
     """Raise if the method does not fit modes."""
     method = ready.job.method.name
     if "modes" in options_of(method):
@@ -314,7 +314,7 @@ def _check_takes_modes(ready: Prepared) -> None:
 
 
 @contextmanager
-def update_keys(job: Job) -> Iterator[None]:
+def locate_update_errors(job: Job) -> Iterator[None]:
     """Add file and line of the key of ``[method]`` or ``[selection]`` to errors of the update."""
     with job.located():
         try:
@@ -329,10 +329,10 @@ def update_keys(job: Job) -> Iterator[None]:
             raise
 
 
-def _further(
+def _run_further_tables(
     ready: Prepared,
     result: UpdateResult | JointResult,
-    caller: _Caller,
+    caller: _StopTracker,
     engine: Any,
 ) -> dict[str, Any]:
     """Return the results of further tables of the job, by table name."""
@@ -351,9 +351,9 @@ def _further(
     return further
 
 
-def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
+def _write_files(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
     """Write the update, and the job as run in the folder `out`, into `folder`."""
-    for own, one in _by_folder(result, folder):
+    for own, one in _pair_with_folders(result, folder):
         own.mkdir(exist_ok=True)
         write_model(one.model, own / "model.h5")
         write_result(one, own / "run.nc")
@@ -361,7 +361,7 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
         source = job.beside(job.model.file)
         target = folder / job.output.properties
         write_properties(one, source, target, format=job.model.format)
-    (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
+    (folder / "job.toml").write_text(format_resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
 
 
@@ -376,7 +376,9 @@ def _announce(
         callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
 
 
-def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
+def _pair_with_folders(
+    result: UpdateResult | JointResult, folder: Path
+) -> list[tuple[Path, UpdateResult]]:
     """Return the result of each test with its folder."""
     if isinstance(result, UpdateResult):
         return [(folder, result)]
@@ -388,10 +390,10 @@ def _write_reports(
 ) -> None:
     """Write the report and, for several tests, one for each in its folder."""
     from updyn.report import write_report
-    from updyn.report.section import objects_shown
+    from updyn.report.section import list_shown_objects
 
-    shown = {name: found for name, found in further.items() if name in objects_shown()}
+    shown = {name: found for name, found in further.items() if name in list_shown_objects()}
     write_report(result, folder / "report.html", **shown)
-    for own, one in _by_folder(result, folder):
+    for own, one in _pair_with_folders(result, folder):
         if own != folder:
             write_report(one, own / "report.html")

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 
-def _groups(given: Any) -> Any:
+def _parse_groups(given: Any) -> Any:
     globs = [given] if isinstance(given, str) else given
     if (
         not isinstance(globs, list | tuple)
@@ -45,7 +45,7 @@ def _groups(given: Any) -> Any:
     return tuple(globs)
 
 
-def _driven(given: Any) -> Any:
+def _parse_drives(given: Any) -> Any:
     if isinstance(given, Mapping) and given and all(is_number(p) for p in given.values()):
         return {name: float(power) for name, power in given.items()}
     if isinstance(given, list | tuple) and given and all(isinstance(g, str) for g in given):
@@ -55,7 +55,7 @@ def _driven(given: Any) -> Any:
     )
 
 
-def _sensors(given: Any) -> Any:
+def _parse_sensors(given: Any) -> Any:
     if given == "all":
         return given
     if isinstance(given, list | tuple) and all(isinstance(x, str) for x in given):
@@ -66,13 +66,15 @@ def _sensors(given: Any) -> Any:
 class ParameterTable(Table):
     """``[[parameter]]``: one unknown per group for a quantity, or one that drives several."""
 
-    groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
+    groups: Annotated[tuple[str, ...] | None, BeforeValidator(_parse_groups)] = None
     quantity: (
         Literal["stiffness", "mass", "loss_factor", "viscous", "mass_damping", "stiffness_damping"]
         | None
     ) = None
     name: str | None = None
-    drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
+    drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_parse_drives)] = (
+        None
+    )
     nominal: float | None = Field(default=None, gt=0)
     unit: str = ""
     bounds: Pair | None = Field(
@@ -86,7 +88,7 @@ class ParameterTable(Table):
     start: float | None = None
 
     @model_validator(mode="after")
-    def _one_kind(self) -> ParameterTable:
+    def _check_kind(self) -> ParameterTable:
         plain, linked = (self.groups, self.quantity), (self.name, self.drives)
         if any(x is not None for x in plain) and any(x is not None for x in linked):
             raise ValueError(
@@ -105,7 +107,7 @@ class ParameterTable(Table):
 class DampingTable(Table):
     """``[[damping]]``: initial damping of groups, which replaces the damping in the model."""
 
-    groups: Annotated[tuple[str, ...], BeforeValidator(_groups)]
+    groups: Annotated[tuple[str, ...], BeforeValidator(_parse_groups)]
     loss_factor: float | None = Field(default=None, ge=0)
     mass_damping: float | None = Field(default=None, ge=0)
     stiffness_damping: float | None = Field(default=None, ge=0)
@@ -114,13 +116,13 @@ class DampingTable(Table):
     ] = None
 
     @property
-    def stated(self) -> dict[str, Any]:
+    def damping_values(self) -> dict[str, Any]:
         """Damping values that the table gives, by name."""
         return self.model_dump(exclude={"groups"}, exclude_none=True)
 
     @model_validator(mode="after")
-    def _something(self) -> DampingTable:
-        if not self.stated:
+    def _require_damping(self) -> DampingTable:
+        if not self.damping_values:
             raise ValueError("expected loss_factor, mass_damping, stiffness_damping or loss_table")
         return self
 
@@ -128,20 +130,20 @@ class DampingTable(Table):
 class CalibrationTable(Table):
     """``[[calibration]]``: calibration factors of sensors, one unknown per factor."""
 
-    responses: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
-    references: Annotated[Literal["all"] | Texts, BeforeValidator(_sensors)] = ()
+    responses: Annotated[Literal["all"] | Texts, BeforeValidator(_parse_sensors)] = ()
+    references: Annotated[Literal["all"] | Texts, BeforeValidator(_parse_sensors)] = ()
     prior_std: float = Field(default=0.05, gt=0)
     bounds: Pair = (0.1, 10.0)
     name: str | None = None
 
     @model_validator(mode="after")
-    def _something(self) -> CalibrationTable:
+    def _require_sensors(self) -> CalibrationTable:
         if not self.responses and not self.references:
             raise ValueError("expected responses or references: labels, or 'all'")
         return self
 
 
-def _lines(given: Any) -> Any:
+def _parse_lines(given: Any) -> Any:
     if isinstance(given, str):
         return given
     if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
@@ -151,7 +153,7 @@ def _lines(given: Any) -> Any:
     )
 
 
-def _validation(given: Any) -> Any:
+def _parse_validation(given: Any) -> Any:
     if isinstance(given, list | tuple) and given:
         if all(isinstance(x, str) for x in given):
             return tuple(given)
@@ -162,7 +164,7 @@ def _validation(given: Any) -> Any:
     )
 
 
-def _noise(given: Any) -> Any:
+def _parse_noise(given: Any) -> Any:
     if not isinstance(given, str | Mapping):
         raise ValueError(  # noqa: TRY004
             "expected a table with relative and/or floor, such as { relative = 0.02, floor ="
@@ -171,7 +173,7 @@ def _noise(given: Any) -> Any:
     return given
 
 
-def _regularise(given: Any) -> Any:
+def _parse_regularise(given: Any) -> Any:
     if isinstance(given, str):
         return given
     if not is_number(given) or given <= 0:
@@ -181,40 +183,40 @@ def _regularise(given: Any) -> Any:
     return float(given)
 
 
-def _count(given: Any) -> Any:
+def _parse_count(given: Any) -> Any:
     if given != "rank" and (not isinstance(given, int) or isinstance(given, bool) or given < 1):
         raise ValueError("expected a whole number of at least 1, or 'rank'")
     return given
 
 
-def _cosine(given: Any) -> Any:
+def _parse_cosine(given: Any) -> Any:
     if not is_number(given) or not 0 < given < 1:
         raise ValueError("expected a cosine between 0 and 1, such as 0.99")
     return given
 
 
 #: Noise and validation set of a test, given in ``[method]`` or, for one test, in ``[test]``.
-Noise = Annotated[str | dict[str, float | str] | None, BeforeValidator(_noise)]
-HeldOut = Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_validation)]
+Noise = Annotated[str | dict[str, float | str] | None, BeforeValidator(_parse_noise)]
+HeldOut = Annotated[
+    tuple[str, ...] | tuple[float, float] | None, BeforeValidator(_parse_validation)
+]
 
 
 class SelectionTable(Table):
     """``[selection]``: which unknowns are fitted; others are clustered or keep their start."""
 
-    cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
-    n: Annotated[int | Literal["rank"] | None, BeforeValidator(_count)] = None
+    cluster: Annotated[float | None, BeforeValidator(_parse_cosine)] = None
+    n: Annotated[int | Literal["rank"] | None, BeforeValidator(_parse_count)] = None
     max_collinearity: float | None = Field(default=None, ge=1)
 
     @model_validator(mode="after")
-    def _something(self) -> SelectionTable:
+    def _check_rules(self) -> SelectionTable:
         if self.cluster is None and self.n is None and self.max_collinearity is None:
             raise ValueError(
                 "expected cluster, n or max_collinearity; leave [selection] out to fit all unknowns"
             )
         if self.n is not None and self.max_collinearity is not None:
-            raise ValueError(
-                "n says how many to fit, max_collinearity how separable they have to be; give one"
-            )
+            raise ValueError("n and max_collinearity are alternatives; give one")
         return self
 
 
@@ -224,7 +226,7 @@ class MethodTable(Table):
     model_config = ConfigDict(extra="allow")
 
     name: str = "maximum-likelihood"
-    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = Field(
+    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_parse_lines)] = Field(
         default=None,
         description=(
             '"d-optimal:N": the N frequency lines with the most information about the unknowns'
@@ -242,7 +244,7 @@ class MethodTable(Table):
     tier: str | None = None
     backend: str | None = None
     accuracy: float | None = Field(default=None, ge=1e-10, le=0.1)
-    regularise: Annotated[str | float | None, BeforeValidator(_regularise)] = None
+    regularise: Annotated[str | float | None, BeforeValidator(_parse_regularise)] = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -267,7 +269,7 @@ OUTPUTS = (
 )
 
 
-def _tolerance(given: Any) -> Any:
+def _parse_tolerance(given: Any) -> Any:
     share = isinstance(given, str) and given.strip().endswith("%")
     if given != "any" and not share and (not is_number(given) or given <= 0):
         raise ValueError(
@@ -277,7 +279,7 @@ def _tolerance(given: Any) -> Any:
     return given
 
 
-def _alignment(given: Any) -> Any:
+def _parse_alignment(given: Any) -> Any:
     pairs = isinstance(given, Mapping) and all(re.fullmatch(r"-?[0-9]+", key) for key in given)
     if (
         pairs
@@ -364,7 +366,7 @@ class TestTable(Table):
     validation: HeldOut = None
 
     @property
-    def measured(self) -> str:
+    def source(self) -> str:
         """Source of the FRFs, for messages."""
         return "[records]" if self.file is None else self.file
 
@@ -411,13 +413,13 @@ class MatchTable(Table):
         description='"label": test and model call the same thing the same; or "coordinates"',
     )
     geometry: str | None = None
-    tolerance: Annotated[float | str | None, BeforeValidator(_tolerance)] = Field(
+    tolerance: Annotated[float | str | None, BeforeValidator(_parse_tolerance)] = Field(
         default=None, description="largest distance between a sensor and its node"
     )
     unit: Literal["m", "cm", "mm", "in", "ft"] | None = Field(
         default=None, description="unit of length of the positions of the test"
     )
-    alignment: Annotated[Any, BeforeValidator(_alignment)] = None
+    alignment: Annotated[Any, BeforeValidator(_parse_alignment)] = None
     angle: float | None = Field(default=None, ge=0, le=45)
     table: dict[str, str] = Field(
         default_factory=dict,

@@ -114,7 +114,7 @@ def start_folder(job: Job, work: str, out: Path | None = None) -> Path:
     JobError
         If the folder cannot be used.
     """
-    return check_out(job, out or default_out(job, work), _names(job, work))
+    return check_out(job, out or default_out(job, work), _list_pages(job, work))
 
 
 def write_start_pages(
@@ -156,7 +156,7 @@ def write_start_pages(
     """
     from updyn.report import write_start
 
-    names = _names(ready.job, work)
+    names = _list_pages(ready.job, work)
     with open_folder(folder):
         check_out(ready.job, folder, names)  # again, now that no other run can change the folder
         with replaced(folder, work, names) as new:
@@ -164,20 +164,20 @@ def write_start_pages(
                 (new / name).parent.mkdir(exist_ok=True)
                 faults = findings.get(test.name, ())
                 figures = agreement.get(test.name, {})
-                start = _start(ready, test, selection, analysis, faults, figures)
+                start = _make_start(ready, test, selection, analysis, faults, figures)
                 start = replace(start, counterparts=(counterparts or {}).get(test.name))
                 write_start(start, new / name)
     return [folder / name for name in names]
 
 
-def _names(job: Job, work: str) -> list[str]:
+def _list_pages(job: Job, work: str) -> list[str]:
     """Return the names of the pages, relative to their folder."""
     if len(job.parts) == 1:
         return [f"{work}.html"]
     return [f"{part.test.name}/{work}.html" for part in job.parts]
 
 
-def _start(
+def _make_start(
     ready: Prepared,
     test: PreparedTest,
     selection: Selection | None,
@@ -191,17 +191,17 @@ def _start(
     job = test.job
     chosen = Selection.of(selection or ready.parameters)
     title = ready.job.title or ready.job.path.stem
-    responses, band = _held_out(test)
+    responses, band = _find_validation_set(test)
     return Start(
         model=start_model(test, chosen),
         data=test.data,
         parameters=chosen.parameters,
         identifiability=analysis.report,
-        covariance=_covariance(analysis),
+        covariance=_mask_undetermined(analysis),
         findings=tuple(findings),
         matching=str(test.matching),
         title=f"{title}: {test.name}" if test.name else title,
-        lines=_lines(test),
+        lines=_find_fitted_lines(test),
         validation_responses=responses,
         validation_band=band,
         modes=test.modes,
@@ -210,7 +210,7 @@ def _start(
     )
 
 
-def _held_out(test: PreparedTest) -> tuple[tuple[str, ...], tuple[float, float] | None]:
+def _find_validation_set(test: PreparedTest) -> tuple[tuple[str, ...], tuple[float, float] | None]:
     """Return the responses and the band of FRFs in the validation set."""
     held: Any = test.job.validation
     if not held or not isinstance(test.data, FRF) or not isinstance(test.fitted, FRF):
@@ -221,7 +221,7 @@ def _held_out(test: PreparedTest) -> tuple[tuple[str, ...], tuple[float, float] 
     return (), (float(held[0]), float(held[1]))
 
 
-def _lines(test: PreparedTest) -> NDArray[np.float64]:
+def _find_fitted_lines(test: PreparedTest) -> NDArray[np.float64]:
     """Return the frequency lines of the fit; empty for modes or if the fit selects them."""
     if not isinstance(test.fitted, FRF) or isinstance(test.job.method.lines, str):
         return np.empty(0)
@@ -229,7 +229,7 @@ def _lines(test: PreparedTest) -> NDArray[np.float64]:
     return np.asarray(test.fitted.freq if given is None else given, dtype=np.float64)
 
 
-def _covariance(analysis: Analysis) -> NDArray[np.float64]:
+def _mask_undetermined(analysis: Analysis) -> NDArray[np.float64]:
     """Return the covariance with inf in the rows and columns of undetermined unknowns."""
     out = np.array(analysis.covariance)
     out[analysis.involved, :] = np.inf

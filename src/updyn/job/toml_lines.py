@@ -69,20 +69,20 @@ class _Scanner:
         self.skip(_FILLER)
         while self.at < len(self.text):
             if self.text[self.at] == "[":
-                table = self.header()
+                table = self.read_header()
             else:
-                self.pair(table)
+                self.read_pair(table)
             self.skip(_FILLER)
         return self.lines
 
-    def header(self) -> Place:
-        line, is_array = self.line(), self.text.startswith("[[", self.at)
+    def read_header(self) -> Place:
+        line, is_array = self.current_line(), self.text.startswith("[[", self.at)
         self.at += 2 if is_array else 1
-        keys = self.keys()
+        keys = self.read_keys()
         self.at += 2 if is_array else 1
         place: Place = ()
         for key in keys[:-1]:
-            place = self.last(self.mark((*place, key), line))
+            place = self.last_item(self.mark((*place, key), line))
         place = self.mark((*place, keys[-1]), line)
         if not is_array:
             return place
@@ -90,65 +90,65 @@ class _Scanner:
         self.count[place] = number + 1
         return self.mark((*place, number), line)
 
-    def last(self, place: Place) -> Place:
+    def last_item(self, place: Place) -> Place:
         """Return the last item if `place` is an array of tables, to which a header refers."""
         return (*place, self.count[place] - 1) if place in self.count else place
 
-    def pair(self, table: Place) -> None:
-        line, place = self.line(), table
-        for key in self.keys():
+    def read_pair(self, table: Place) -> None:
+        line, place = self.current_line(), table
+        for key in self.read_keys():
             place = self.mark((*place, key), line)
         self.at += 1  # =
         self.skip(_BLANKS)
-        self.value(place)
+        self.read_value(place)
 
-    def value(self, place: Place) -> None:
+    def read_value(self, place: Place) -> None:
         start = self.text[self.at]
         if start == "[":
-            self.array(place)
+            self.read_array(place)
         elif start == "{":
-            self.inline_table(place)
+            self.read_inline_table(place)
         elif start in "\"'":
-            self.string()
+            self.read_string()
         else:
             self.skip(_SCALAR)
 
-    def array(self, place: Place) -> None:
+    def read_array(self, place: Place) -> None:
         self.at += 1
         self.skip(_FILLER)
         number = 0
         while self.text[self.at] != "]":
-            self.value(self.mark((*place, number), self.line()))
-            self.comma()
+            self.read_value(self.mark((*place, number), self.current_line()))
+            self.skip_comma()
             number += 1
         self.at += 1
 
-    def inline_table(self, place: Place) -> None:
+    def read_inline_table(self, place: Place) -> None:
         self.at += 1
         self.skip(_FILLER)
         while self.text[self.at] != "}":
-            self.pair(place)
-            self.comma()
+            self.read_pair(place)
+            self.skip_comma()
         self.at += 1
 
-    def comma(self) -> None:
+    def skip_comma(self) -> None:
         self.skip(_FILLER)
         if self.text[self.at] == ",":
             self.at += 1
             self.skip(_FILLER)
 
-    def keys(self) -> list[str]:
+    def read_keys(self) -> list[str]:
         """Read a key, dotted or not, and the blanks after it."""
         out = []
         while True:
             self.skip(_BLANKS)
-            out.append(self.string() if self.text[self.at] in "\"'" else self.skip(_BARE))
+            out.append(self.read_string() if self.text[self.at] in "\"'" else self.skip(_BARE))
             self.skip(_BLANKS)
             if self.text[self.at] != ".":
                 return out
             self.at += 1
 
-    def string(self) -> str:
+    def read_string(self) -> str:
         """Read a string of any of the four kinds and return its value."""
         long = self.text.startswith(('"""', "'''"), self.at)
         basic = self.text[self.at] == '"'
@@ -165,7 +165,7 @@ class _Scanner:
         self.at = found.end()
         return found[0]
 
-    def line(self) -> int:
+    def current_line(self) -> int:
         return self.text.count("\n", 0, self.at) + 1
 
     def mark(self, place: Place, line: int) -> Place:

@@ -42,7 +42,7 @@ class UncertaintyTable(Table):
     level: float = Field(default=0.95, gt=0, lt=1)
 
     @model_validator(mode="after")
-    def _fitting(self) -> UncertaintyTable:
+    def _check_kind(self) -> UncertaintyTable:
         if self.kind == "profile" and self.n is not None:
             raise ValueError("n is the number of draws; a profile makes none")
         if self.kind != "profile" and self.names is not None:
@@ -70,7 +70,7 @@ class _UncertaintyJobTable(JobTable):
         if job.method.name not in methods:
             valid = " or ".join(repr(m) for m in methods)
             raise OptionError(
-                f"uncertainty: kind {table.kind!r} is of a fit by {valid}; [method] name is"
+                f"uncertainty: kind {table.kind!r} requires a fit by {valid}; [method] name is"
                 f" {job.method.name!r}",
                 key=("uncertainty", "kind"),
             )
@@ -90,7 +90,7 @@ class _UncertaintyJobTable(JobTable):
         options: dict[str, Any] = {
             "seed": table.seed,
             "engine": engine,
-            "callback": _shown(callback),
+            "callback": _wrap_callback(callback),
         }
         if table.kind == "profile":
             return profile(result, table.names, level=table.level, **options)
@@ -116,7 +116,7 @@ class _UncertaintyJobTable(JobTable):
 UNCERTAINTY = _UncertaintyJobTable()
 
 
-def _shown(callback: Callable[[Progress], bool | None] | None) -> Any:
+def _wrap_callback(callback: Callable[[Progress], bool | None] | None) -> Any:
     """Return a callback that reports progress of the uncertainty as `Progress` of an update."""
     if callback is None:
         return None

@@ -10,14 +10,14 @@ from typing import Any
 from updyn.errors import OptionError, key_path
 from updyn.frf import FRF
 from updyn.group import GROUP_QUANTITIES
-from updyn.job.configuration import with_all_masses
+from updyn.job.configuration import add_all_masses
 from updyn.job.schema import Job, ParameterTable
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS, check_channels
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet, link, parameters
 
-__all__ = ["unknowns_of"]
+__all__ = ["choose_unknowns"]
 
 _QUANTITY_ORDER = (
     "mass",
@@ -29,27 +29,27 @@ _QUANTITY_ORDER = (
 )
 
 
-def unknowns_of(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
+def choose_unknowns(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
     """Return the unknowns of a job: by group, then linked ones, then calibration factors.
 
     `model` has no masses or supports of the tests; `data` have the DOF labels of the model. A
     `JobError` is raised if a choice matches nothing, or the method does not support it.
     """
-    return _with_calibration(job, _parameters(job, model), data)
+    return _add_calibration(job, _choose_model_unknowns(job, model), data)
 
 
-def _parameters(job: Job, model: Model) -> ParameterSet:
+def _choose_model_unknowns(job: Job, model: Model) -> ParameterSet:
     """Return the unknowns of the model by group, then those that drive several quantities."""
     chosen: dict[str, tuple[int, Parameter]] = {}
-    loaded = with_all_masses(job, model)
+    loaded = add_all_masses(job, model)
     for number, table in enumerate(job.parameter):
         # Masses added by a test are known; they are unknowns only if a table names them, not by
         # "all" and "*".
-        own = _fits(model, table.groups or ()) and _fits(
+        own = _matches_groups(model, table.groups or ()) and _matches_groups(
             model, table.drives or (), GROUP_QUANTITIES
         )
         with key_path("parameter", number):
-            items = _choose(job, model if own else loaded, table)
+            items = _choose_from_table(job, model if own else loaded, table)
         for p in items:
             if p.name in chosen:
                 first = job.place("parameter", chosen[p.name][0])
@@ -69,7 +69,7 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
         return ParameterSet(tuple(p for _, p in ordered))
 
 
-def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
+def _add_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
     """Return the unknowns with the calibration factors of the job."""
     items = list(chosen)
     first: dict[str, int] = {}
@@ -95,7 +95,9 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
     return whole
 
 
-def _fits(model: Model, patterns: Iterable[str], quantities: Collection[str] = ()) -> bool:
+def _matches_groups(
+    model: Model, patterns: Iterable[str], quantities: Collection[str] = ()
+) -> bool:
     """Return whether each pattern but ``"all"`` matches a group of a model, or its quantity."""
     names = list(model.groups)
     if quantities:
@@ -106,7 +108,7 @@ def _fits(model: Model, patterns: Iterable[str], quantities: Collection[str] = (
     return True
 
 
-def _sensor_mass(job: Job, group: str) -> float | None:
+def _find_sensor_mass(job: Job, group: str) -> float | None:
     """Return the nominal mass in kg of a sensor's group; None for other groups."""
     from updyn.elements.masses import sensor_group
 
@@ -123,7 +125,7 @@ def _sensor_mass(job: Job, group: str) -> float | None:
     return given.pop() if given else None
 
 
-def _choose(job: Job, model: Model, table: ParameterTable) -> Sequence[Parameter]:
+def _choose_from_table(job: Job, model: Model, table: ParameterTable) -> Sequence[Parameter]:
     """Return the unknowns of a table."""
     if table.name is not None and table.drives is not None:
         with key_path(otherwise=("drives",)):
@@ -162,6 +164,6 @@ def _choose(job: Job, model: Model, table: ParameterTable) -> Sequence[Parameter
         return items
     weighed = []
     for p in items:
-        mass = _sensor_mass(job, p.group)
+        mass = _find_sensor_mass(job, p.group)
         weighed.append(p if mass is None else replace(p, nominal=mass, unit="kg"))
     return weighed

@@ -17,9 +17,9 @@ from updyn.dynamics.response import response as model_response
 from updyn.errors import InputError, UpdynError
 from updyn.frf import FRF
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
-from updyn.job.prepare import measurement as read_measurement
+from updyn.job.prepare import read_measurement
 from updyn.job.prepared import PreparedTest
-from updyn.job.proposal import job_text, look_at
+from updyn.job.proposal import job_text, read_inputs
 from updyn.job.start import counterparts_at_start
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -562,5 +562,5 @@ def propose(model: Path, measurement: Path, job: Path, stated: dict[str, object]
     str
         TOML.
     """
-    inputs = look_at(model, measurement, stated)
+    inputs = read_inputs(model, measurement, stated)
     return job_text(inputs, job, f"{inputs.model.n_dofs} DOFs", f"{len(inputs.frf.freq)} lines")

@@ -15,7 +15,7 @@ from updyn.errors import FormatError, InputError
 from updyn.foreign.confinement import resolve_path
 from updyn.io.atomic import write_bytes
 from updyn.job.files import check_encodable, is_encodable
-from updyn.job.folder import HEADER, JOB_FILE, is_of_a_run
+from updyn.job.folder import HEADER, JOB_FILE, is_run_job
 from updyn.outputs.manifest import MANIFEST, Manifest, is_output
 
 __all__ = ["Project", "RunFolder"]
@@ -341,7 +341,7 @@ def _job_of(folder: Path) -> Path | None:
 def _is_of_a_run(path: Path) -> bool:
     """Return whether a run wrote a job file; one that cannot be read is a user's."""
     try:
-        return is_of_a_run(path)
+        return is_run_job(path)
     except OSError:
         return False
 

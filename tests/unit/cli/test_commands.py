@@ -204,12 +204,12 @@ def test_a_run_never_writes_over_its_inputs(
     job = write(chain_folder, OPEN.replace("chain.h5", "model.h5"), "start.toml")
     before = (chain_folder / "model.h5").read_bytes()
     assert main(["run", str(job), "--out", str(chain_folder)]) == 2
-    assert "would write over its own model" in capsys.readouterr().err
+    assert "would overwrite its model" in capsys.readouterr().err
     job.rename(chain_folder / "job.toml")
     assert (
         main(["run", str(chain_folder / "job.toml"), "--out", str(chain_folder / "x" / "..")]) == 2
     )
-    assert "would write over its own job file" in capsys.readouterr().err
+    assert "would overwrite its job file" in capsys.readouterr().err
     assert (chain_folder / "model.h5").read_bytes() == before
 
 
@@ -223,7 +223,7 @@ def test_a_run_never_writes_over_its_geometry(
     again = write(chain_folder, text, "again.toml")
     capsys.readouterr()
     assert main(["run", str(again), "--out", str(chain_folder / "job")]) == 2
-    assert "would write over its own geometry" in capsys.readouterr().err
+    assert "would overwrite its geometry" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="names of files are text elsewhere")

@@ -203,11 +203,11 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
         (["--truth", "gone.toml"], "gone.toml: the true values cannot be read: No such file"),
         (
             ["--truth", "wrong.toml"],
-            "wrong.toml: 'unit 1.stifness' is no unknown of the job; did you mean",
+            "wrong.toml: 'unit 1.stifness' is not an unknown of the job; did you mean",
         ),
         (["--truth", "text.toml"], "'unit 1.stiffness': expected a finite number, found 'much'"),
         (["--truth", "broken.json"], "broken.json: not JSON"),
-        (["--truth", "empty.toml"], "holds no true value"),
+        (["--truth", "empty.toml"], "contains no true value"),
         (["--tolerance", "0"], "expected a number above 0"),
         (["--chosen", "randomly"], "valid: 'd-optimal', 'even'"),
         (["--workers", "0"], "expected a number of processes"),

@@ -205,7 +205,7 @@ def test_names_that_the_folder_needs_itself(
     text = JOB.split("[uncertainty]")[0] + f'[output]\nproperties = "{name}"\n'
     job.write_text(text, encoding="utf-8")
     assert main(["check", str(job)]) == 2
-    assert "expected the name of a file of its own" in capsys.readouterr().err
+    assert "expected a file name that no other output has" in capsys.readouterr().err
 
 
 def test_a_name_that_no_file_can_have(job: Path, capsys: pytest.CaptureFixture[str]) -> None:

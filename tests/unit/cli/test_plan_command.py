@@ -115,7 +115,7 @@ def test_a_job_that_was_planned_runs(inputs: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        (MODEL, None, "no table [plan]"),
+        (MODEL, None, "missing table [plan]"),
         (MODEL + PLAN.replace("n_sensors = 3\n", ""), 13, "missing key 'n_sensors' in [plan]"),
         (MODEL + PLAN.replace("n_sensors", "sensors"), 14, "did you mean 'n_sensors'"),
         (MODEL + PLAN.replace("= 3", "= 0"), 14, "expected a number of at least 1"),
@@ -170,7 +170,7 @@ def test_files_of_a_user_are_kept(
 ) -> None:
     (tmp_path / "plan.json").write_text("mine", encoding="utf-8")
     assert main(["plan", str(job(inputs, MODEL + PLAN)), "--out", str(tmp_path)]) == 2
-    assert "files that are not its own" in " ".join(capsys.readouterr().err.split())
+    assert "files that it did not write" in " ".join(capsys.readouterr().err.split())
     assert [p.name for p in tmp_path.iterdir()] == ["plan.json"]
 
 

@@ -10,7 +10,7 @@ from updyn.control.servo.wind import Wind
 from updyn.demos import find_demo
 from updyn.errors import JobError
 from updyn.job import load_job, prepare
-from updyn.job.folder import resolved_job
+from updyn.job.folder import format_resolved_job
 
 JOB = """[model]
 file = "chain.h5"
@@ -64,7 +64,7 @@ def test_what_is_written_out_says_the_same(job, tmp_path):
         " delay = 0.015 }\nfamily = 3\n"
     )
     loaded = load_job(job(text))
-    written = resolved_job(loaded, tmp_path)
+    written = format_resolved_job(loaded, tmp_path)
     assert tomllib.loads(written)["plant"]["band"] == [1.0, 9.0]
     (tmp_path / "again.toml").write_text(written)
     again = load_job(tmp_path / "again.toml").tables["plant"]
@@ -160,7 +160,7 @@ def test_a_controller_is_that_of_the_library(job, tmp_path):
     notches = (Notch(7.0), Notch.of_width(9.0, 2.0, 0.1))
     assert found == Controller(20.0, 0.1, 3.0, notches, low_pass=50.0, dead_time=0.001)
     assert loaded.tables["servo"].wind.wind() == Wind(10.0, 0.5, turbulence=0.2)
-    (tmp_path / "again.toml").write_text(resolved_job(loaded, tmp_path))
+    (tmp_path / "again.toml").write_text(format_resolved_job(loaded, tmp_path))
     assert load_job(tmp_path / "again.toml").tables["servo"] == loaded.tables["servo"]
 
 

@@ -16,7 +16,7 @@ from updyn.elements.masses import add_masses
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.frf import FRF
 from updyn.job import job_identifiability, load_job, prepare, run_job
-from updyn.job.folder import was_saved
+from updyn.job.folder import can_resume
 
 BASE = """\
 [model]
@@ -136,7 +136,7 @@ def test_averages_are_added_and_not_contradicted(folder: Path) -> None:
     updyn.write_frf(told, folder / "in" / "chain.npz")
     assert prepare(job_at(folder)).frf.averages == 5
     with pytest.raises(
-        JobError, match=r"job\.toml:5: test\.averages = 8, but in/chain\.npz says 5"
+        JobError, match=r"job\.toml:5: test\.averages = 8, but in/chain\.npz states 5"
     ):
         prepare(job_at(folder, test="averages = 8"))
 
@@ -447,7 +447,7 @@ def test_where_nothing_was_saved_the_run_begins_anew_and_says_so(folder: Path) -
 def test_a_damaged_record_of_a_run_is_nothing_to_resume(tmp_path: Path, text: str) -> None:
     (tmp_path / "result.json").write_text(text, encoding="latin-1")
     with pytest.warns(UpdynWarning, match="does not exist; the run begins anew"):
-        assert not was_saved(tmp_path)
+        assert not can_resume(tmp_path)
 
 
 def test_one_command_for_every_start_of_a_scheduler(folder: Path) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from updyn.control.job.job_tables import plant_outputs
 from updyn.control.job.tables import PlantTable
-from updyn.job.comparison import COMPARED
+from updyn.job.comparison import COMPARISON_FILES
 from updyn.job.identification import MODES_FILES
-from updyn.job.planning import PLANNED
+from updyn.job.planning import PLAN_FILES
 from updyn.job.schema import OUTPUTS
 from updyn.job.uncertainty import FILE
 from updyn.outputs.manifest import OUTPUT_NAMES
@@ -22,5 +22,5 @@ def test_the_list_holds_what_the_commands_write_and_nothing_else() -> None:
         )
     }
     pages = {"check.html", "correlate.html"}
-    written = {*OUTPUTS, FILE, *MODES_FILES, *PLANNED, *COMPARED, *pages, *plant}
+    written = {*OUTPUTS, FILE, *MODES_FILES, *PLAN_FILES, *COMPARISON_FILES, *pages, *plant}
     assert written == OUTPUT_NAMES

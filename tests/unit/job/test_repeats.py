@@ -68,7 +68,7 @@ def test_the_job_that_a_run_leaves_runs_again(folder: Path) -> None:
 
 def test_a_run_never_writes_over_a_repeat(folder: Path) -> None:
     (folder / "in" / "run2.npz").rename(folder / "in" / "run.nc")
-    with pytest.raises(JobError, match=r"write over its own measurement '.*run\.nc'"):
+    with pytest.raises(JobError, match=r"overwrite its measurement '.*run\.nc'"):
         run_job(load_job(job_at(folder, '["in/run.nc"]')), folder / "in")
 
 

@@ -93,7 +93,7 @@ def test_joined_and_chosen(job):
         (
             "[selection]\nn = 3\nmax_collinearity = 9.0",
             14,
-            "n says how many to fit, max_collinearity how separable",
+            "n and max_collinearity are alternatives",
         ),
         (
             "[selection]\nclusters = 0.9",

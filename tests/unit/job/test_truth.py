@@ -57,7 +57,7 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
         (
             "a.toml",
             '"part 1.stifness" = 0.8\n',
-            "'part 1.stifness' is no unknown of the job; did you mean",
+            "'part 1.stifness' is not an unknown of the job; did you mean",
         ),
         (
             "a.toml",
@@ -72,7 +72,7 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
             "'part 1.stiffness' occurs twice",
         ),
         ("a.toml", "stiffness 0.8", "not TOML"),
-        ("a.toml", "", "holds no true value"),
+        ("a.toml", "", "contains no true value"),
         ("a.json", "[1, 2]", "expected names with values, found a list"),
         ("a.json", '{"part 1.stiffness": Infinity}', "expected a finite number, found inf"),
         ("a.json", '{"part 1.stiffness": 1%s}' % ("0" * 400), "expected a finite number, found 10"),

@@ -115,7 +115,7 @@ def test_a_method_without_likelihood_is_refused_before_the_run(job):
     path = job('name = "output-error"\n[uncertainty]\nkind = "profile"\n')
     text = path.read_text().replace("starts = 0\n", "")
     path.write_text(text)
-    with pytest.raises(JobError, match=r"kind 'profile' is of a fit by 'maximum-likelihood'"):
+    with pytest.raises(JobError, match=r"kind 'profile' requires a fit by 'maximum-likelihood'"):
         prepare(load_job(path))
 
 

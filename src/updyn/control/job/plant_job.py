@@ -19,8 +19,8 @@ from updyn.io.toml_text import parse_toml
 from updyn.job.folder import (
     check_out,
     default_out,
-    is_of_a_run,
-    resolved_job,
+    format_resolved_job,
+    is_run_job,
 )
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
@@ -53,7 +53,7 @@ def default_plant_out(job: Job) -> Path:
 
 def _written_by_run(job: Job) -> bool:
     """Return whether a run wrote the job file."""
-    return is_of_a_run(job.path)
+    return is_run_job(job.path)
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
@@ -186,7 +186,7 @@ def _check_same(job: Job, folder: Path) -> None:
             f"the run in {str(folder)!r} has no readable job.toml; run the job again",
             job.path,
         ) from error
-    now = parse_toml(resolved_job(job, folder))
+    now = parse_toml(format_resolved_job(job, folder))
     for table in dict.fromkeys([*now, *then]):
         if table not in _LATER and now.get(table) != then.get(table):
             text = (
