@@ -98,7 +98,7 @@ class Dof:
         """
         if isinstance(label, Dof):
             return label
-        node, axis, sign = _read(label)
+        node, axis, sign = _parse_label(label)
         return cls(node, DIRECTIONS[axis], sign)
 
     def __str__(self) -> str:
@@ -172,7 +172,7 @@ class DofSet(Sequence[Dof]):
             )
         if not isinstance(dofs, Iterable):
             raise DofError(f"DOFs {dofs!r}: expected a list of labels, found {type(dofs).__name__}")
-        parsed = np.array(list(map(_read, dofs)), dtype=np.int64).reshape(-1, 3)
+        parsed = np.array(list(map(_parse_label, dofs)), dtype=np.int64).reshape(-1, 3)
         nodes, axes, signs = parsed.T
         self._set(nodes, axes.astype(np.int8), signs.astype(np.int8))
 
@@ -333,7 +333,7 @@ class DofSet(Sequence[Dof]):
             first = wanted[int(missing[0])]
             raise DofError(
                 f"{what} {first} is not among the {len(self)} DOFs{in_all(missing.size)};"
-                f" {self._near(first)}"
+                f" {self._nearest_labels(first)}"
             )
         return Match(index, (self.signs[index] * wanted.signs).astype(np.float64))
 
@@ -359,7 +359,7 @@ class DofSet(Sequence[Dof]):
         keep[self.match(other).index] = False
         return np.flatnonzero(keep)
 
-    def _near(self, dof: Dof, n: int = 3) -> str:
+    def _nearest_labels(self, dof: Dof, n: int = 3) -> str:
         if len(self) == 0:
             return "there is none to choose from"
         distance = np.abs(self.nodes - dof.node) * 6 + (self.axes != _INDEX[dof.direction])
@@ -415,7 +415,7 @@ def _array_of(given: ArrayLike, what: str, error: type[InputError]) -> NDArray[A
         raise error(f"{what}: expected whole numbers in an array ({cause})") from cause
 
 
-def _read(label: object) -> tuple[int, int, int]:
+def _parse_label(label: object) -> tuple[int, int, int]:
     """Return node, direction index and sign of a label or a `Dof`."""
     if isinstance(label, Dof):
         return label.node, _INDEX[label.direction], label.sign

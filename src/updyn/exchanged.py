@@ -70,7 +70,7 @@ class AxisExchange:
     stiffness: float = 1.0
     mass: float = 1.0
 
-    def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> AxisExchange:
+    def scale(self, stiffness: float = 1.0, mass: float = 1.0) -> AxisExchange:
         """Return a copy with factors on the matrices.
 
         Parameters
@@ -84,7 +84,7 @@ class AxisExchange:
         """
         return replace(self, stiffness=self.stiffness * stiffness, mass=self.mass * mass)
 
-    def transformed(self, T: Any) -> AxisExchange:
+    def transform(self, T: Any) -> AxisExchange:
         """Return a copy whose matrices A are T^T A T.
 
         Parameters
@@ -112,10 +112,11 @@ class AxisExchange:
         """
         own = self.recipe.matrices()
         return StiffnessAndMass(
-            self._now(own.stiffness, self.stiffness), self._now(own.mass, self.mass)
+            self._transform_matrix(own.stiffness, self.stiffness),
+            self._transform_matrix(own.mass, self.mass),
         )
 
-    def _now(self, matrix: Any | None, factor: float) -> Any | None:
+    def _transform_matrix(self, matrix: Any | None, factor: float) -> Any | None:
         if matrix is None:
             return None
         for T in self.maps:

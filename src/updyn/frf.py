@@ -193,8 +193,8 @@ class FRF:
         set_("freq", check_lines(freq))
         shape = (len(self.freq), len(self.responses), len(self.references))
         set_("values", self._array("values", values, np.complex128, shape))
-        set_("coherence", self._bounded("coherence", coherence, 1.0, shape))
-        set_("variance", self._bounded("variance", variance, np.inf, shape))
+        set_("coherence", self._check_range("coherence", coherence, 1.0, shape))
+        set_("variance", self._check_range("variance", variance, np.inf, shape))
         whole = isinstance(averages, int | np.integer) and not isinstance(averages, bool)
         if averages is not None and not (whole and averages >= 1):
             raise DataError(f"averages {averages!r}: expected a whole number of at least 1")
@@ -207,7 +207,7 @@ class FRF:
         set_("source", source)
         set_("decay", check_decay(decay))
 
-    def _bounded(
+    def _check_range(
         self, name: str, given: ArrayLike | None, high: float, shape: tuple[int, ...]
     ) -> NDArray[np.float64] | None:
         if given is None:
@@ -220,11 +220,11 @@ class FRF:
         if outside.any():
             at = np.argwhere(outside)[0]
             raise DataError(
-                f"{name} {self._where(at)} is {array[tuple(at)]:g}; expected 0 to {high:g}"
+                f"{name} {self._place_text(at)} is {array[tuple(at)]:g}; expected 0 to {high:g}"
             )
         return array
 
-    def _where(self, at: Sequence[int] | NDArray[Any]) -> str:
+    def _place_text(self, at: Sequence[int] | NDArray[Any]) -> str:
         line, row, column = map(int, at)
         return (
             f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference"
@@ -245,7 +245,7 @@ class FRF:
             if name == "values" and np.isnan(array).any():
                 gap = f"; {_GAPS}"
             raise DataError(
-                f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite{gap}"
+                f"{name} {self._place_text(np.argwhere(~np.isfinite(array))[0])} is not finite{gap}"
             )
         array.flags.writeable = False
         return array
@@ -271,8 +271,8 @@ class FRF:
             title += f": {shown[0].name}"
         facts = {
             "lines": f"{len(self.freq)} from {self.freq[0]:g} to {self.freq[-1]:g} Hz",
-            "responses": _listed(self.responses),
-            "forces": _listed(self.references),
+            "responses": _format_labels(self.responses),
+            "forces": _format_labels(self.references),
             "coherence": "" if self.coherence is None else "known",
             "variance": "" if self.variance is None else "known",
             "window": f"exp(-{self.decay:g} t)" if self.decay else "",
@@ -449,8 +449,8 @@ class FRF:
                 " references. A list of labels stands in brackets: frf[[...], ...]"
             )
         return self.select(
-            responses=_chosen(channels[0], self.responses, "response"),
-            references=_chosen(channels[1], self.references, "reference"),
+            responses=_select_dofs(channels[0], self.responses, "response"),
+            references=_select_dofs(channels[1], self.references, "reference"),
         )
 
     __iter__ = None  # not a sequence: indexed by labels, not by positions
@@ -669,13 +669,13 @@ class FRF:
         )
 
 
-def _listed(dofs: DofSet) -> str:
+def _format_labels(dofs: DofSet) -> str:
     """Return the labels as text; for many labels, the first ones and their number."""
     text = ", ".join(dofs[:_DRAWN].labels)
     return text if len(dofs) <= _DRAWN else f"{text}, ... ({len(dofs)} in all)"
 
 
-def _chosen(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
+def _select_dofs(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
     """Return the DOFs that match labels and patterns; None for all."""
     if isinstance(given, slice):
         if given != slice(None):

@@ -146,14 +146,14 @@ class Group:
             raise ModelError("a group needs at least one of stiffness, mass and viscous")
         if len(set(sizes.values())) > 1:
             raise ModelError(f"the matrices of a group differ in size: {sizes}")
-        self._damp(loss_factor, mass_damping, stiffness_damping, loss_table)
+        self._set_damping(loss_factor, mass_damping, stiffness_damping, loss_table)
 
-    def _damp(
+    def _set_damping(
         self, loss_factor: Any, mass_damping: Any, stiffness_damping: Any, loss_table: Any
     ) -> None:
-        object.__setattr__(self, "loss_factor", _damping("loss factor", loss_factor))
-        object.__setattr__(self, "mass_damping", _damping("mass_damping", mass_damping))
-        own = _damping("stiffness_damping", stiffness_damping)
+        object.__setattr__(self, "loss_factor", _check_damping("loss factor", loss_factor))
+        object.__setattr__(self, "mass_damping", _check_damping("mass_damping", mass_damping))
+        own = _check_damping("stiffness_damping", stiffness_damping)
         object.__setattr__(self, "stiffness_damping", own)
         for name in VALUES:
             value = getattr(self, name)
@@ -167,7 +167,7 @@ class Group:
             raise ModelError("loss_table: the group has no stiffness that it could act on")
 
     @classmethod
-    def _checked(
+    def _build_unchecked(
         cls,
         stiffness: Matrix,
         mass: Matrix,
@@ -183,11 +183,11 @@ class Group:
                 matrix = read_only(matrix)
             object.__setattr__(out, name, matrix)
         rest = {"mass_damping": 0.0, "stiffness_damping": 0.0, "loss_table": None, **damping}
-        out._damp(**rest)
+        out._set_damping(**rest)
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Group._checked, (*self._matrices, self.damping, self.exchanged)
+        return Group._build_unchecked, (*self._matrices, self.damping, self.exchanged)
 
     def __repr__(self) -> str:
         has = [name for name in MATRICES if getattr(self, name) is not None]
@@ -345,7 +345,7 @@ class Group:
         Group
         """
         K, M, C = (None if A is None else change(A) for A in self._matrices)
-        exchanged = None if self.exchanged is None else self.exchanged.transformed(T)
+        exchanged = None if self.exchanged is None else self.exchanged.transform(T)
         return self.with_matrices(K, M, C).with_exchanged(exchanged)
 
     def with_exchanged(self, exchanged: AxisExchange | None) -> Group:
@@ -360,7 +360,7 @@ class Group:
         -------
         Group
         """
-        return Group._checked(*self._matrices, self.damping, exchanged)
+        return Group._build_unchecked(*self._matrices, self.damping, exchanged)
 
     def with_exchanged_axes(self) -> Group:
         """Return the group with the section axes of its beams exchanged.
@@ -402,7 +402,7 @@ class Group:
             if name not in DAMPING:
                 raise ModelError(f"no damping {name!r}; {suggest(str(name), DAMPING)}", key=(name,))
         changed = self.damping | dict(damping)
-        return Group._checked(*self._matrices, changed, self.exchanged)
+        return Group._build_unchecked(*self._matrices, changed, self.exchanged)
 
     def changed(self, change: Mapping[str, float]) -> Group:
         """Return a changed copy, without checks.
@@ -419,13 +419,13 @@ class Group:
         """
         new = {name: change[name] for name in VALUES if name in change}
         stiffness, mass, viscous = (
-            _times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES
+            _scale_matrix(getattr(self, name), change.get(name, 1.0)) for name in MATRICES
         )
         exchanged = self.exchanged
         if exchanged is not None:
             factors = (change.get(name, 1.0) for name in ("stiffness", "mass"))
-            exchanged = exchanged.scaled(*factors)
-        return Group._checked(stiffness, mass, viscous, self.damping | new, exchanged)
+            exchanged = exchanged.scale(*factors)
+        return Group._build_unchecked(stiffness, mass, viscous, self.damping | new, exchanged)
 
 
 def is_number(value: object) -> bool:
@@ -446,7 +446,7 @@ def is_number(value: object) -> bool:
     return isinstance(value, float | np.floating | np.integer)
 
 
-def _damping(name: str, value: Any) -> float:
+def _check_damping(name: str, value: Any) -> float:
     if not is_number(value):
         raise ModelError(f"{name} {value!r}: expected a number")
     if not (math.isfinite(value) and value >= 0):
@@ -454,7 +454,7 @@ def _damping(name: str, value: Any) -> float:
     return float(value)
 
 
-def _times(matrix: Matrix | None, factor: float) -> Matrix | None:
+def _scale_matrix(matrix: Matrix | None, factor: float) -> Matrix | None:
     if matrix is None or factor == 1.0:
         return matrix
     return sp.csr_array(

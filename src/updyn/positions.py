@@ -191,11 +191,11 @@ def model_size(model: Model) -> float:
         In m.
     """
     assert model.geometry is not None
-    used = _used(model)
+    used = _has_dof_mask(model)
     return float(np.linalg.norm(np.ptp(model.geometry.xyz[used], axis=0))) if used.any() else 0.0
 
 
-def _used(model: Model) -> NDArray[np.bool_]:
+def _has_dof_mask(model: Model) -> NDArray[np.bool_]:
     """Return a mask of the nodes of the geometry of a model that have a DOF."""
     assert model.geometry is not None
     return np.isin(model.geometry.nodes, model.dofs.nodes)
@@ -257,7 +257,7 @@ def check_labels(
     size = model_size(model)
     if not len(both) or size == 0.0:
         return None
-    return _Comparison(both, test, model, size, limit).result()
+    return _Comparison(both, test, model, size, limit).compare()
 
 
 class _Comparison:
@@ -284,10 +284,10 @@ class _Comparison:
         places = np.round(self.x / (span or 1.0), 9)
         self.n_places = len(np.unique(places, axis=0))
 
-    def result(self) -> LabelCheck:
+    def compare(self) -> LabelCheck:
         """Return the first system in which the pairs agree, or the contradiction."""
         here = CoordinateSystem()
-        if not self.gross(here).any():
+        if not self.far_pairs(here).any():
             return LabelCheck()
         if len(self.nodes) > 1 and self.n_places == 1:
             return LabelCheck(
@@ -295,21 +295,22 @@ class _Comparison:
                 " so that labels and positions were not compared"
             )
         if self.fits_coordinates(here):
-            return self.contradiction(here, {"by": "coordinates"})
+            return self.report_contradiction(here, {"by": "coordinates"})
         agreeing = [unit for unit in _other_units() if self.fits_labels(unit)]
         if agreeing:
-            return _in_unit(min(agreeing, key=lambda unit: _rms(self.apart(unit))))
+            return _in_unit(min(agreeing, key=lambda unit: _rms(self.pair_vectors(unit))))
         elsewhere = [unit for unit in _other_units() if unit.unit and self.fits_coordinates(unit)]
         if elsewhere:
             best = min(elsewhere, key=lambda unit: _rms(self.nearest(unit)[0]))
-            return self.contradiction(best, {"by": "coordinates", "unit": best.unit})
-        moved = [self.moved(unit) for unit in (here, *_other_units())]
-        agreeing = [system for system in moved if self.fits_moved(system)]
+            return self.report_contradiction(best, {"by": "coordinates", "unit": best.unit})
+        moved = [self.align_rigidly(unit) for unit in (here, *_other_units())]
+        agreeing = [system for system in moved if self.fits_rigidly(system)]
         if agreeing:
-            return self.in_system(min(agreeing, key=lambda one: one.residual or 0.0))
-        if _rms(self.apart(here)) > self.size:  # another system, so the distances mean nothing
-            here = min(moved, key=lambda one: abs(math.log(self.stretch(one))))
-        return self.contradiction(here, {})
+            return self.report_motion(min(agreeing, key=lambda one: one.residual or 0.0))
+        # Distances above the size mean nothing, because the test is in another system.
+        if _rms(self.pair_vectors(here)) > self.size:
+            here = min(moved, key=lambda one: abs(math.log(self.size_ratio(one))))
+        return self.report_contradiction(here, {})
 
     # -- distances
     @cached_property
@@ -317,10 +318,10 @@ class _Comparison:
         """Tree of the positions of the used nodes of the model, and these nodes."""
         geometry = self.model.geometry
         assert geometry is not None
-        used = _used(self.model)
+        used = _has_dof_mask(self.model)
         return KDTree(geometry.xyz[used]), geometry.nodes[used]
 
-    def apart(self, system: CoordinateSystem) -> Points:
+    def pair_vectors(self, system: CoordinateSystem) -> Points:
         """Return the vectors between the nodes of each pair, shape (n, 3)."""
         return system.apply(self.x) - self.y
 
@@ -330,16 +331,16 @@ class _Comparison:
         distance, at = tree.query(system.apply(self.x))
         return distance, names[at]
 
-    def gross(self, system: CoordinateSystem) -> NDArray[np.bool_]:
+    def far_pairs(self, system: CoordinateSystem) -> NDArray[np.bool_]:
         """Return a mask of the pairs that are too far apart."""
-        distance = np.linalg.norm(self.apart(system), axis=1)
+        distance = np.linalg.norm(self.pair_vectors(system), axis=1)
         far = distance > self.limit
         if self.stated or not far.any():
             return np.asarray(far)
         is_nearest = distance <= (1.0 + 1e-9) * self.nearest(system)[0]
         return np.asarray(far & ~(is_nearest & (distance <= _COARSE * self.size)))
 
-    def stretch(self, system: CoordinateSystem) -> float:
+    def size_ratio(self, system: CoordinateSystem) -> float:
         """Return the size of the test relative to that of the nodes of the model."""
         points = system.apply(self.x)
         own = _rms(points - points.mean(axis=0))
@@ -348,12 +349,12 @@ class _Comparison:
     # -- systems
     def fits_labels(self, unit: CoordinateSystem) -> bool:
         """Return whether the pairs agree in another unit."""
-        shape = _rms(self.apart(unit)) <= _SAME_SHAPE * self.radius
-        return shape and not self.gross(unit).any()
+        shape = _rms(self.pair_vectors(unit)) <= _SAME_SHAPE * self.radius
+        return shape and not self.far_pairs(unit).any()
 
     def fits_coordinates(self, unit: CoordinateSystem) -> bool:
         """Return whether most pairs are wrong, and all nodes of the test lie on other nodes."""
-        gross = self.gross(unit)
+        gross = self.far_pairs(unit)
         if 2 * np.sum(gross) <= len(gross):
             return False
         distance, names = self.nearest(unit)
@@ -361,25 +362,27 @@ class _Comparison:
             return False  # with a free unit, one or two nodes lie on others by chance
         near = bool((distance <= GROSS * self.size).all())
         distinct = len(np.unique(names)) >= self.n_places
-        return near and distinct and _rms(distance) < _BETTER * _rms(self.apart(unit))
+        return near and distinct and _rms(distance) < _BETTER * _rms(self.pair_vectors(unit))
 
-    def moved(self, unit: CoordinateSystem) -> CoordinateSystem:
+    def align_rigidly(self, unit: CoordinateSystem) -> CoordinateSystem:
         """Return the system with the rigid motion that best aligns the pairs."""
         R, shift = rigid_motion(unit.factor * self.x, self.y)
         system = replace(unit, rotation=R, shift=shift)
-        return replace(system, residual=_rms(self.apart(system)))
+        return replace(system, residual=_rms(self.pair_vectors(system)))
 
-    def fits_moved(self, system: CoordinateSystem) -> bool:
+    def fits_rigidly(self, system: CoordinateSystem) -> bool:
         """Return whether the pairs agree after a rigid motion."""
         assert system.residual is not None
-        most = min(_RIGID_SHAPE * self.radius, _BETTER * _rms(self.apart(CoordinateSystem())))
+        most = min(
+            _RIGID_SHAPE * self.radius, _BETTER * _rms(self.pair_vectors(CoordinateSystem()))
+        )
         if system.factor != 1.0 and self.n_places < 3:
             most *= 0.1  # with a free unit, any two distances can be made similar
         shape = system.residual <= max(most, 1e-12 * self.size)
-        return shape and not self.gross(system).any()
+        return shape and not self.far_pairs(system).any()
 
     # -- results
-    def in_system(self, system: CoordinateSystem) -> LabelCheck:
+    def report_motion(self, system: CoordinateSystem) -> LabelCheck:
         """Return the remarks on pairs that agree after a rigid motion."""
         n = len(self.nodes)
         x, y, z = (f"{v:.4g}" for v in np.where(abs(system.shift) < 1e-12, 0.0, system.shift))
@@ -399,7 +402,7 @@ class _Comparison:
             return LabelCheck(system, note=text)
         if system.turn <= _TURNED:
             return LabelCheck(system, warning=f"{text}; models are in SI")
-        pairs = ", ".join(f"{node} = {node}" for node in self.spread_out())
+        pairs = ", ".join(f"{node} = {node}" for node in self.spread_nodes())
         warning = (
             f"{text.replace('moved', f'turned by {system.turn:.3g} degrees and moved', 1)};"
             " directions are taken as the labels name them. If those of the test are along its own"
@@ -407,7 +410,7 @@ class _Comparison:
         )
         return LabelCheck(system, warning=warning)
 
-    def spread_out(self) -> list[int]:
+    def spread_nodes(self) -> list[int]:
         """Return three nodes (of more than three) that determine a motion well."""
         y = self.y
         first = int(np.argmax(np.linalg.norm(y - y.mean(axis=0), axis=1)))
@@ -415,10 +418,12 @@ class _Comparison:
         off = np.linalg.norm(np.cross(y - y[first], y[second] - y[first]), axis=1)
         return [int(self.nodes[i]) for i in sorted({first, second, int(np.argmax(off))})]
 
-    def contradiction(self, system: CoordinateSystem, proposal: dict[str, Any]) -> LabelCheck:
+    def report_contradiction(
+        self, system: CoordinateSystem, proposal: dict[str, Any]
+    ) -> LabelCheck:
         """Return the contradiction with the worst pairs and the remedy."""
-        gross = np.flatnonzero(self.gross(system))
-        distance = np.linalg.norm(self.apart(system), axis=1)
+        gross = np.flatnonzero(self.far_pairs(system))
+        distance = np.linalg.norm(self.pair_vectors(system), axis=1)
         near, names = self.nearest(system)
         rows = []
         for i in sorted(gross, key=lambda i: -distance[i])[:_SHOWN]:
@@ -440,10 +445,10 @@ class _Comparison:
         if proposal and (worst := float(near.max())) > _COORDINATES * self.size:
             proposal["tolerance"] = f"{math.ceil(100 * worst / self.size)} %"
         return LabelCheck(
-            system, "\n".join([head, *rows, self.finding(near, len(gross), proposal)]), proposal
+            system, "\n".join([head, *rows, self.remedy_text(near, len(gross), proposal)]), proposal
         )
 
-    def finding(self, near: Points, n_gross: int, proposal: Mapping[str, Any]) -> str:
+    def remedy_text(self, near: Points, n_gross: int, proposal: Mapping[str, Any]) -> str:
         """Return the remedy as a sentence."""
         if proposal:
             options = ", ".join(f'{key} = "{value}"' for key, value in proposal.items())

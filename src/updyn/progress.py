@@ -153,7 +153,7 @@ class StageClock:
         # Start time of the stage, and the numbers of lines solved then and at the last call.
         self._begun, self._first, self._last = 0.0, 0, 0
 
-    def read(self, progress: RunProgress) -> RunPosition:
+    def locate(self, progress: RunProgress) -> RunPosition:
         """Return the position of the run.
 
         Parameters
@@ -257,7 +257,7 @@ class ProgressBar:
     # -- a bar
     def _draw(self, progress: RunProgress) -> None:
         """Update the bar."""
-        where = self._clock.read(progress)
+        where = self._clock.locate(progress)
         known = not math.isnan(where.share)
         self._bar.update(
             self._task,
@@ -352,7 +352,7 @@ class NotebookBar:
         progress : Progress
             Argument of a progress callback.
         """
-        where = self._clock.read(progress)
+        where = self._clock.locate(progress)
         now = time.monotonic()
         if now - self._last >= _BETWEEN_PICTURES:
             self._last = now

@@ -49,39 +49,42 @@ class Shape:
     encloses: bool = False
 
 
-def _ring(n: int, start: int = 0) -> tuple[tuple[int, int], ...]:
+def _ring_edges(n: int, start: int = 0) -> tuple[tuple[int, int], ...]:
     return tuple((start + i, start + (i + 1) % n) for i in range(n))
 
 
-def _upright(n: int) -> tuple[tuple[int, int], ...]:
+def _upright_edges(n: int) -> tuple[tuple[int, int], ...]:
     return tuple((i, i + n) for i in range(n))
 
 
-def _to_apex(n: int) -> tuple[tuple[int, int], ...]:
+def _apex_edges(n: int) -> tuple[tuple[int, int], ...]:
     return tuple((i, n) for i in range(n))
 
 
 LINE = Shape(2, ((0, 1),))
-TRIANGLE = Shape(3, _ring(3), ((0, 1, 2),))
-QUADRANGLE = Shape(4, _ring(4), ((0, 1, 2, 3),))
+TRIANGLE = Shape(3, _ring_edges(3), ((0, 1, 2),))
+QUADRANGLE = Shape(4, _ring_edges(4), ((0, 1, 2, 3),))
 TETRAHEDRON = Shape(
-    4, (*_ring(3), *_to_apex(3)), ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)), encloses=True
+    4,
+    (*_ring_edges(3), *_apex_edges(3)),
+    ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    encloses=True,
 )
 PYRAMID = Shape(
     5,
-    (*_ring(4), *_to_apex(4)),
+    (*_ring_edges(4), *_apex_edges(4)),
     ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
     encloses=True,
 )
 WEDGE = Shape(
     6,
-    (*_ring(3), *_ring(3, 3), *_upright(3)),
+    (*_ring_edges(3), *_ring_edges(3, 3), *_upright_edges(3)),
     ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     encloses=True,
 )
 HEXAHEDRON = Shape(
     8,
-    (*_ring(4), *_ring(4, 4), *_upright(4)),
+    (*_ring_edges(4), *_ring_edges(4, 4), *_upright_edges(4)),
     ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
     encloses=True,
 )
@@ -167,15 +170,13 @@ def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[n
     ndarray of int, shape (k, 4)
         The outer faces, in the given order.
     """
-    _, first, count = np.unique(
-        _whatever_order(solid), axis=0, return_index=True, return_counts=True
-    )
+    _, first, count = np.unique(_sort_nodes(solid), axis=0, return_index=True, return_counts=True)
     every = np.concatenate([solid[np.sort(first[count == 1])], open_])
-    _, first = np.unique(_whatever_order(every), axis=0, return_index=True)
+    _, first = np.unique(_sort_nodes(every), axis=0, return_index=True)
     return np.asarray(every[np.sort(first)])
 
 
-def _whatever_order(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sort_nodes(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return faces, shape (n, 4), with sorted nodes; a triangle has its smallest node twice."""
     out = np.sort(faces, axis=1)
     triangle = faces[:, 2] == faces[:, 3]

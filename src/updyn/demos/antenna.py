@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.demos.antenna_model import AZIMUTH, ELEVATION, SKIN, STEEL, antenna, locked
+from updyn.demos.antenna_model import AZIMUTH, ELEVATION, SKIN, STEEL, antenna, lock_rotors
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response
 from updyn.frf import FRF
@@ -119,7 +119,7 @@ validation = ["463:Z"]
 """
 
 
-def _plain(groups: Sequence[str], quantity: str, low: float, high: float) -> str:
+def _unknown_per_group(groups: Sequence[str], quantity: str, low: float, high: float) -> str:
     """Return the text of unknowns, one per group."""
     return (
         f"[[parameter]]\ngroups = {_toml_array(groups)}\n"
@@ -127,7 +127,9 @@ def _plain(groups: Sequence[str], quantity: str, low: float, high: float) -> str
     )
 
 
-def _linked(name: str, drives: Mapping[str, float], low: float, high: float, more: str = "") -> str:
+def _linked_unknown(
+    name: str, drives: Mapping[str, float], low: float, high: float, more: str = ""
+) -> str:
     """Return the text of an unknown that drives several quantities, each with a power."""
     table = ", ".join(f'"{drive}" = {power:g}' for drive, power in drives.items())
     return (
@@ -155,17 +157,17 @@ def _unknowns() -> str:
     azimuth_loss = _parts("azimuth", _DRIVE, "loss_factor")
     elevation_loss = _parts("elevation", _DRIVE, "loss_factor")
     unknowns = [
-        _plain(springs, "stiffness", 0.3, 3),
-        _linked("azimuth gearbox.stiffness", gearbox, 0.3, 3.0),
-        _linked("elevation drive.stiffness", elevation, 0.3, 3.0),
-        _plain(["foundation", "azimuth bearing", "yoke"], "loss_factor", 0.0, 0.3),
-        _linked("azimuth drive.loss", azimuth_loss, 0.0, 0.2),
-        _linked("elevation drive.loss", elevation_loss, 0.0, 0.2),
-        _plain(["azimuth motor", "elevation motor", "counterweight"], "mass", 0.5, 2.0),
-        _plain(["azimuth drag", "elevation drag"], "viscous", 0.05, 20.0),
-        _linked("truss.E", {"truss *.stiffness": 1}, 0.5, 2.0, modulus),
-        _linked("truss.loss", {"truss *.loss_factor": 1}, 0.0, 0.2),
-        _linked("reflector.thickness", thickness, 0.5, 2.0, skin),
+        _unknown_per_group(springs, "stiffness", 0.3, 3),
+        _linked_unknown("azimuth gearbox.stiffness", gearbox, 0.3, 3.0),
+        _linked_unknown("elevation drive.stiffness", elevation, 0.3, 3.0),
+        _unknown_per_group(["foundation", "azimuth bearing", "yoke"], "loss_factor", 0.0, 0.3),
+        _linked_unknown("azimuth drive.loss", azimuth_loss, 0.0, 0.2),
+        _linked_unknown("elevation drive.loss", elevation_loss, 0.0, 0.2),
+        _unknown_per_group(["azimuth motor", "elevation motor", "counterweight"], "mass", 0.5, 2.0),
+        _unknown_per_group(["azimuth drag", "elevation drag"], "viscous", 0.05, 20.0),
+        _linked_unknown("truss.E", {"truss *.stiffness": 1}, 0.5, 2.0, modulus),
+        _linked_unknown("truss.loss", {"truss *.loss_factor": 1}, 0.0, 0.2),
+        _linked_unknown("reflector.thickness", thickness, 0.5, 2.0, skin),
     ]
     return "\n".join(unknowns)
 
@@ -211,7 +213,9 @@ def write_inputs(folder: Path, n_lines: int = _LINES) -> Path:
     model = antenna()
     true = model.scaled(TRUTH)
     write_model(model, folder / "model.h5")
-    write_frf(measure(locked(true), _SEED, torques=False, n_lines=n_lines), folder / "locked.uff")
+    write_frf(
+        measure(lock_rotors(true), _SEED, torques=False, n_lines=n_lines), folder / "locked.uff"
+    )
     write_frf(measure(true, _SEED + 1, torques=True, n_lines=n_lines), folder / "free.uff")
     job = folder / "job.toml"
     text = _JOB.format(averages=_AVERAGES, motors=_toml_array(MOTORS), unknowns=_unknowns())

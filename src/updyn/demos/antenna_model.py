@@ -39,7 +39,7 @@ from updyn.elements.structure import (
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 
-__all__ = ["AZIMUTH", "ELEVATION", "NODES", "antenna", "locked", "trains"]
+__all__ = ["AZIMUTH", "ELEVATION", "NODES", "antenna", "lock_rotors", "trains"]
 
 STEEL = {"E": 210e9, "rho": 7850.0, "nu": 0.3}
 ALUMINIUM = {"E": 70e9, "rho": 2700.0, "nu": 0.33}
@@ -101,7 +101,7 @@ def _with_drive(model: Model, name: str, ring: int, housing: int, axis: str) -> 
     return constrain(joined, [rotor])
 
 
-def locked(model: Model) -> Model:
+def lock_rotors(model: Model) -> Model:
     """Return the antenna with both rotors locked to their housings."""
     return constrain(model, grounded=[f"{AZIMUTH['motor']}:RZ", f"{ELEVATION['motor']}:RZ"])
 
@@ -303,7 +303,7 @@ def _paraboloid(r: float) -> float:
     return _VERTEX + r**2 / (4 * FOCUS)
 
 
-def _ring(r: float, along: float) -> Iterator[NDArray[np.float64]]:
+def _ring_points(r: float, along: float) -> Iterator[NDArray[np.float64]]:
     for angle in 2 * np.pi * np.arange(_AROUND) / _AROUND:
         yield _dish(along, r * math.cos(angle), r * math.sin(angle))
 
@@ -311,10 +311,10 @@ def _ring(r: float, along: float) -> Iterator[NDArray[np.float64]]:
 def _add_reflector(body: _Body, thickness: float) -> None:
     rings = []
     for i, r in enumerate(_RADII):
-        rings.append(body.place(301 + 30 * i, _ring(r, _paraboloid(r))))
+        rings.append(body.place(301 + 30 * i, _ring_points(r, _paraboloid(r))))
     drum = []
     for i, along in enumerate((0.2, 0.33, 0.46)):
-        drum.append(body.place(501 + 30 * i, _ring(_RADII[0], along)))
+        drum.append(body.place(501 + 30 * i, _ring_points(_RADII[0], along)))
     skin = Shell("reflector", _quads(rings), thickness=thickness, loss_factor=0.01, **ALUMINIUM)
     drum_quads = _quads([*drum, rings[0]])
     body.parts.append(skin)

@@ -38,12 +38,12 @@ __all__ = [
     "SENSORS",
     "STATIONS",
     "comparison",
+    "describe_residual",
     "epilogue",
     "levels_of",
     "next_job",
     "one_mode",
     "reciprocity",
-    "remains",
     "segments_job",
     "torsion",
     "write_inputs",
@@ -151,7 +151,7 @@ def write_inputs(folder: Path) -> Path:
         *_unknown_supports(),
     ]
     text = _job(folder, title="Steel beam, whole", start={}, unknowns=unknowns)
-    return _written(folder / "job.toml", text)
+    return _write_job(folder / "job.toml", text)
 
 
 def _unknown_supports() -> list[str]:
@@ -200,7 +200,7 @@ def segments_job(values: Mapping[str, float], folder: Path, number: int = 4) -> 
         segments=segments,
         options="starts = 0  # it starts from the fit of the whole beam\n",
     )
-    return _written(folder / "segments.toml", text)
+    return _write_job(folder / "segments.toml", text)
 
 
 def _job(
@@ -270,7 +270,7 @@ def _unknown(
     return text
 
 
-def _written(path: Path, text: str) -> Path:
+def _write_job(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -278,7 +278,7 @@ def _written(path: Path, text: str) -> Path:
 # -- results
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare start, whole beam and segments; explain the remaining residual."""
-    return f"{_SOURCE}\n\n{comparison(results)}\n\n{remains(results[-1])}"
+    return f"{_SOURCE}\n\n{comparison(results)}\n\n{describe_residual(results[-1])}"
 
 
 def comparison(results: Sequence[UpdateResult]) -> str:
@@ -323,7 +323,7 @@ def _start(result: UpdateResult) -> str:
     )
 
 
-def remains(result: UpdateResult) -> str:
+def describe_residual(result: UpdateResult) -> str:
     """Return text on the residual of the last model and its causes."""
     computed = correlate(result.model, result.frf)
     measured = computed.measured

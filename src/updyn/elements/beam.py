@@ -311,7 +311,7 @@ def _segment_groups(
         recipe = _SegmentRecipe(
             x, tuple(s for s in every if s.name == name), common, shear_ratio, loss_factor
         )
-        groups[name] = recipe.group().with_exchanged(_exchanged(recipe))
+        groups[name] = recipe.group().with_exchanged(_exchange_axes(recipe))
     return groups
 
 
@@ -330,7 +330,7 @@ class _SegmentRecipe:
         shared = (self.common, self.shear_ratio, self.loss_factor)
         first, *others = (_segment_group(self.x, one, *shared) for one in self.segments)
         for other in others:
-            first = _united(self.segments[0].name, first, other)
+            first = _add_groups(self.segments[0].name, first, other)
         return first
 
     def section(self, segment: Segment) -> tuple[float, float]:
@@ -347,7 +347,7 @@ class _SegmentRecipe:
         return StiffnessAndMass(group.stiffness, group.mass)
 
 
-def _exchanged(recipe: _SegmentRecipe) -> AxisExchange | None:
+def _exchange_axes(recipe: _SegmentRecipe) -> AxisExchange | None:
     """Return the group with width and height exchanged; None if they are equal."""
     turned = []
     for segment in recipe.segments:
@@ -399,22 +399,24 @@ def _segment_group(
     n = 2 * len(x)
     C = None
     if viscous:
-        C = _assembled(M_w * (viscous / mass_per_length), first, n)
-    return Group(_assembled(K, first, n), _assembled(M_w + M_t, first, n), loss_factor, C)
+        C = _assemble(M_w * (viscous / mass_per_length), first, n)
+    return Group(_assemble(K, first, n), _assemble(M_w + M_t, first, n), loss_factor, C)
 
 
-def _united(name: str, a: Group, b: Group) -> Group:
+def _add_groups(name: str, a: Group, b: Group) -> Group:
     """Return the sum of two segments with the same name."""
     if a.loss_factor != b.loss_factor:
         raise ModelError(
             f"segment {name!r}: loss factors {a.loss_factor} and {b.loss_factor} in one group; use"
             " two names"
         )
-    K = _sum(a.stiffness, b.stiffness)
-    return Group(K, _sum(a.mass, b.mass), a.loss_factor, _sum(a.viscous, b.viscous))
+    K = _add_matrices(a.stiffness, b.stiffness)
+    return Group(
+        K, _add_matrices(a.mass, b.mass), a.loss_factor, _add_matrices(a.viscous, b.viscous)
+    )
 
 
-def _sum(A: Matrix | None, B: Matrix | None) -> Matrix | None:
+def _add_matrices(A: Matrix | None, B: Matrix | None) -> Matrix | None:
     if A is None:
         return B
     if B is None:
@@ -422,7 +424,7 @@ def _sum(A: Matrix | None, B: Matrix | None) -> Matrix | None:
     return A + B
 
 
-def _assembled(blocks: NDArray[np.float64], first: NDArray[np.intp], n: int) -> sp.csr_array:
+def _assemble(blocks: NDArray[np.float64], first: NDArray[np.intp], n: int) -> sp.csr_array:
     """Return the sum of element matrices in the DOFs (Z, RY), shape (n, n)."""
     at = 2 * first[:, None] + np.arange(4)
     rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
@@ -441,7 +443,7 @@ def _support_groups(x: NDArray[np.float64], supports: Sequence[BeamSupport]) -> 
         for support in same:
             for key in ("stiffness", "rotational_stiffness", "viscous"):
                 not_negative(what, key, getattr(support, key))
-            at = _nearest(x, support.x)
+            at = _find_nearest(x, support.x)
             stiffness[at] += support.stiffness, support.rotational_stiffness
             viscous[at, 0] += support.viscous
         losses = {support.loss_factor for support in same}
@@ -455,8 +457,8 @@ def _support_groups(x: NDArray[np.float64], supports: Sequence[BeamSupport]) -> 
         (loss_factor,) = losses
         if loss_factor and not stiffness.any():
             raise ModelError(f"{what}: a loss factor without stiffness has no effect")
-        K = _diagonal(stiffness)
-        groups[name] = Group(K, loss_factor=loss_factor, viscous=_diagonal(viscous))
+        K = _diagonal_matrix(stiffness)
+        groups[name] = Group(K, loss_factor=loss_factor, viscous=_diagonal_matrix(viscous))
     return groups
 
 
@@ -467,11 +469,11 @@ def _mass_groups(x: NDArray[np.float64], masses: Sequence[BeamMass]) -> dict[str
         positive(what, "mass", mass.mass)
         not_negative(what, "rotary_inertia", mass.rotary_inertia)
         diagonal = diagonals.setdefault(mass.name, np.zeros((len(x), 2)))
-        diagonal[_nearest(x, mass.x)] += mass.mass, mass.rotary_inertia
-    return {name: Group(mass=_diagonal(values)) for name, values in diagonals.items()}
+        diagonal[_find_nearest(x, mass.x)] += mass.mass, mass.rotary_inertia
+    return {name: Group(mass=_diagonal_matrix(values)) for name, values in diagonals.items()}
 
 
-def _diagonal(values: NDArray[np.float64]) -> sp.csr_array | None:
+def _diagonal_matrix(values: NDArray[np.float64]) -> sp.csr_array | None:
     """Return a diagonal matrix of values by node and DOF, shape (n, 2); None if all are 0."""
     flat = values.ravel()
     used = np.flatnonzero(flat)
@@ -480,7 +482,7 @@ def _diagonal(values: NDArray[np.float64]) -> sp.csr_array | None:
     return sp.csr_array((flat[used], (used, used)), shape=(flat.size, flat.size))
 
 
-def _nearest(x: NDArray[np.float64], position: float) -> int:
+def _find_nearest(x: NDArray[np.float64], position: float) -> int:
     return int(np.argmin(np.abs(x - position)))
 
 
@@ -543,7 +545,7 @@ def _read_nodes(
             key=("nodes",),
         )
     for what, place in places:
-        nearest = x[_nearest(x, place)]
+        nearest = x[_find_nearest(x, place)]
         if abs(nearest - place) > tolerance:
             raise ModelError(
                 f"{what} at {place:.9g} m is not a node; nearest: {nearest:.9g} m", key=("nodes",)
@@ -578,7 +580,7 @@ def _node_numbers(
     for position, node in stations:
         if node is None:
             continue
-        at = _nearest(x, position)
+        at = _find_nearest(x, position)
         if numbers[at]:
             raise ModelError(
                 f"stations {numbers[at]} and {node} share the position {position:g} m",

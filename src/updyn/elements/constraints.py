@@ -167,7 +167,7 @@ def constrain(
     DofError
         If a DOF is not in the model.
     """
-    ties = _by_dof(equations)
+    ties = _index_by_dof(equations)
     for dof in map(abs, DofSet(grounded)):
         if dof in ties:
             raise ModelError(f"DOF {dof} is held and tied ({ties[dof]}); only one of them can be")
@@ -177,11 +177,11 @@ def constrain(
     T, remaining = _transformation(model.dofs, list(ties.values()))
     if not len(remaining):
         raise ModelError("every DOF of the model is held or tied: nothing is left to move")
-    groups = {name: _transformed(group, T) for name, group in model.groups.items()}
+    groups = {name: _transform_group(group, T) for name, group in model.groups.items()}
     return Model(groups, model.dofs[remaining], model.geometry, model.title)
 
 
-def _by_dof(equations: Iterable[Equation]) -> dict[Dof, Equation]:
+def _index_by_dof(equations: Iterable[Equation]) -> dict[Dof, Equation]:
     out: dict[Dof, Equation] = {}
     for equation in equations:
         if not isinstance(equation, Equation):
@@ -227,7 +227,7 @@ def _check_no_loop(among_ties: Matrix, ties: Sequence[Equation]) -> None:
         raise ModelError(f"the equations run in a loop: {shown}")
 
 
-def _transformed(group: Group, T: Matrix) -> Group:
+def _transform_group(group: Group, T: Matrix) -> Group:
     def change(A: Matrix) -> Matrix:
         B = T.T @ A @ T
         return 0.5 * (B + B.T)  # rounding makes the two halves of the products differ
@@ -316,7 +316,7 @@ def along_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
     ModelError
         If the axis is not three finite numbers, or zero.
     """
-    return _combined(dof, node, axis, _TRANSLATIONS)
+    return _combine_directions(dof, node, axis, _TRANSLATIONS)
 
 
 def about_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
@@ -337,10 +337,12 @@ def about_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
     ModelError
         If the axis is not three finite numbers, or zero.
     """
-    return _combined(dof, node, axis, _ROTATIONS)
+    return _combine_directions(dof, node, axis, _ROTATIONS)
 
 
-def _combined(dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]) -> Equation:
+def _combine_directions(
+    dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]
+) -> Equation:
     along = vector(f"equation of {dof}", "axis", axis)
     unit = along / np.linalg.norm(along)
     terms = {}
@@ -389,7 +391,7 @@ def join(models: Iterable[Model], title: str = "") -> Model:
         at = labels.match(part.dofs).index
         P = sp.csr_array((np.ones(n), (np.arange(n), at)), shape=(n, len(labels)))
         for name, group in part.groups.items():
-            groups[name] = _transformed(group, P)
+            groups[name] = _transform_group(group, P)
     geometries = [part.geometry for part in parts if part.geometry is not None]
     return Model(groups, labels, _joined_geometry(geometries), title)
 

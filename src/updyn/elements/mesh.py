@@ -156,7 +156,7 @@ class Mesh:
     def _check_names(self, materials: Collection[str], omitted: Collection[str]) -> None:
         for name in materials:
             if name not in self.groups:
-                raise self._unknown(name)
+                raise self._unknown_group_error(name)
             if name in omitted:
                 raise FormatError(
                     f"group {name!r} has a material and is left out; expected one of both",
@@ -164,7 +164,7 @@ class Mesh:
                 )
         for name in omitted:
             if name not in self.groups and name not in self.node_sets:
-                raise self._unknown(name)
+                raise self._unknown_group_error(name)
         for name, group in self.groups.items():
             if name not in materials and name not in omitted:
                 kinds = ", ".join(f"{len(cells)} {kind}" for kind, cells in group.items())
@@ -174,7 +174,7 @@ class Mesh:
                     self.path,
                 )
 
-    def _unknown(self, name: str) -> FormatError:
+    def _unknown_group_error(self, name: str) -> FormatError:
         return FormatError(f"no group {name!r}; {suggest(str(name), self.groups)}", self.path)
 
     def _check_once(self, names: Iterable[str]) -> None:
@@ -256,10 +256,10 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     if not path.is_file():
         raise FormatError("no such file; expected a mesh", path)
     numbers = _node_numbers(path)
-    found = _read(path)
+    found = _load_mesh(path)
     xyz = _positions(path, found.points)
     if path.suffix.lower() == ".med":
-        found = replace(found, cells=[_unmirrored(one, xyz) for one in found.cells])
+        found = replace(found, cells=[_orient_outwards(one, xyz) for one in found.cells])
     if numbers is None:
         numbers = np.arange(1, len(xyz) + 1)
     if len(numbers) != len(xyz):
@@ -270,7 +270,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     groups, ungrouped = _groups(path, found, numbers)
     sets = {}
     for name, members in found.point_sets.items():
-        sets[str(name)] = numbers[_within(path, f"set {name!r}", members, len(numbers))]
+        sets[str(name)] = numbers[_check_indices(path, f"set {name!r}", members, len(numbers))]
     return Mesh(str(path), numbers, xyz * UNITS[unit], groups, sets, ungrouped)
 
 
@@ -295,9 +295,9 @@ class _MeshContent:
     names: Mapping[str, NDArray[Any]]
 
 
-def _read(path: Path) -> _MeshContent:
+def _load_mesh(path: Path) -> _MeshContent:
     found = box.load(
-        "updyn.foreign.mesh:load", path, what="mesh", reader="meshio", beside=_beside(path)
+        "updyn.foreign.mesh:load", path, what="mesh", reader="meshio", beside=_find_hdf5_files(path)
     )
     cells = [_CellBlock(*one) for one in found.pop("cells")]
     for one in cells:
@@ -314,7 +314,7 @@ def _read(path: Path) -> _MeshContent:
     return _MeshContent(cells=cells, **found)
 
 
-def _beside(path: Path) -> list[Path]:
+def _find_hdf5_files(path: Path) -> list[Path]:
     """Return the existing HDF5 files with the numbers of an XDMF file."""
     if path.suffix.lower() not in (".xdmf", ".xmf"):
         return []
@@ -336,7 +336,7 @@ def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
     return xyz
 
 
-def _unmirrored(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
+def _orient_outwards(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
     """Return solids in the node order that encloses a positive volume.
 
     The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
@@ -353,7 +353,7 @@ def _unmirrored(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
     return _CellBlock(cells.type, cells.dim, data)
 
 
-def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
+def _check_indices(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
     """Return the indices of members, after a check that each is below `size`."""
     if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
         raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
@@ -394,7 +394,7 @@ def _members_of_groups(path: Path, found: _MeshContent) -> dict[str, list[NDArra
             chosen[str(name)] = _members(path, str(name), members, found.cells)
     for block, tags in enumerate(found.physical):
         for tag in np.unique(tags).tolist():
-            name = _physical(found, tag, found.cells[block].dim)
+            name = _physical_group_name(found, tag, found.cells[block].dim)
             if tag == 0 or name in found.cell_sets:
                 continue
             if name not in chosen:
@@ -422,10 +422,10 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
             path,
         )
     pairs = zip(out, cells, strict=True)
-    return [_within(path, f"group {name!r}", array, len(one.data)) for array, one in pairs]
+    return [_check_indices(path, f"group {name!r}", array, len(one.data)) for array, one in pairs]
 
 
-def _physical(found: _MeshContent, tag: int, dim: int) -> str:
+def _physical_group_name(found: _MeshContent, tag: int, dim: int) -> str:
     for name, (own, own_dim) in found.names.items():
         if int(own) == tag and int(own_dim) == dim:
             return str(name)

@@ -245,7 +245,7 @@ def read_records(
     """
     records: Records = _run_reader(path, "read_records", format, options)
     with locate_errors(path):
-        return records.calibrated(units, factors).to_xarray()
+        return records.calibrate(units, factors).to_xarray()
 
 
 def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -> ModeSet:

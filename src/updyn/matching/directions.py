@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, Dof
 from updyn.errors import DofError
 from updyn.geometry import Geometry
-from updyn.matching.result import EXACT, SHOWN, MatchError, listed, vector_text
+from updyn.matching.result import EXACT, SHOWN, MatchError, format_list, vector_text
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["AssignedDof", "SensorDirection", "assign_dofs"]
@@ -112,9 +112,9 @@ def assign_dofs(
     directions at one node are too many or too close.
     """
     nodes = {target.dof.node for target in targets}
-    frames = _frames(model, nodes)
+    frames = _node_frames(model, nodes)
     directions = _directions_of(model, nodes)
-    locals_ = _locals(model, targets, frames, directions, angle)
+    locals_ = _find_local_directions(model, targets, frames, directions, angle)
     at: dict[int, list[_Local]] = {}
     for local in locals_:
         at.setdefault(local.node, []).append(local)
@@ -122,15 +122,15 @@ def assign_dofs(
     for node, group in at.items():
         if _any_oblique(group):
             bases[node] = _basis(node, group, directions[node])
-    assigned = [_assigned(local, bases.get(local.node)) for local in locals_]
+    assigned = [_assign_dof(local, bases.get(local.node)) for local in locals_]
     if not bases:
         return model, assigned, []
-    turned, notes = _turned(model, bases, frames, directions)
+    turned, notes = _rotate_model(model, bases, frames, directions)
     return turned, assigned, notes
 
 
 # -- one sensor
-def _frames(model: Model, nodes: Iterable[int]) -> dict[int, NDArray[np.float64]]:
+def _node_frames(model: Model, nodes: Iterable[int]) -> dict[int, NDArray[np.float64]]:
     """Return the displacement directions of nodes, as rows."""
     out = {node: np.eye(3) for node in nodes}
     if model.geometry is not None and model.geometry.axes is not None:
@@ -152,7 +152,7 @@ def _mask(directions: Iterable[int], part: int) -> NDArray[np.bool_]:
     return np.isin(part + np.arange(3), list(directions))
 
 
-def _locals(
+def _find_local_directions(
     model: Model,
     targets: Sequence[SensorDirection],
     frames: Mapping[int, NDArray[np.float64]],
@@ -163,7 +163,7 @@ def _locals(
     lost: dict[str, str] = {}
     for target in targets:
         node = target.dof.node
-        found = _local(model, target, frames[node], directions[node], angle)
+        found = _find_local_direction(model, target, frames[node], directions[node], angle)
         if isinstance(found, str):
             lost[str(target.sensor)] = found
         else:
@@ -171,13 +171,13 @@ def _locals(
     if lost:
         raise MatchError(
             f"{len(lost)} of the sensors and forces of the measurement are not DOFs of the model:"
-            + listed(list(lost.values())),
+            + format_list(list(lost.values())),
             lost=list(lost),
         )
     return out
 
 
-def _local(
+def _find_local_direction(
     model: Model,
     target: SensorDirection,
     frame: NDArray[np.float64],
@@ -257,17 +257,17 @@ class _NodeDirections:
 def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _NodeDirections:
     translations = _mask(directions, _TRANSLATION)
     rotations = _mask(directions, _ROTATION)
-    translating = _independent(node, found, _TRANSLATION, translations)
-    rotating = _independent(node, found, _ROTATION, rotations)
-    both = _distinct([*translating, *rotating])
+    translating = _select_independent(node, found, _TRANSLATION, translations)
+    rotating = _select_independent(node, found, _ROTATION, rotations)
+    both = _select_distinct([*translating, *rotating])
     vectors = _vectors(both)
     off = np.abs(vectors @ vectors.T - np.eye(len(both))).max()
     if len(both) <= 3 and off < _ORTHONORMAL:
-        A = _completed(both, np.ones(3, dtype=np.bool_))
-        if not _mixes(A, translations) and not _mixes(A, rotations):
+        A = _complete_axes(both, np.ones(3, dtype=np.bool_))
+        if not _mixes_directions(A, translations) and not _mixes_directions(A, rotations):
             return _NodeDirections(A, A, same=True)
-    new_translations = _turned_rows(translating, translations)
-    return _NodeDirections(new_translations, _turned_rows(rotating, rotations), same=False)
+    new_translations = _rotated_rows(translating, translations)
+    return _NodeDirections(new_translations, _rotated_rows(rotating, rotations), same=False)
 
 
 def _vectors(found: Sequence[_Local]) -> NDArray[np.float64]:
@@ -279,7 +279,7 @@ def _any_oblique(found: Sequence[_Local]) -> bool:
     return any(local.oblique for local in found)
 
 
-def _mixes(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
+def _mixes_directions(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
     """Return whether new directions combine directions that a node has with directions it lacks.
 
     Such a combination is not allowed: a planar model remains planar.
@@ -289,13 +289,13 @@ def _mixes(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
     return bool(A[np.ix_(mask, ~mask)].any() or A[np.ix_(~mask, mask)].any())
 
 
-def _turned_rows(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _rotated_rows(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     if _any_oblique(found):
-        return _completed(found, mask)
+        return _complete_axes(found, mask)
     return np.eye(3)
 
 
-def _distinct(found: Sequence[_Local]) -> list[_Local]:
+def _select_distinct(found: Sequence[_Local]) -> list[_Local]:
     """Return one of each set of parallel targets, preferably one along an unchanged DOF."""
     kept: list[_Local] = []
     for local in sorted(found, key=lambda x: x.oblique):
@@ -309,15 +309,15 @@ def _angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
 
 
-def _independent(
+def _select_independent(
     node: int, found: Sequence[_Local], part: int, mask: NDArray[np.bool_]
 ) -> list[_Local]:
     """Return the distinct directions of a part at a node, after a check of their independence."""
-    kept = _distinct([local for local in found if local.part == part])
+    kept = _select_distinct([local for local in found if local.part == part])
     if not _any_oblique(kept):
         return kept
     _check_angles(node, kept)
-    named = listed(list(map(str, kept)))
+    named = format_list(list(map(str, kept)))
     available = int(mask.sum())
     if len(kept) > available:
         raise MatchError(
@@ -350,7 +350,7 @@ def _check_angles(node: int, found: Sequence[_Local]) -> None:
                 )
 
 
-def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _complete_axes(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return three directions as rows: those of the sensors, then others orthogonal to them.
 
     Each direction is in the row of the axis nearest to it.
@@ -383,7 +383,7 @@ def _label_score(
     return round(near, 9) + _TIE * same
 
 
-def _assigned(local: _Local, basis: _NodeDirections | None) -> AssignedDof:
+def _assign_dof(local: _Local, basis: _NodeDirections | None) -> AssignedDof:
     rows = np.eye(3) if basis is None else basis.of(local.part)
     axis = int(np.argmin([_angle_between(row, local.vector) for row in rows]))
     dof = Dof(local.node, DIRECTIONS[local.part + axis])
@@ -395,7 +395,7 @@ def _assigned(local: _Local, basis: _NodeDirections | None) -> AssignedDof:
 
 
 # -- the model
-def _turned(
+def _rotate_model(
     model: Model,
     bases: Mapping[int, _NodeDirections],
     frames: Mapping[int, NDArray[np.float64]],
@@ -403,11 +403,13 @@ def _turned(
 ) -> tuple[Model, list[str]]:
     """Return the model in the new DOFs, and notes on those that its geometry cannot represent."""
     T, changed = _transformation(model, bases, directions)
-    groups = {name: _transformed(group, T, changed) for name, group in model.groups.items()}
+    groups = {name: _transform_group(group, T, changed) for name, group in model.groups.items()}
     geometry, others = _with_axes(model.geometry, bases, frames)
     if not others:
         return Model(groups, model.dofs, geometry, model.title), []
-    texts = [_described(node, bases[node], frames[node], directions[node]) for node in others]
+    texts = [
+        _describe_rotation(node, bases[node], frames[node], directions[node]) for node in others
+    ]
     shown = "; ".join(texts[:SHOWN])
     if len(texts) > SHOWN:
         shown += "; ..."
@@ -447,7 +449,7 @@ def _transformation(
     return T, changed
 
 
-def _transformed(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
+def _transform_group(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
     """Return T^T A T of the matrices of a group; the group itself if its DOFs are unchanged."""
 
     def touches(A: Matrix | None) -> bool:
@@ -486,7 +488,7 @@ def _with_axes(
     return Geometry(geometry.nodes, geometry.xyz, geometry.lines, axes, geometry.faces), others
 
 
-def _described(
+def _describe_rotation(
     node: int, basis: _NodeDirections, frame: NDArray[np.float64], directions: tuple[int, ...]
 ) -> str:
     """Return the rotated DOFs of a node with their directions in the global system, as text."""

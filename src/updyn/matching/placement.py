@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from updyn.errors import InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.matching.result import SHOWN, Alignment, MatchError, listed, vector_text
+from updyn.matching.result import SHOWN, Alignment, MatchError, format_list, vector_text
 from updyn.model import Model
 from updyn.positions import UNITS, is_in_line, rigid_motion
 
@@ -129,7 +129,7 @@ def _check_pairs(
     rows = [f"{a} on {b}: {d:.3g} m" for (a, b), d in zip(pairs.items(), distances, strict=True)]
     raise MatchError(
         f"alignment: the pairs do not lie on each other within {tolerance:.3g}"
-        f" m{cause}:{listed(rows)}",
+        f" m{cause}:{format_list(rows)}",
         _ALIGNMENT,
     )
 
@@ -367,15 +367,15 @@ def match_nodes(
 def _check_positions(test: Geometry, nodes: Iterable[int]) -> None:
     missing = [node for node in nodes if node not in test.nodes]
     if missing:
-        known = _some(test.nodes.tolist())
+        known = _format_numbers(test.nodes.tolist())
         raise MatchError(
             f"{len(missing)} nodes of the measurement have no position in the geometry of the test"
-            f" (it has {known}); give each its node in table: {_some(missing)}",
+            f" (it has {known}); give each its node in table: {_format_numbers(missing)}",
             ("geometry",),
         )
 
 
-def _some(numbers: Sequence[int]) -> str:
+def _format_numbers(numbers: Sequence[int]) -> str:
     text = ", ".join(map(str, numbers[:SHOWN]))
     return text + ", ..." if len(numbers) > SHOWN else text
 
@@ -472,7 +472,7 @@ def _too_far(placement: _Placement, attempt: _Attempt) -> str:
     return (
         f"{len(lost)} of {len(placement.nodes)} nodes of the test are not within"
         f" {placement.tolerance:.3g} m of a node of the model ({attempt.alignment}):"
-        f"{listed(texts)}\nGive a tolerance, an alignment, or their nodes in table"
+        f"{format_list(texts)}\nGive a tolerance, an alignment, or their nodes in table"
         f' ("{placement.nodes[lost[0]]}" = "...")'
     )
 
@@ -513,7 +513,7 @@ def _node_matches(placement: _Placement, attempt: _Attempt) -> dict[int, NodeMat
             )
         raise MatchError(
             f"{len(tied)} nodes of the test are equally near to two nodes of the model; say which"
-            f' in table ("{placement.nodes[tied[0]]}" = "..."):{listed(texts)}',
+            f' in table ("{placement.nodes[tied[0]]}" = "..."):{format_list(texts)}',
             ("by",),
         )
     out = {}

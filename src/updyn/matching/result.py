@@ -22,7 +22,7 @@ __all__ = [
     "MatchError",
     "Matching",
     "SensorMatch",
-    "listed",
+    "format_list",
     "vector_text",
 ]
 
@@ -239,7 +239,7 @@ def _metres(distance: float) -> str:
     return "0" if distance < 1e-12 else f"{distance:.3g}"
 
 
-def listed(items: Sequence[str], indent: str = "\n  ") -> str:
+def format_list(items: Sequence[str], indent: str = "\n  ") -> str:
     """Return up to `SHOWN` items, each on a line, and the number of others."""
     lines = list(items[:SHOWN])
     if len(items) > SHOWN:

@@ -163,12 +163,12 @@ def match(
     named: FRF | ModeSet
     if isinstance(data, FRF):
         named = replace(
-            _renamed(data, new, test.table),
+            _rename_dofs(data, new, test.table),
             geometry=_geometry_in_model(test, targets, changed, aligned, moved),
             source=_record(data.source, by, rows),
         )
     else:
-        dofs = _named_anew("DOFs", data.dofs, new, test.table)
+        dofs = _model_dofs("DOFs", data.dofs, new, test.table)
         named = data.renamed(dofs, source=_record(data.source, by, rows))
     return Matching(changed, named, tuple(rows), by, aligned, (*notes, *more))
 
@@ -490,7 +490,7 @@ class _UserInput:
         out = []
         nodes = list(dict.fromkeys(sensor.node for sensor in self.sensors))
         if by == "label" and model.geometry is None:
-            rotated = [node for node in nodes if self._differ(node, np.eye(3))]
+            rotated = [node for node in nodes if self._has_other_axes(node, np.eye(3))]
             if rotated:
                 out.append(
                     f"The test says that nodes {', '.join(map(str, rotated))} have directions of"
@@ -500,7 +500,7 @@ class _UserInput:
         if self.measured is not None and self.given is not None and self.given.axes is not None:
             other = dict(zip(self.given.nodes.tolist(), self.given.axes, strict=True))
             both = [node for node in nodes if node in self.measured.nodes and node in other]
-            differing = [node for node in both if self._differ(node, other[node])]
+            differing = [node for node in both if self._has_other_axes(node, other[node])]
             if differing:
                 out.append(
                     f"Directions of nodes {', '.join(map(str, differing))} as the measurement"
@@ -510,7 +510,7 @@ class _UserInput:
             warnings.warn(text, UpdynWarning, stacklevel=3)
         return out
 
-    def _differ(self, node: int, axes: NDArray[np.float64]) -> bool:
+    def _has_other_axes(self, node: int, axes: NDArray[np.float64]) -> bool:
         own = self.axes(node)
         return own is not None and bool(np.abs(own - axes).max() > _SAME_AXES)
 
@@ -557,16 +557,16 @@ def _warn_of_angles(targets: Sequence[SensorDirection], assigned: Sequence[Assig
         )
 
 
-def _renamed(frf: FRF, new: Mapping[Dof, Dof], table: _Table) -> FRF:
+def _rename_dofs(frf: FRF, new: Mapping[Dof, Dof], table: _Table) -> FRF:
     """Return the measurement with the labels of the model."""
     return replace(
         frf,
-        responses=_named_anew("responses", frf.responses, new, table),
-        references=_named_anew("references", frf.references, new, table),
+        responses=_model_dofs("responses", frf.responses, new, table),
+        references=_model_dofs("references", frf.references, new, table),
     )
 
 
-def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) -> DofSet:
+def _model_dofs(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) -> DofSet:
     """Return DOFs with the labels of the model, with their signs."""
     renamed = []
     taken: dict[Dof, Dof] = {}

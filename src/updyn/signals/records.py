@@ -146,7 +146,7 @@ class Records:
             attrs={"source": self.source} if self.source else {},
         )
 
-    def calibrated(
+    def calibrate(
         self,
         units: Mapping[str, str] | None = None,
         factors: Mapping[str, float] | None = None,

@@ -79,7 +79,7 @@ def test_two_signals_while_python_does_not_run_end_the_run(clock: list[float]) -
 # -- stages and times ------------------------------------------------------------------------------------------------
 def test_stage_share_and_time_left(clock: list[float]) -> None:
     """A fit of at most 10 steps of 60 lines: after 6 s and 120 of 600 lines, 24 s are left at most."""
-    read = StageClock([RunStage("start"), RunStage("fit", 10), RunStage("bootstrap", 1)]).read
+    read = StageClock([RunStage("start"), RunStage("fit", 10), RunStage("bootstrap", 1)]).locate
     assert read(Progress("start", 0, NAN, 60, 60)).number == 1
     clock[0] += 5.0
     begun = read(Progress("fit", 1, 3.0, 120, 60))
@@ -103,7 +103,7 @@ def test_stage_share_and_time_left(clock: list[float]) -> None:
 
 
 def test_the_stages_of_a_comparison_are_its_methods(clock: list[float]) -> None:
-    read = StageClock([RunStage("log"), RunStage("output-error")]).read
+    read = StageClock([RunStage("log"), RunStage("output-error")]).locate
     found = read(Progress("log (1 of 2): search", 1, 2.0, 60, 60))
     assert (found.number, found.name) == (1, "log: search")
     found = read(Progress("output-error (2 of 2): output-error", 1, 2.0, 60, 60))

@@ -20,7 +20,7 @@ from updyn.updating.problem.noise import Coherence
 pytest.importorskip("pyfe3d")
 
 from updyn.demos import antenna_model
-from updyn.demos.antenna_model import AZIMUTH, ELEVATION, NODES, SKIN, antenna, locked, trains
+from updyn.demos.antenna_model import AZIMUTH, ELEVATION, NODES, SKIN, antenna, lock_rotors, trains
 from updyn.elements.drivetrain import reflected
 
 #: Turned by each axis, carrying its housing; and the axis.
@@ -70,7 +70,7 @@ def stiff(model: updyn.Model) -> updyn.Model:
 
 def test_it_has_the_size_and_the_frequencies_of_a_small_antenna(model) -> None:
     assert 2000 < model.n_dofs < 6000
-    first = updyn.modes(locked(model), 4).frequency
+    first = updyn.modes(lock_rotors(model), 4).frequency
     assert 5.0 < first[0] < 20.0 * antenna_model.DIAMETER**-0.7 * 1.2
     free = updyn.modes(model, 3).frequency
     assert (free[:2] < 1e-2).all()
@@ -93,7 +93,7 @@ def test_masses_are_those_of_its_parts(model) -> None:
 @pytest.mark.parametrize("axis", AXES)
 def test_the_drive_holds_its_axis_with_the_reflected_stiffness(model, axis: str) -> None:
     train, turned, carrier, about = AXES[axis]
-    held = locked(model)
+    held = lock_rotors(model)
     rows = held.dofs.match([f"{turned}:R{'XYZ'[about]}", f"{carrier}:R{'XYZ'[about]}"]).index
     torque = np.zeros(held.n_dofs)
     torque[rows] = [1.0, -1.0]
@@ -110,7 +110,7 @@ def test_on_a_rigid_structure_it_is_two_masses_on_a_spring(model, axis: str) -> 
     load = turn @ (rigid.mass @ turn)
     k = reflected(trains(axis), train["ring"], held=[train["rotor"], train["housing"]]).stiffness
     rotor = 2.5e-3 * 800.0**2
-    for x, expected in ((locked(rigid), k / load), (rigid, k / load + k / rotor)):
+    for x, expected in ((lock_rotors(rigid), k / load), (rigid, k / load + k / rotor)):
         found = updyn.modes(x, 5)
         frequency = np.sqrt(expected) / (2 * np.pi)
         # The wheels between, of a hundredth of the inertia, make the difference.
@@ -151,7 +151,7 @@ def test_the_job_is_two_tests_of_one_model_and_knows_nothing_of_the_truth(inputs
 def test_noise_is_what_the_coherence_says(inputs, model) -> None:
     frf = updyn.read_frf(inputs / "locked.uff")
     exact = updyn.response(
-        locked(model.scaled(demo.TRUTH)),
+        lock_rotors(model.scaled(demo.TRUTH)),
         frf.freq,
         frf.responses,
         frf.references,
@@ -221,7 +221,7 @@ def test_the_page_shows_this_antenna(inputs, model) -> None:
         for line in table.splitlines()
         if line.startswith("rotors")
     }
-    for name, x, skip in (("rotors locked", locked(model), 0), ("rotors free", model, 2)):
+    for name, x, skip in (("rotors locked", lock_rotors(model), 0), ("rotors free", model, 2)):
         for column, y in ((0, x), (2, x.scaled(demo.TRUTH))):
             found = updyn.modes(y, skip + 4).frequency[skip:]
             assert [float(printed[f"{name}, {i}"][column]) for i in range(1, 5)] == pytest.approx(

@@ -70,12 +70,12 @@ class Train:
         return [piece for _, piece in self.pieces if isinstance(piece, InertiaMatrix)]
 
     @property
-    def ties(self) -> list[RigidRatio]:
+    def rigid_ratios(self) -> list[RigidRatio]:
         """The rigid ratios."""
         return [piece for _, piece in self.pieces if isinstance(piece, RigidRatio)]
 
     @property
-    def holds(self) -> list[FixedNode]:
+    def fixed_nodes(self) -> list[FixedNode]:
         """The fixed nodes."""
         return [piece for _, piece in self.pieces if isinstance(piece, FixedNode)]
 
@@ -116,31 +116,33 @@ def drivetrain(
     UpdynWarning
         If a gear ratio may be inverted, as its inverse gives more plausible natural frequencies.
     """
-    parts, held, keep = list(parts), _listed(held), _listed(keep)
-    model = _built(parts, held, keep, title)
-    for question in inverted_ratios(parts, model, lambda others: _built(others, held, keep)):
+    parts, held, keep = list(parts), _to_list(held), _to_list(keep)
+    model = _build_model(parts, held, keep, title)
+    for question in inverted_ratios(parts, model, lambda others: _build_model(others, held, keep)):
         warnings.warn(question, UpdynWarning, stacklevel=2)
     return model
 
 
-def _listed(nodes: Iterable[int]) -> Iterable[int]:
+def _to_list(nodes: Iterable[int]) -> Iterable[int]:
     """Return nodes as a list if they are an iterator; other types are checked later."""
     return list(nodes) if isinstance(nodes, Iterator) else nodes
 
 
-def _built(
+def _build_model(
     parts: Iterable[Part], held: Iterable[int], keep: Iterable[int], title: str = ""
 ) -> Model:
     """Return the model of a train."""
     train = assemble(parts, held)
-    groups = {name: _group(name, pieces, train) for name, pieces in _by_group(train).items()}
+    groups = {
+        name: _build_group(name, pieces, train) for name, pieces in _pieces_by_group(train).items()
+    }
     if not groups:
         raise ModelError("drive train: no part has stiffness, inertia or damping")
     direction = np.full(len(train.nodes), DIRECTIONS.index("RZ"))
     dofs = DofSet.from_arrays(np.array(train.nodes), direction)
     equations = []
-    kept = _existing(keep, "keep", train.nodes)
-    for node, ratios in resolve(train.ties, train.holds, kept).items():
+    kept = _check_nodes(keep, "keep", train.nodes)
+    for node, ratios in resolve(train.rigid_ratios, train.fixed_nodes, kept).items():
         terms = {f"{other}:RZ": ratio for other, ratio in ratios.items()}
         equations.append(Equation(f"{node}:RZ", terms))
     tied = constrain(Model(groups, dofs), equations)
@@ -167,11 +169,11 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     ModelError
         If a key is missing or unknown (the message gives the nearest), or as `drivetrain`.
     """
-    parts, options = _of_table(table)
+    parts, options = _read_table(table)
     return drivetrain(parts, **options)
 
 
-def _of_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
+def _read_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
     """Return the parts of a table and the other arguments of `drivetrain`."""
     data = dict(table)
     kind = data.pop("kind", "drivetrain")
@@ -205,11 +207,11 @@ def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list
     list of str
         Empty if no ratio is doubtful, or if `drivetrain` already warns of one.
     """
-    parts, options = _of_table(table)
+    parts, options = _read_table(table)
     held, keep = options.get("held", ()), options.get("keep", ())
 
     def build(others: Iterable[Part]) -> Model:
-        return _built(others, held, keep)
+        return _build_model(others, held, keep)
 
     model = build(parts)
     if inverted_ratios(parts, model, build):
@@ -223,7 +225,7 @@ def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
     A `ModelError` is raised for an object that is not a part, a name of two kinds, or an unknown
     node to be fixed.
     """
-    checked = _checked(parts)
+    checked = _check_parts(parts)
     named: set[int] = set()
     for part in checked:
         named |= _named_nodes(part)
@@ -234,12 +236,12 @@ def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
         for piece in part.pieces(lambda: next(counter)):
             pieces.append((part.name, piece))
             nodes.update(piece.nodes)
-    for node in _existing(held, "held", nodes):
+    for node in _check_nodes(held, "held", nodes):
         pieces.append((f"held {node}", FixedNode(f"held node {node}", node)))
     return Train(tuple(pieces), tuple(sorted(nodes)))
 
 
-def _checked(parts: Iterable[Part]) -> list[Part]:
+def _check_parts(parts: Iterable[Part]) -> list[Part]:
     checked = list(parts)
     kinds: dict[str, type[Any]] = {}
     for part in checked:
@@ -269,7 +271,7 @@ def _named_nodes(part: Part) -> set[int]:
     return {int(value) for value in values if is_whole(value)}
 
 
-def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
+def _check_nodes(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int]:
     """Return nodes of the option `what`, after a check that they belong to parts."""
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
         raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
@@ -285,7 +287,7 @@ def _existing(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[int
     return checked
 
 
-def _by_group(train: Train) -> dict[str, list[TorsionSpring | InertiaMatrix]]:
+def _pieces_by_group(train: Train) -> dict[str, list[TorsionSpring | InertiaMatrix]]:
     """Return springs and inertias by group; each group belongs to one part name."""
     out: dict[str, list[TorsionSpring | InertiaMatrix]] = {}
     owner: dict[str, str] = {}
@@ -300,7 +302,7 @@ def _by_group(train: Train) -> dict[str, list[TorsionSpring | InertiaMatrix]]:
     return out
 
 
-def _group(name: str, pieces: Iterable[TorsionSpring | InertiaMatrix], train: Train) -> Group:
+def _build_group(name: str, pieces: Iterable[TorsionSpring | InertiaMatrix], train: Train) -> Group:
     K: list[_Block] = []
     M: list[_Block] = []
     C: list[_Block] = []
@@ -317,10 +319,12 @@ def _group(name: str, pieces: Iterable[TorsionSpring | InertiaMatrix], train: Tr
     if len(losses) > 1:
         raise ModelError(f"{name!r}: loss factors {sorted(losses)} in one group; use two names")
     loss_factor = max(losses, default=0.0)
-    return Group(_sum(K, train), _sum(M, train), loss_factor, _sum(C, train))
+    return Group(
+        _sum_matrices(K, train), _sum_matrices(M, train), loss_factor, _sum_matrices(C, train)
+    )
 
 
-def _sum(blocks: Sequence[_Block], train: Train) -> sp.csr_array | None:
+def _sum_matrices(blocks: Sequence[_Block], train: Train) -> sp.csr_array | None:
     """Return the sum of matrices for given nodes, shape (n, n); None if there are none."""
     if not blocks:
         return None

@@ -119,16 +119,18 @@ class GearPair(Part):
     @property
     def speeds(self) -> tuple[int, int, float]:
         """Both nodes, and the speed ratio of a to b."""
-        return self.a, self.b, _sizes(f"gear pair {self.name!r}", self)[0]
+        return self.a, self.b, _wheel_sizes(f"gear pair {self.name!r}", self)[0]
 
     def inverted(self) -> GearPair:
         """Return the part with the inverse of its ratio."""
-        return _swapped(self)
+        return _invert_wheels(self)
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the mesh and the two wheels."""
         what = f"gear pair {self.name!r}"
-        row, k, along = _mesh(what, self, self.mesh_stiffness, self.torsional_stiffness, self.rigid)
+        row, k, along = _mesh_deformation(
+            what, self, self.mesh_stiffness, self.torsional_stiffness, self.rigid
+        )
         mesh = transmission(what, self, (self.a, self.b), row, k, along=along)
         return [mesh, *halves(what, self, mesh.nodes)]
 
@@ -195,16 +197,18 @@ class DualDrive(Part):
     @property
     def speeds(self) -> tuple[int, int, float]:
         """Pinion and gear, and the speed ratio of pinion to gear."""
-        return self.first, self.gear, _sizes(f"dual drive {self.name!r}", self)[0]
+        return self.first, self.gear, _wheel_sizes(f"dual drive {self.name!r}", self)[0]
 
     def inverted(self) -> DualDrive:
         """Return the part with the inverse of its ratio."""
-        return _swapped(self)
+        return _invert_wheels(self)
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return both meshes, the pinions and the gear."""
         what = f"dual drive {self.name!r}"
-        row, k, along = _mesh(what, self, self.mesh_stiffness, self.torsional_stiffness, False)
+        row, k, along = _mesh_deformation(
+            what, self, self.mesh_stiffness, self.torsional_stiffness, False
+        )
         factor = positive(what, "second_factor", self.second_factor)
         if self.preload is not None:
             positive(what, "preload", self.preload)
@@ -234,7 +238,7 @@ class DualDrive(Part):
         what = f"dual drive {self.name!r}"
         if self.preload is None:
             raise ModelError(f"{what}: preload is not stated")
-        ratio, _ = _sizes(what, self)
+        ratio, _ = _wheel_sizes(what, self)
         factor = positive(what, "second_factor", self.second_factor)
         return ratio * positive(what, "preload", self.preload) * (1.0 + factor) / max(1.0, factor)
 
@@ -366,7 +370,7 @@ class Belt(Part):
 _Wheels = TypeVar("_Wheels", GearPair, DualDrive)
 
 
-def _swapped(part: _Wheels) -> _Wheels:
+def _invert_wheels(part: _Wheels) -> _Wheels:
     """Return two wheels with the inverse of their ratio."""
     if part.ratio is not None:
         return replace(part, ratio=1.0 / part.ratio)
@@ -385,7 +389,7 @@ def line_of_action(what: str, pressure_angle_deg: float) -> float:
     return math.cos(math.radians(pressure_angle_deg))
 
 
-def _mesh(
+def _mesh_deformation(
     what: str, part: Any, mesh: float | None, torsional: float | None, rigid: bool
 ) -> tuple[tuple[float, float], float | None, bool]:
     """Return row, stiffness (None if rigid), and whether the deformation is a length."""
@@ -405,7 +409,7 @@ def _mesh(
             f"{what}: {' and '.join(given) or 'none'} given; expected one of {', '.join(offered)}"
         )
     sense = _SENSES[part.kind]
-    ratio, radii = _sizes(what, part)
+    ratio, radii = _wheel_sizes(what, part)
     cosine = line_of_action(what, part.pressure_angle_deg)
     if mesh is None:
         k = positive_or_none(what, "torsional_stiffness", torsional)
@@ -416,7 +420,7 @@ def _mesh(
     return row, positive(what, "mesh_stiffness", mesh), True
 
 
-def _sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
+def _wheel_sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
     """Return r_b / r_a and, if known, the pitch radii in m."""
     given = [key for key in ("ratio", "teeth", "radii") if getattr(part, key) is not None]
     if len(given) != 1:
@@ -509,14 +513,14 @@ class Planetary(Part):
         axes, willis = relative(
             what, (self.sun, self.ring, self.carrier), (z_s, z_r, -(z_s + z_r)), None
         )
-        out = self._carried(what, axes[2])
+        out = self._planet_inertia(what, axes[2])
         if self.rigid:
             out += self._rigid(what, axes, willis)
         else:
             out += self._elastic(what, new_node)
         return out
 
-    def _carried(self, what: str, carrier: int) -> list[Piece]:
+    def _planet_inertia(self, what: str, carrier: int) -> list[Piece]:
         """Return the mass of the planets as an inertia of the carrier."""
         mass = not_negative(what, "planet_mass", self.planet_mass)
         if not mass:

@@ -248,7 +248,7 @@ def resolve(
     known: dict[int, dict[int, float]] = {}
     # Anchors come last: they may fix nodes that the other ratios connect.
     for tie in sorted(ties, key=lambda t: t.anchor):
-        row = _substituted(dict(zip(tie.nodes, tie.row, strict=True)), known)
+        row = _substitute(dict(zip(tie.nodes, tie.row, strict=True)), known)
         if len(row) == 1 and not tie.anchor:
             raise ModelError(
                 f"{tie.what}: with the rigid ratios before it node {next(iter(row))} cannot turn:"
@@ -256,11 +256,11 @@ def resolve(
             )
         _eliminate(tie.what, row, tie.dependent, kept, known)
     for hold in holds:
-        _eliminate(hold.what, _substituted({hold.node: 1.0}, known), hold.node, kept, known)
+        _eliminate(hold.what, _substitute({hold.node: 1.0}, known), hold.node, kept, known)
     return known
 
 
-def _substituted(row: dict[int, float], known: dict[int, dict[int, float]]) -> dict[int, float]:
+def _substitute(row: dict[int, float], known: dict[int, dict[int, float]]) -> dict[int, float]:
     """Return an equation in the independent nodes, without terms that cancel."""
     total: dict[int, float] = {}
     largest: dict[int, float] = {}
@@ -293,4 +293,4 @@ def _eliminate(
     known[node] = {other: -c / pivot for other, c in row.items()}
     for follower, terms in list(known.items()):
         if node in terms:
-            known[follower] = _substituted(terms, {node: known[node]})
+            known[follower] = _substitute(terms, {node: known[node]})

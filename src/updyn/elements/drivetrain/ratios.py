@@ -48,21 +48,21 @@ def inverted_ratios(
     if not geared:
         return []
     found = _frequencies(model)
-    if not _in_doubt(found, band):
+    if not _is_doubtful(found, band):
         return []
     out = []
     for at in geared:
-        instead = _inverted(parts, [at], build)
+        instead = _frequencies_with_inverted(parts, [at], build)
         if _is_better(found, instead, band):
             out.append(_question([parts[at]], found, instead, band))
     if not out and len(geared) > 1:
-        instead = _inverted(parts, geared, build)
+        instead = _frequencies_with_inverted(parts, geared, build)
         if _is_better(found, instead, band):
             out.append(_question([parts[at] for at in geared], found, instead, band))
     return out
 
 
-def _inverted(
+def _frequencies_with_inverted(
     parts: Sequence[Part], which: Sequence[int], build: Callable[[Sequence[Part]], Model]
 ) -> _Real:
     """Return the natural frequencies with given ratios inverted; empty if this cannot be built."""
@@ -84,27 +84,27 @@ def _frequencies(model: Model) -> _Real:
     return np.asarray(found[found > 0.0])
 
 
-def _outside(found: _Real) -> _Real:
+def _outside_plausible(found: _Real) -> _Real:
     low, high = PLAUSIBLE
     return np.asarray(found[(found < low) | (found > high)])
 
 
-def _near(found: _Real, band: _Band) -> _Real:
+def _near_band(found: _Real, band: _Band) -> _Real:
     low, high = band[0] / _OCTAVE, band[1] * _OCTAVE
     return np.asarray(found[(found >= low) & (found <= high)])
 
 
-def _in_doubt(found: _Real, band: _Band | None) -> bool:
+def _is_doubtful(found: _Real, band: _Band | None) -> bool:
     if band is None:
-        return len(_outside(found)) > 0
-    return len(found) > 0 and len(_near(found, band)) == 0
+        return len(_outside_plausible(found)) > 0
+    return len(found) > 0 and len(_near_band(found, band)) == 0
 
 
 def _is_better(found: _Real, instead: _Real, band: _Band | None) -> bool:
     """Return whether the inverse of a doubtful ratio gives more plausible frequencies."""
     if band is not None:
-        return len(_near(instead, band)) > 0
-    return len(instead) > 0 and len(_outside(instead)) < len(_outside(found))
+        return len(_near_band(instead, band)) > 0
+    return len(instead) > 0 and len(_outside_plausible(instead)) < len(_outside_plausible(found))
 
 
 def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band | None) -> str:
@@ -119,17 +119,17 @@ def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band |
         meant.append(f"node {first} turns {_ratio(ratio)} times as fast as node {second}")
     if band is None:
         low, high = PLAUSIBLE
-        outside = _listed(_outside(found))
+        outside = _format_frequencies(_outside_plausible(found))
         said = f"the train has natural frequencies outside {low:g} to {high:g} Hz: {outside}"
     else:
         low, high = band
         said = (
             "no natural frequency of the train lies within an octave of the band of the test,"
-            f" {low:g} to {high:g} Hz: {_listed(found)}"
+            f" {low:g} to {high:g} Hz: {_format_frequencies(found)}"
         )
     return (
         f"{names}: {ask}? As stated, {', '.join(meant)}, and {said}; with {they} they are"
-        f" {_listed(instead)}"
+        f" {_format_frequencies(instead)}"
     )
 
 
@@ -140,7 +140,7 @@ def _ratio(ratio: float) -> str:
     return f"{'-' if ratio < 0 else ''}1/{abs(1.0 / ratio):.6g}"
 
 
-def _listed(frequencies: _Real, most: int = 4) -> str:
+def _format_frequencies(frequencies: _Real, most: int = 4) -> str:
     shown = ", ".join(f"{f:.5g}" for f in frequencies[:most])
     more = ", ..." if len(frequencies) > most else ""
     return f"{shown}{more} Hz"

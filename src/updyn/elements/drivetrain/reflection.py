@@ -219,8 +219,8 @@ class _RigidTrain:
         None if the node cannot turn.
         """
         others = [self._row(s) for s in self.train.springs if s is not spring and s.stiffness]
-        others += [self._row(tie) for tie in self.train.ties]
-        others += [self._unit(hold.node) for hold in self.train.holds]
+        others += [self._row(tie) for tie in self.train.rigid_ratios]
+        others += [self._unit(hold.node) for hold in self.train.fixed_nodes]
         A = np.array([*others, self._unit(to)])
         b = np.zeros(len(A))
         b[-1] = 1.0
@@ -232,7 +232,7 @@ class _RigidTrain:
     def speeds(self, to: int) -> dict[int, float]:
         """Return the speed ratio of each node to `to`, with rigid parts and all anchors free."""
         rigid = [self._row(s) for s in self.train.springs if not s.anchor and s.stiffness]
-        rigid += [self._row(tie) for tie in self.train.ties if not tie.anchor]
+        rigid += [self._row(tie) for tie in self.train.rigid_ratios if not tie.anchor]
         motions = self._null_space(rigid)
         for node in self._supports():
             if motions.shape[1] <= 1:
@@ -259,14 +259,14 @@ class _RigidTrain:
         Housings come first, then anchored members of planetary stages.
         """
         springs = self.train.springs
-        ties = self.train.ties
+        rigid_ratios = self.train.rigid_ratios
         housings = [s.nodes[1] for s in springs if s.anchor and len(s.nodes) == 2]
-        housings += [tie.nodes[1] for tie in ties if tie.anchor]
+        housings += [tie.nodes[1] for tie in rigid_ratios if tie.anchor]
         anchored = [s.nodes[0] for s in springs if s.anchor and s.stiffness]
-        anchored += [hold.node for hold in self.train.holds]
-        anchored += [tie.nodes[0] for tie in ties if tie.anchor]
+        anchored += [hold.node for hold in self.train.fixed_nodes]
+        anchored += [tie.nodes[0] for tie in rigid_ratios if tie.anchor]
         members: set[int] = set()
-        passing: list[TorsionSpring | RigidRatio] = [*springs, *ties]
+        passing: list[TorsionSpring | RigidRatio] = [*springs, *rigid_ratios]
         for piece in passing:
             if not piece.anchor and len(piece.nodes) > 2:
                 members.update(piece.nodes)
@@ -302,7 +302,7 @@ class _RigidTrain:
 
     def _transformation(self) -> tuple[NDArray[np.float64], int]:
         """Return all rotations from the free ones, shape (nodes, free), and their number."""
-        follow = resolve(self.train.ties, self.train.holds)
+        follow = resolve(self.train.rigid_ratios, self.train.fixed_nodes)
         free = [node for node in self.nodes if node not in follow]
         T = np.zeros((len(self.nodes), len(free)))
         for i, node in enumerate(self.nodes):

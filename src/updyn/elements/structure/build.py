@@ -79,10 +79,10 @@ def structure(
     for element in elements:
         _mark_used(element, table, used)
     geometry = Geometry(table.numbers, table.xyz, _edges(elements), faces=_faces(elements))
-    ties = _ties(table, geometry, list(links), list(equations), used)
+    ties = _tie_equations(table, geometry, list(links), list(equations), used)
     dofs = _dofs(table, used)
     with key_path("grounded"):
-        held = _held(table, used, dofs, grounded)
+        held = _fixed_dofs(table, used, dofs, grounded)
     # A fixed DOF without ties is never assembled; the transformation removes the others.
     tied = {dof for tie in ties for dof in (tie.dof, *tie.terms)}
     left_out = np.zeros(len(dofs), dtype=np.bool_)
@@ -124,9 +124,9 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     check_keys("model", data, ["nodes"], [*ELEMENTS, "link", "equation", "grounded", "title"])
     parts: list[Element] = []
     for key, kind_of_element in ELEMENTS.items():
-        parts += read_rows(data, key, partial(_element, kind_of_element))
+        parts += read_rows(data, key, partial(_build_element, kind_of_element))
     links = parts_of_table(data, "link", RigidLink)
-    equations = read_rows(data, "equation", _equation)
+    equations = read_rows(data, "equation", _build_equation)
     grounded = data.get("grounded", [])
     if not isinstance(grounded, list | tuple):
         raise ModelError(
@@ -143,11 +143,11 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     )
 
 
-def _element(kind: type[Element], where: str, row: Mapping[str, Any]) -> Element:
+def _build_element(kind: type[Element], where: str, row: Mapping[str, Any]) -> Element:
     return from_row(kind, where, kind.fields_of_row(where, row))
 
 
-def _equation(where: str, row: Mapping[str, Any]) -> Equation:
+def _build_equation(where: str, row: Mapping[str, Any]) -> Equation:
     check_keys(where, row, ("dof", "terms"), ())
     if not isinstance(row["terms"], Mapping):
         raise ModelError(
@@ -275,7 +275,7 @@ def _faces(elements: Iterable[Element]) -> NDArray[np.int64]:
 
 
 # -- DOFs
-def _ties(
+def _tie_equations(
     table: _Nodes,
     geometry: Geometry,
     links: Sequence[RigidLink],
@@ -292,14 +292,14 @@ def _ties(
         used[table_rows] = True
     ties = list(equations)
     for link in links:
-        ties += _link(table, geometry, link, used)
+        ties += _link_equations(table, geometry, link, used)
     terms = list(dict.fromkeys(dof for tie in ties for dof in tie.terms))
     at = table.find("equation", np.array([dof.node for dof in terms], dtype=np.int64))
     used[at, [DIRECTIONS.index(dof.direction) for dof in terms]] = True
     return ties
 
 
-def _link(
+def _link_equations(
     table: _Nodes, geometry: Geometry, link: RigidLink, used: NDArray[np.bool_]
 ) -> list[Equation]:
     what = f"rigid link of node {link.master}"
@@ -323,7 +323,7 @@ def _dofs(table: _Nodes, used: NDArray[np.bool_]) -> DofSet:
     return DofSet.from_arrays(table.numbers[node], axis)
 
 
-def _held(
+def _fixed_dofs(
     table: _Nodes, used: NDArray[np.bool_], dofs: DofSet, grounded: Iterable[str | Dof | int]
 ) -> list[Dof]:
     """Return the fixed DOFs, each once."""
@@ -366,7 +366,7 @@ def _groups(
     for name, own in by_name.items():
         K, M, C = assembly.sums(own)
         group = Group(K, M, loss.get(name, 0.0), C)
-        groups[name] = group.with_exchanged(_exchanged(own, assembly))
+        groups[name] = group.with_exchanged(_exchange_axes(own, assembly))
     return groups
 
 
@@ -404,7 +404,7 @@ class _ElementRecipe:
         return StiffnessAndMass(K, M)
 
 
-def _exchanged(own: Sequence[Element], assembly: _StructureAssembly) -> AxisExchange | None:
+def _exchange_axes(own: Sequence[Element], assembly: _StructureAssembly) -> AxisExchange | None:
     """Return a group with exchanged section axes; None if this changes none of its elements."""
     turned = {i: new for i, one in enumerate(own) if (new := one.with_exchanged_axes()) is not None}
     if not turned:

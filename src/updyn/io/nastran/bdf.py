@@ -25,7 +25,7 @@ from scipy.sparse.linalg import splu
 from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.elements.constraints import Equation, constrain
 from updyn.errors import FormatError, ModelError, suggest
-from updyn.exchanged import Exchanged, StiffnessAndMass
+from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import check_materials, system
@@ -154,7 +154,7 @@ def read_model(
             raise deck.group(name).error(f"group {name} has neither stiffness, mass nor damping")
         loss_factor = losses[name] if K is not None else 0.0
         group = Group(**matrices, loss_factor=loss_factor)
-        groups[name] = group.with_exchanged(bars.exchanged(name))
+        groups[name] = group.with_exchanged(bars.exchange_axes(name))
     with locate_errors(deck.path):
         free = Model(groups, total.dofs, geometry, _title(deck))
         held, ties = _constraints(deck, total, units.length)
@@ -373,12 +373,12 @@ class _Bars:
         digest = _digest(deck) if turned else b""
         return cls(deck.path.resolve(), ignore, program, units, dofs, turned, digest)
 
-    def exchanged(self, name: str) -> Exchanged | None:
+    def exchange_axes(self, name: str) -> AxisExchange | None:
         """Return a group with exchanged section axes; None without any to exchange."""
         if name not in self.turned:
             return None
         turn = "the orientation vectors of its CBAR by 90 degrees about the bars"
-        return Exchanged(_TurnedBar(self, name), self.turned[name], turn)
+        return AxisExchange(_TurnedBar(self, name), self.turned[name], turn)
 
     def matrices(self, name: str) -> StiffnessAndMass:
         """Run MYSTRAN on a group with exchanged section axes.
