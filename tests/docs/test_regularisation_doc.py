@@ -32,7 +32,7 @@ ABLE = methods_with("can_regularise")
     "said",
     [
         f"`max_collinearity` ({selection.MAX_COLLINEARITY:g})",
-        f"threshold ({selection.ALIKE:g})",
+        f"threshold ({selection.COLLINEAR:g})",
         f"a prior of a factor e (strength {regularise.WEAKEST:g})",
         f"stays within {100 * regularise._SETTLED:g} %",
         "Methods: " + ", ".join(ABLE) + ".",

@@ -138,7 +138,7 @@ class Likelihood:
         start = np.clip(x[free], lower[free], upper[free])
         if evaluate(start) is None:
             return None
-        settings = TrustRegion(_STEPS, 1e-8, fall=1e-6)
+        settings = TrustRegion(_STEPS, 1e-8, min_decrease=1e-6)
         outcome = settings.minimise(
             lambda y: _again(seen, free, y) or evaluate(y), start, lower[free], upper[free]
         )

@@ -11,13 +11,13 @@ from updyn.errors import OptionError, UpdynError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.judge.counterparts import modes_like
+from updyn.updating.judge.counterparts import identify_modes_for
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
-from updyn.updating.judge.verdict import disbelieved
+from updyn.updating.judge.verdict import explain_rejection
 from updyn.updating.judge.worsened import judge_modes
 from updyn.updating.result import UpdateResult, gains_of
 
-__all__ = ["LARGEST", "judge_by_modes", "modal_table", "modes_like", "start_table"]
+__all__ = ["LARGEST", "identify_modes_for", "judge_by_modes", "modal_table", "start_table"]
 
 #: Largest number of DOFs for which the modes of a model are computed by default (seconds).
 LARGEST = 20_000
@@ -90,7 +90,7 @@ def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> Update
     trust = judge_modes(result.trust, tables)
     if trust.credible or result.status != "converged":
         return replace(result, trust=trust)
-    message, remedy = disbelieved(trust, result.message, result.remedy)
+    message, remedy = explain_rejection(trust, result.message, result.remedy)
     return replace(result, trust=trust, status="not-credible", message=message, remedy=remedy)
 
 
@@ -121,7 +121,7 @@ def _table(
     if isinstance(test, ModeSet):
         return compare_modes(start, updated, test)
     try:
-        found = modes_like(updated or start, test)
+        found = identify_modes_for(updated or start, test)
     except (UpdynError, np.linalg.LinAlgError) as error:
         why = str(error).removeprefix("modes: ")
         return ModalTable(notes=(f"No modes could be identified from the FRFs: {why}.",))

@@ -24,7 +24,7 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.positions import warn_of_labels
 from updyn.updating.before_search import BeforeSearch
-from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
+from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, fingerprint
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
 from updyn.updating.fit.monitor import JUDGE, Monitor, Progress
@@ -33,17 +33,17 @@ from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import find_differences, select_distinct
 from updyn.updating.judge.assessment import Judgement, judge_fit
 from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
-from updyn.updating.judge.ending import ending
-from updyn.updating.judge.strayed import strayed
-from updyn.updating.judge.trust import trust
+from updyn.updating.judge.distant import find_distant_unknowns
+from updyn.updating.judge.ending import assess_ending
+from updyn.updating.judge.trust import judge_result
 from updyn.updating.judge.verdict import (
-    ambiguous,
-    as_steps,
-    caused,
-    cleared,
-    disbelieved,
-    overruled,
-    verdict,
+    add_causes,
+    compose_verdict,
+    explain_ambiguity,
+    explain_early_end,
+    explain_rejection,
+    join_steps,
+    rule_out_faults,
 )
 from updyn.updating.own_noise import OwnNoise
 from updyn.updating.problem.data import (
@@ -199,12 +199,12 @@ def run(
         def head() -> dict[str, Any]:
             return fingerprint(whole, [t.data for t in tests], _decisive(tests, used[0], options))
 
-        keeping = kept_in_file(session, options.checkpoint, head, resume=options.resume)
+        keeping = checkpoint_session(session, options.checkpoint, head, resume=options.resume)
         ending.enter_context(keeping)
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
         looked = CausesOfRun(whole, splits, noises, monitor)
-        monitor.overrule = before.overruling(looked.overrule)
+        monitor.detect_data_fault = before.overruling(looked.detect_data_fault)
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
@@ -387,8 +387,8 @@ def _common(
     fit, names = found.fit, selection.parameters.names
     tests = [part.name for part in problem.all]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
-    end = ending(problem, fit, monitor.history)
-    status, message, remedy = verdict(
+    end = assess_ending(problem, fit, monitor.history)
+    status, message, remedy = compose_verdict(
         fit,
         found.analysis,
         names,
@@ -404,31 +404,31 @@ def _common(
     others = select_distinct(values, std, found.alternatives)
     if others and status in ("converged", "not-identifiable"):
         status = "not-identifiable"
-        also, first = ambiguous(find_differences(values, std, others), others)
-        message, remedy = f"{message} {also}", as_steps(first, remedy)
-    judged = trust(
+        also, first = explain_ambiguity(find_differences(values, std, others), others)
+        message, remedy = f"{message} {also}", join_steps(first, remedy)
+    judged = judge_result(
         status,
-        left=None if end is None else end.deviations,
+        remaining_gain=None if end is None else end.deviations,
         rank=(found.analysis.report.rank, found.analysis.report.n_parameters),
-        answers=1 + len(others),
+        n_solutions=1 + len(others),
         correlation=found.correlation,
         misfit=found.misfit,
-        pressed=_pressed(selection.parameters, found.at_bound),
+        at_bound=_pressed(selection.parameters, found.at_bound),
         findings=causes.findings,
-        unseen=causes.unseen,
+        not_searched=causes.unseen,
         structural=any(one is not None and one.outcome == "structure" for one in found.adequacy),
-        strays=strayed(selection.parameters, values),
-        unsure=fit.noise[0].get("not_known", ()) if fit.noise else (),
+        distant=find_distant_unknowns(selection.parameters, values),
+        without_interval=fit.noise[0].get("not_known", ()) if fit.noise else (),
     )
     if causes.findings:
-        message, remedy = caused(causes.findings, message, remedy)
+        message, remedy = add_causes(causes.findings, message, remedy)
     if causes.overruling:
-        message = overruled(message)
+        message = explain_early_end(message)
     if status == "converged" and not judged.credible:
         status = "not-credible"
-        message, remedy = disbelieved(judged, message, remedy)
+        message, remedy = explain_rejection(judged, message, remedy)
     if causes.cleared:
-        remedy = cleared(remedy)
+        remedy = rule_out_faults(remedy)
     notes = [message, selection.note]
     if fit.pull is not None:
         notes.append(fit.pull.note)
@@ -546,7 +546,7 @@ def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
     if fit.reason not in ("failed", "stalled", "unsolvable", "max-iterations"):
         return fit
     try:
-        cause = strategy.cause(problem)
+        cause = strategy.describe_obstacle(problem)
     except (SolverError, Stopped):
         cause = ""
     return replace(fit, cause=cause, remedy=strategy.failure_remedy)
@@ -604,6 +604,6 @@ def _fitted_from_start(
             starts = strategy.search(problem, noises, monitor)
             return problem, strategy.fit_best(problem, noises, monitor, starts)
         except SolverError as error:
-            return problem, Fit.blind(x, "failed", str(error))
+            return problem, Fit.without_jacobian(x, "failed", str(error))
     except Stopped:
-        return problem, Fit.blind(x, "stopped")
+        return problem, Fit.without_jacobian(x, "stopped")

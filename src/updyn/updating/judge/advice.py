@@ -14,7 +14,7 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.methods.modal import ADVICE
 from updyn.updating.judge.identifiability import Analysis
-from updyn.updating.judge.nearby import DOFS, Nearby
+from updyn.updating.judge.nearby import DOFS, ReducedPart
 from updyn.updating.problem.problem import Part, Problem
 
 __all__ = ["advise"]
@@ -174,7 +174,7 @@ def _find_best_line(
     full model.
     """
     candidates = _with_candidate_lines(part)
-    lines, nearby = candidates.frf.freq, Nearby.of(candidates, x)
+    lines, nearby = candidates.frf.freq, ReducedPart.of(candidates, x)
     try:
         changes = _changes_at_lines(
             candidates if nearby is None else nearby.part, x, analysis.null_space

@@ -26,10 +26,10 @@ from updyn.updating.judge.alternatives import Alternative, find_alternatives
 from updyn.updating.judge.discrepancy import Discrepancy, estimate_discrepancy
 from updyn.updating.judge.held_out import predictive_figures
 from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
-from updyn.updating.judge.localise import localise
-from updyn.updating.judge.modal_figures import modal_correlation
+from updyn.updating.judge.localise import localise_error
+from updyn.updating.judge.modal_figures import correlate_measured_modes
 from updyn.updating.judge.noise_split import covariance_over_ratios
-from updyn.updating.judge.rounding import Rounding, worst_rounding
+from updyn.updating.judge.rounding import Rounding, find_worst_rounding
 from updyn.updating.problem.data import ModalSplit, Split
 from updyn.updating.problem.levelled import levelled
 from updyn.updating.problem.local import Local
@@ -144,7 +144,7 @@ def judge_fit(
 
     names, equal_rows = problem.coordinates.parameters.names, None
     if fit.reason == "failed":  # the last point is not informative: analyse the start
-        blinded = Fit.blind(fit.x, fit.reason, fit.note)
+        blinded = Fit.without_jacobian(fit.x, fit.reason, fit.note)
         fit = replace(blinded, cause=fit.cause, remedy=fit.remedy)
         blind = analyse_identifiability(fit.R, names)
         analysis, advice = unless_stopped(lambda: analyse_start(problem, noises), (blind, ""))
@@ -170,7 +170,7 @@ def judge_fit(
         comparisons.append(partial(_correlate_part, part, fit.x, split, first))
     modal_splits = [split for split in data if isinstance(split, ModalSplit)]
     for modal, of_modes in zip(problem.modal, modal_splits, strict=True):
-        comparisons.append(partial(modal_correlation, modal, fit.x, of_modes))
+        comparisons.append(partial(correlate_measured_modes, modal, fit.x, of_modes))
     correlation: tuple[Mapping[str, Any], ...] = tuple(
         unless_stopped(compare, _empty_figures(split))
         for compare, split in zip(comparisons, data, strict=True)
@@ -179,7 +179,7 @@ def judge_fit(
     rounding: Rounding | None = None
     if fit.reason in ("converged", "unsettled", "stalled", "unsolvable", "max-iterations"):
         settled = fit.reason != "max-iterations"
-        rounding = unless_stopped(lambda: worst_rounding(problem.parts, fit.x), None)
+        rounding = unless_stopped(lambda: find_worst_rounding(problem.parts, fit.x), None)
         if rounding is None:
             adequacy = unless_stopped(
                 lambda: assess_adequacy(problem, fit.x, noises, settled=settled), adequacy
@@ -370,7 +370,7 @@ def _add_model_error(
     problem: Problem, fit: Fit, spread: NDArray[np.float64], error: Discrepancy
 ) -> tuple[Fit, NDArray[np.float64]]:
     """Return the fit and the covariance with the model error included."""
-    no_interval = error.unknown(spread)
+    no_interval = error.lacks_interval(spread)
     record: dict[str, Any] = {"model_error": error.share}
     names = [name for name, lost in zip(_names(problem), no_interval, strict=True) if lost]
     if names:
@@ -597,7 +597,7 @@ def assess_adequacy(
         for e in robust_residuals:
             excess += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
         excess += problem.n
-    suspects = localise(problem, x, residual, robust_residuals, excess)
+    suspects = localise_error(problem, x, residual, robust_residuals, excess)
     return tuple(add_suspects(a, suspects) for a in found)
 
 

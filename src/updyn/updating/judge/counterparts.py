@@ -32,7 +32,7 @@ from updyn.text_table import counted
 from updyn.updating.judge.claim import Claim
 from updyn.variants import LARGEST_TRIED, variants_of
 
-__all__ = ["Counterparts", "Pair", "find_counterparts", "modes_like"]
+__all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for"]
 
 _Real = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ CHANCE = 0.05
 #: seven, two of nine.
 COMMON, TOO_FEW = 0.6, 0.03
 #: Largest number of sensors to leave out as faulty, and least number of remaining sensors.
-_WRONG, _LEFT = 2, 4
+_MOST_FAULTY, _FEWEST_REMAINING = 2, 4
 #: Least share of modes with a counterpart after a fault is removed. For 240 models with errors of
 #: 30 % in stiffness and 15 % in mass, 98 % of all modes had one.
 _MOST_OF_THEM = 0.75
@@ -149,7 +149,7 @@ class Counterparts:
     @property
     def few(self) -> bool:
         """Whether the counterparts are known to be no more than expected for another structure."""
-        return self.known and not _beyond_chance(self)
+        return self.known and not _exceeds_chance(self)
 
     @property
     def claim(self) -> Claim:
@@ -192,74 +192,76 @@ def find_counterparts(
     the statement gives the reason. A method that needs these modes checks them itself.
     """
     if model.n_dofs > largest:
-        return _unknown(
+        return _unknown_counterparts(
             f"Whether model and test have modes in common was not looked for: the model has"
             f" {model.n_dofs:,} DOFs, more than {largest:,}."
         )
     given = modes if modes is not None else data
     try:
         if isinstance(given, ModeSet):
-            return _compared(model, given, "given")
+            return _pair_modes(model, given, "given")
         if len(given.freq) < FEWEST_LINES:
-            return _unknown(
+            return _unknown_counterparts(
                 f"Whether model and test have modes in common is not known: {len(given.freq)} lines"
                 f" do not show resonances (at least {FEWEST_LINES} are needed)."
             )
-        return _of_frfs(model, given)
+        return _find_in_frfs(model, given)
     except (InputError, SolverError, np.linalg.LinAlgError) as error:
-        return _unknown(f"Whether model and test have modes in common is not known: {error}.")
+        return _unknown_counterparts(
+            f"Whether model and test have modes in common is not known: {error}."
+        )
 
 
-def _unknown(why: str) -> Counterparts:
+def _unknown_counterparts(why: str) -> Counterparts:
     return Counterparts(0, 0, (), why, known=False)
 
 
-def _of_frfs(model: Model, frf: FRF) -> Counterparts:
+def _find_in_frfs(model: Model, frf: FRF) -> Counterparts:
     """Return the counterparts of the peaks of FRFs, or else of their identified modes."""
     peaks = resonance_peaks(frf)
-    found = None if peaks is None else _compared(model, peaks, "peaks")
-    if found is not None and not _is_doubted(found):
+    found = None if peaks is None else _pair_modes(model, peaks, "peaks")
+    if found is not None and not _needs_identification(found):
         return found
     longer = max(len(frf.responses), len(frf.references))
     if longer < FEWEST_SENSORS:  # shapes cannot be compared, whatever the modes are
-        return found or _unknown(
+        return found or _unknown_counterparts(
             "Whether model and test have modes in common is not known: the FRFs show no resonance"
             " peaks, and shapes at one or two sensors cannot be compared."
         )
     if len(frf.freq) * longer > _TOO_MANY:
-        return _not_identified(found)
+        return _without_identification(found)
     try:
-        identified = modes_like(model, _smaller(frf))
+        identified = identify_modes_for(model, _limit_size(frf))
     except (InputError, np.linalg.LinAlgError):
         identified = None
     if identified is not None:
-        of_modes = _compared(model, identified, "identified")
+        of_modes = _pair_modes(model, identified, "identified")
         if found is None or of_modes.n_measured >= found.n_measured or of_modes.n_paired:
             return of_modes
     if found is None:
-        return _unknown(
+        return _unknown_counterparts(
             "Whether model and test have modes in common is not known: no modes could be identified"
             " from the FRFs."
         )
     return found
 
 
-def _not_identified(found: Counterparts | None) -> Counterparts:
+def _without_identification(found: Counterparts | None) -> Counterparts:
     """Return the result of peaks alone, which cannot show that the model has few of the modes."""
     if found is not None:
-        return _stated(replace(found, known=False)) if found.few else found
-    return _unknown(
+        return _add_statement(replace(found, known=False)) if found.few else found
+    return _unknown_counterparts(
         "Whether model and test have modes in common is not known: the FRFs show no resonance"
         f" peaks, and more than {_TOO_MANY:,} values of one force are not searched for modes."
     )
 
 
-def _is_doubted(found: Counterparts) -> bool:
+def _needs_identification(found: Counterparts) -> bool:
     """Return whether few peaks have a counterpart and modes must be identified."""
     return found.n_sensors > 0 and found.n_paired < COMMON * found.n_measured
 
 
-def modes_like(model: Model, frf: FRF) -> ModeSet:
+def identify_modes_for(model: Model, frf: FRF) -> ModeSet:
     """Identify the modes of FRFs with the form of damping of a model, viscous or structural.
 
     Raises `DataError` as `updyn.identify_modes`.
@@ -268,7 +270,7 @@ def modes_like(model: Model, frf: FRF) -> ModeSet:
     return identify_modes(frf, damping=damping)
 
 
-def _smaller(frf: FRF) -> FRF:
+def _limit_size(frf: FRF) -> FRF:
     """Return FRFs of a size identified in seconds, with all channels of the longer side."""
     n_lines, n_responses, n_references = frf.values.shape
     most = max(1, _VALUES // (n_lines * max(n_responses, n_references)))
@@ -279,7 +281,7 @@ def _smaller(frf: FRF) -> FRF:
 
 # -- comparing ------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sets:
+class _ModeSets:
     """Computed and measured modes at the sensors.
 
     Attributes
@@ -297,19 +299,19 @@ class _Sets:
         n = len(self.measured.dofs)
         return n if n >= FEWEST_SENSORS else 0
 
-    def without(self, sensors: Sequence[int]) -> _Sets:
+    def without(self, sensors: Sequence[int]) -> _ModeSets:
         """Return the sets without some sensors and without modes that do not move at the others."""
         at = np.setdiff1d(np.arange(len(self.measured.dofs)), sensors)
-        return _Sets(*(_at_some(of, at) for of in (self.computed, self.measured)))
+        return _ModeSets(*(_select_dofs(of, at) for of in (self.computed, self.measured)))
 
-    def scaled(self, factor: float) -> _Sets:
+    def scale_frequencies(self, factor: float) -> _ModeSets:
         """Return the sets with the frequencies of the model divided by a factor."""
         one = self.computed
         return replace(
             self, computed=Modes(one.frequency / factor, one.loss_factor, one.shapes, one.dofs)
         )
 
-    def counterparts(self, n_measured: int) -> Counterparts:
+    def count_pairs(self, n_measured: int) -> Counterparts:
         """Return the pairs, without a statement."""
         frequency = self.computed.frequency, self.measured.frequency
         if not (len(frequency[0]) and len(frequency[1])):
@@ -324,7 +326,7 @@ class _Sets:
             Pair(float(frequency[1][j]), float(frequency[0][i]), float(value))
             for i, j, value in zip(*pairs, strict=True)
         )
-        chance = self._by_chance()
+        chance = self._expected_by_chance()
         return Counterparts(
             n_measured,
             len(found),
@@ -335,7 +337,7 @@ class _Sets:
             by_chance=chance,
         )
 
-    def _by_chance(self) -> float:
+    def _expected_by_chance(self) -> float:
         """Return the expected number of chance counterparts for independent shapes."""
         if not self.n_sensors:
             return 0.0
@@ -345,38 +347,44 @@ class _Sets:
         return float(np.sum(1.0 - (1.0 - once) ** within))
 
 
-def _at_some(of: Modes, at: NDArray[np.intp]) -> Modes:
+def _select_dofs(of: Modes, at: NDArray[np.intp]) -> Modes:
     """Return the modes at some of their DOFs, without modes that do not move there."""
-    seen = of.shapes[at]
-    move = moving(seen, of.shapes)
-    return Modes(of.frequency[move], of.loss_factor[move], seen[:, move], of.dofs[at])
+    shapes = of.shapes[at]
+    move = moving(shapes, of.shapes)
+    return Modes(of.frequency[move], of.loss_factor[move], shapes[:, move], of.dofs[at])
 
 
-def _compared(model: Model, test: ModeSet, source: str) -> Counterparts:
+def _pair_modes(model: Model, test: ModeSet, source: str) -> Counterparts:
     """Return the counterparts of measured modes, with the statement."""
     n = int(np.count_nonzero(test.frequency > 0.0))
-    sets = _sets(model, test)
-    found = replace(sets.counterparts(n), source=source)
+    sets = _modes_at_sensors(model, test)
+    found = replace(sets.count_pairs(n), source=source)
     if not sets.n_sensors:
-        return _stated(replace(found, known=False))
-    if _beyond_chance(found):
-        return _stated(found)
-    variant = _by_variant(model, test, n)
+        return _add_statement(replace(found, known=False))
+    if _exceeds_chance(found):
+        return _add_statement(found)
+    variant = _try_variants(model, test, n)
     if variant is not None:
         known = replace(found, mistake=variant.mistake, remedy=variant.remedy)
-        return _stated(known, variant.found)
-    hidden = _hidden_by_sensors(sets, n)
+        return _add_statement(known, variant.counterparts)
+    hidden = _try_without_sensors(sets, n)
     if hidden is not None:
-        known = replace(found, known=False, doubtful=hidden.sensors if hidden.sure else ())
-        return _stated(known, hidden.found)
-    scaled = _common_factor(sets, n) if found.n_paired == 0 else None
+        known = replace(
+            found, known=False, doubtful=hidden.sensors if hidden.is_significant else ()
+        )
+        return _add_statement(known, hidden.counterparts)
+    scaled = _try_common_factor(sets, n) if found.n_paired == 0 else None
     if scaled is not None:
-        known = replace(found, known=scaled.sure, factor=scaled.factor if scaled.sure else 1.0)
-        return _stated(known, scaled.found)
-    return _stated(replace(found, known=_is_too_few(found)))
+        known = replace(
+            found,
+            known=scaled.is_significant,
+            factor=scaled.factor if scaled.is_significant else 1.0,
+        )
+        return _add_statement(known, scaled.counterparts)
+    return _add_statement(replace(found, known=_is_too_few(found)))
 
 
-def _sets(model: Model, test: ModeSet) -> _Sets:
+def _modes_at_sensors(model: Model, test: ModeSet) -> _ModeSets:
     """Return the modes of model and test at the sensors."""
     elastic = test.frequency > 0.0
     measured = Modes(
@@ -388,28 +396,28 @@ def _sets(model: Model, test: ModeSet) -> _Sets:
     except DataError:  # no mode below that limit: use the lowest modes
         modes = undamped_modes(model, np.inf)
     match = modes.dofs.match(test.dofs, "DOF of the measured modes")
-    seen = np.asarray(modes.shapes[match.index] * match.sign[:, None])
-    move = moving(seen, modes.shapes) if len(test.dofs) else np.ones(len(modes), np.bool_)
-    computed = Modes(modes.frequency, modes.loss_factor, seen, test.dofs).select(move)
-    length = _length(measured)
+    shapes = np.asarray(modes.shapes[match.index] * match.sign[:, None])
+    move = moving(shapes, modes.shapes) if len(test.dofs) else np.ones(len(modes), np.bool_)
+    computed = Modes(modes.frequency, modes.loss_factor, shapes, test.dofs).select(move)
+    length = _rotation_length(measured)
     weight = np.where(test.dofs.axes >= 3, length, 1.0)[:, None]
-    return _Sets(
+    return _ModeSets(
         replace(computed, shapes=computed.shapes * weight),
         replace(measured, shapes=measured.shapes * weight),
     )
 
 
-def _length(measured: Modes) -> float:
+def _rotation_length(measured: Modes) -> float:
     """Return the length in m that scales rotations to the rms of translations over all modes."""
     rotates = measured.dofs.axes >= 3
     if rotates.all() or not rotates.any():
         return 1.0
     size = np.abs(measured.shapes) ** 2
-    both = [np.mean(size[kind], axis=0) for kind in (~rotates, rotates)]
-    seen = (both[0] > 0.0) & (both[1] > 0.0)
-    if not seen.any():
+    power = [np.mean(size[kind], axis=0) for kind in (~rotates, rotates)]
+    is_seen = (power[0] > 0.0) & (power[1] > 0.0)
+    if not is_seen.any():
         return 1.0
-    return float(np.exp(0.5 * np.mean(np.log(both[0][seen] / both[1][seen]))))
+    return float(np.exp(0.5 * np.mean(np.log(power[0][is_seen] / power[1][is_seen]))))
 
 
 def _is_too_few(found: Counterparts) -> bool:
@@ -417,7 +425,7 @@ def _is_too_few(found: Counterparts) -> bool:
     return float(scipy.special.bdtr(found.n_paired, found.n_measured, COMMON)) < TOO_FEW
 
 
-def _beyond_chance(found: Counterparts, probability: float = CHANCE) -> bool:
+def _exceeds_chance(found: Counterparts, probability: float = CHANCE) -> bool:
     """Return whether the number of pairs is improbably large for another structure."""
     n, k = found.n_measured, found.n_paired
     if not k or not n:
@@ -427,14 +435,14 @@ def _beyond_chance(found: Counterparts, probability: float = CHANCE) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Otherwise:
+class _Hypothesis:
     """Counterparts of most modes under an assumed fault.
 
     Attributes
     ----------
-    found : Counterparts
+    counterparts : Counterparts
         The counterparts.
-    sure : bool
+    is_significant : bool
         Whether they exceed chance, with the number of trials taken into account.
     sensors : tuple of str
         Sensors that are left out.
@@ -444,51 +452,53 @@ class _Otherwise:
         The mistake in the definition of the model, and its correction.
     """
 
-    found: Counterparts
-    sure: bool
+    counterparts: Counterparts
+    is_significant: bool
     sensors: tuple[str, ...] = ()
     factor: float = 1.0
     mistake: str = ""
     remedy: str = ""
 
 
-def _by_variant(model: Model, test: ModeSet, n_measured: int) -> _Otherwise | None:
+def _try_variants(model: Model, test: ModeSet, n_measured: int) -> _Hypothesis | None:
     """Return the counterparts in the best variant of a model; None if these are few."""
     if model.n_dofs > LARGEST_TRIED:
         return None
     variants = variants_of(model)
-    best: _Otherwise | None = None
-    for one in variants:
+    best: _Hypothesis | None = None
+    for variant in variants:
         try:
-            found = _sets(one.model(), test).counterparts(n_measured)
+            found = _modes_at_sensors(variant.model(), test).count_pairs(n_measured)
         except (InputError, SolverError):
             continue
-        if best is None or found.n_paired > best.found.n_paired:
-            sure = _beyond_chance(found, CHANCE / len(variants))
-            best = _Otherwise(found, sure, mistake=one.mistake, remedy=one.remedy)
-    most = best is not None and best.found.n_paired >= _MOST_OF_THEM * n_measured
-    return best if best is not None and most and best.sure else None
+        if best is None or found.n_paired > best.counterparts.n_paired:
+            is_significant = _exceeds_chance(found, CHANCE / len(variants))
+            best = _Hypothesis(
+                found, is_significant, mistake=variant.mistake, remedy=variant.remedy
+            )
+    most = best is not None and best.counterparts.n_paired >= _MOST_OF_THEM * n_measured
+    return best if best is not None and most and best.is_significant else None
 
 
-def _hidden_by_sensors(sets: _Sets, n_measured: int) -> _Otherwise | None:
+def _try_without_sensors(sets: _ModeSets, n_measured: int) -> _Hypothesis | None:
     """Return the counterparts with the fewest sensors left out; None if sensors hide none."""
-    n, tried = len(sets.measured.dofs), 0
+    n, n_tried = len(sets.measured.dofs), 0
     best: tuple[tuple[int, ...], Counterparts] | None = None
-    for number in range(1, _WRONG + 1):
-        if n - number < _LEFT:
+    for number in range(1, _MOST_FAULTY + 1):
+        if n - number < _FEWEST_REMAINING:
             break
-        for choice in _choices(n, number, best):
-            found = sets.without(choice).counterparts(n_measured)
-            tried += 1
+        for choice in _sensor_subsets(n, number, best):
+            found = sets.without(choice).count_pairs(n_measured)
+            n_tried += 1
             if best is None or found.n_paired > best[1].n_paired:
                 best = choice, found
         if best is not None and best[1].n_paired >= _MOST_OF_THEM * n_measured:
             names = tuple(str(abs(sets.measured.dofs[k])) for k in best[0])
-            return _Otherwise(best[1], _beyond_chance(best[1], CHANCE / tried), names)
+            return _Hypothesis(best[1], _exceeds_chance(best[1], CHANCE / n_tried), names)
     return None
 
 
-def _choices(
+def _sensor_subsets(
     n: int, number: int, best: tuple[tuple[int, ...], Counterparts] | None
 ) -> list[tuple[int, ...]]:
     """Return the sensors to leave out: each one, or all pairs, or pairs with the best one."""
@@ -498,22 +508,22 @@ def _choices(
     return [(first, k) for k in range(n) if k != first]
 
 
-def _common_factor(sets: _Sets, n_measured: int) -> _Otherwise | None:
+def _try_common_factor(sets: _ModeSets, n_measured: int) -> _Hypothesis | None:
     """Return the counterparts by shape with a common factor on all frequencies.
 
     None if there is no such factor. A factor near 1 may be explained by the unknowns, and is
     accepted even if the number of pairs does not exceed chance.
     """
     powers = [k for k in range(-_POWERS, _POWERS + 1) if k]
-    tried = [(k, sets.scaled(RANGE**k).counterparts(n_measured)) for k in powers]
-    power, best = max(tried, key=lambda one: (one[1].n_paired, -abs(one[0])))
+    trials = [(k, sets.scale_frequencies(RANGE**k).count_pairs(n_measured)) for k in powers]
+    power, best = max(trials, key=lambda one: (one[1].n_paired, -abs(one[0])))
     if best.n_paired < _MOST_OF_THEM * n_measured:
         return None
-    sure = _beyond_chance(best, CHANCE / len(powers))
-    if not sure and abs(power) > _NEAR:
+    is_significant = _exceeds_chance(best, CHANCE / len(powers))
+    if not is_significant and abs(power) > _NEAR:
         return None
     ratios = [RANGE**power * pair.computed / pair.measured for pair in best.pairs]
-    return _Otherwise(best, sure, factor=float(np.median(ratios)))
+    return _Hypothesis(best, is_significant, factor=float(np.median(ratios)))
 
 
 # -- stating --------------------------------------------------------------------------------------
@@ -524,12 +534,12 @@ _NOUNS = {
 }
 
 
-def _stated(found: Counterparts, other: Counterparts | None = None) -> Counterparts:
+def _add_statement(found: Counterparts, other: Counterparts | None = None) -> Counterparts:
     """Return the counterparts with their statement."""
-    return replace(found, statement=_statement(found, other))
+    return replace(found, statement=_compose_statement(found, other))
 
 
-def _statement(found: Counterparts, other: Counterparts | None) -> str:
+def _compose_statement(found: Counterparts, other: Counterparts | None) -> str:
     n, k = found.n_measured, found.n_paired
     one, more = _NOUNS[found.source]
     count = f"{k} of {n} {one if n == 1 else more} {'has' if k == 1 else 'have'}"

@@ -34,14 +34,14 @@ _Complex = NDArray[np.complex128]
 #: of a measured beam is 0.3 % with 16 and 34 % with 64. For structures of 6 to 33 degrees of
 #: freedom (`benchmarks/discrepancy.py errors`), 95 % intervals cover 96.7 % with 16, 96.5 % with 64
 #: and 95.0 % with 8.
-_PLACES = 16
+_MOST_DOFS = 16
 #: Number of changes at each degree of freedom: stiffness, loss, viscous damping and mass.
 _KINDS = 4
 #: Grid of the logarithm of the variance ratio of discrepancy and noise, in the direction in which
 #: the ratio is largest.
 _RATIOS = np.linspace(-9.0, 30.0, 79)
 #: Effect of a change, relative to the largest one, below which it is rounding.
-_UNSEEN = 1e-12
+_NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +66,7 @@ class Discrepancy:
     share: float
     gain: float
 
-    def unknown(self, spread: _Real) -> NDArray[np.bool_]:
+    def lacks_interval(self, spread: _Real) -> NDArray[np.bool_]:
         """Return which determined unknowns have no valid interval, shape (n,).
 
         These are unknowns with a standard deviation above half of `WIDEST`: the model error permits
@@ -123,7 +123,7 @@ def estimate_discrepancy(
     if problem.modal or not problem.parts:
         return None
     try:
-        local = _with_errors(problem, fit.x, residual)
+        local = _reduce_with_errors(problem, fit.x, residual)
     except SolverError:
         return None
     n, weight = problem.n, problem.coordinates.prior[1]
@@ -132,21 +132,21 @@ def estimate_discrepancy(
         weight = weight + fit.pull.weight
         within = within if fit.pull.within is None else fit.pull.within
     norms = np.linalg.norm(local.R[:, n:], axis=0)
-    seen = norms > _UNSEEN * norms.max(initial=0.0)
+    is_effective = norms > _NEGLIGIBLE * norms.max(initial=0.0)
     rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0)
     numbers = 2 * problem.n_values - within.shape[1]
-    B = local.R[:, n:][:, seen] / norms[seen]
-    found = _Components.of(local.R[:, :n] @ within, B, local.q, rest, numbers)
-    if found is None:
+    B = local.R[:, n:][:, is_effective] / norms[is_effective]
+    components = _Components.of(local.R[:, :n] @ within, B, local.q, rest, numbers)
+    if components is None:
         return None
-    held = np.hypot(weight, 1.0 / WIDEST)[:, None] * within
-    estimated = found.estimate(1.0 if size_known else 0.0, held)
-    if estimated.gain < least_gain or estimated.share <= 0.0:
+    prior_rows = np.hypot(weight, 1.0 / WIDEST)[:, None] * within
+    discrepancy = components.estimate(1.0 if size_known else 0.0, prior_rows)
+    if discrepancy.gain < least_gain or discrepancy.share <= 0.0:
         return None
     return replace(
-        estimated,
-        shift=within @ estimated.shift,
-        covariance=within @ estimated.covariance @ within.T,
+        discrepancy,
+        shift=within @ discrepancy.shift,
+        covariance=within @ discrepancy.covariance @ within.T,
     )
 
 
@@ -187,7 +187,7 @@ class _Components:
             return None
         R = np.linalg.qr(np.column_stack([J / norms, B, r]), mode="r")
         head, effects, below = R[:k, :k], R[:k, k:-1], R[k:, k:-1]
-        if np.abs(np.diag(head)).min() < _UNSEEN:
+        if np.abs(np.diag(head)).min() < _NEGLIGIBLE:
             return None
         U, s, V = np.linalg.svd(below, full_matrices=False)
         h = U.T @ R[k:, -1]
@@ -196,41 +196,41 @@ class _Components:
             return None
         return cls(norms, head, effects, V, s, h, rest, numbers)
 
-    def estimate(self, least: float, held: _Real) -> Discrepancy:
+    def estimate(self, least: float, prior_rows: _Real) -> Discrepancy:
         """Return the discrepancy at the maximum of the restricted likelihood.
 
-        `least` is the least variance of the noise; `held`, shape (p, k), holds the rows of the
-        priors of the shift divided by their standard deviations.
+        `least` is the least variance of the noise; `prior_rows`, shape (p, k), holds the rows of
+        the priors of the shift divided by their standard deviations.
         """
         from scipy.optimize import minimize_scalar
 
         grid = _RATIOS - 2.0 * np.log(self.s.max())
         costs = [self._cost(ratio, least) for ratio in grid]
         best = int(np.argmin(costs))
-        between = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        bracket = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         options = {"xatol": 1e-3}
         ratio = float(
             minimize_scalar(
-                self._cost, bounds=between, args=(least,), method="bounded", options=options
+                self._cost, bounds=bracket, args=(least,), method="bounded", options=options
             ).x
         )
         noise, share = self._noise(ratio, least), np.exp(ratio) * self.s**2
         total = self.rest + float(self.h @ self.h)
-        left = self.rest + float(np.sum((self.h / (1.0 + share)) ** 2))
+        remaining = self.rest + float(np.sum((self.h / (1.0 + share)) ** 2))
         gain = float(self._cost(-np.inf, least) - self._cost(ratio, least))
-        shift, spread = self._shift(noise, noise * np.exp(ratio), held)
+        shift, spread = self._shift(noise, noise * np.exp(ratio), prior_rows)
         covariance = spread + np.outer(shift, shift)
-        return Discrepancy(covariance, shift, max(1.0 - left / total, 0.0), gain)
+        return Discrepancy(covariance, shift, max(1.0 - remaining / total, 0.0), gain)
 
-    def _shift(self, noise: float, size: float, held: _Real) -> tuple[_Real, _Real]:
+    def _shift(self, noise: float, size: float, prior_rows: _Real) -> tuple[_Real, _Real]:
         """Return mean and covariance of the shift due to the changes, at given variances of both.
 
         The changes come first in the stacked problem, so the last block of its triangle belongs to
         the shift alone. The covariance at known changes, which is due to noise, is subtracted.
         """
         k, m = self.effects.shape
-        prior = held / self.norms
-        known = np.vstack([self.head / np.sqrt(noise), prior])
+        prior = prior_rows / self.norms
+        known_changes = np.vstack([self.head / np.sqrt(noise), prior])
         top = np.hstack([self.effects / np.sqrt(noise), self.head / np.sqrt(noise)])
         below = np.hstack([self.s[:, None] * self.V / np.sqrt(noise), np.zeros((len(self.s), k))])
         small = np.hstack([np.eye(m) / np.sqrt(size), np.zeros((m, k))])
@@ -238,11 +238,11 @@ class _Components:
         right = np.zeros(len(stacked))
         right[k : k + len(self.s)] = -self.h / np.sqrt(noise)
         R = np.linalg.qr(np.column_stack([stacked, right]), mode="r")[: m + k]
-        own, mean = R[m:, m : m + k], R[m:, m + k]
-        shift = scipy.linalg.solve_triangular(own, mean) / self.norms
+        triangle_of_shift, mean = R[m:, m : m + k], R[m:, m + k]
+        shift = scipy.linalg.solve_triangular(triangle_of_shift, mean) / self.norms
         wide, narrow = (
             scipy.linalg.solve_triangular(triangle, np.eye(k)) / self.norms[:, None]
-            for triangle in (own, np.linalg.qr(known, mode="r"))
+            for triangle in (triangle_of_shift, np.linalg.qr(known_changes, mode="r"))
         )
         return shift, wide @ wide.T - narrow @ narrow.T
 
@@ -261,45 +261,45 @@ class _Components:
         return 0.5 * twice
 
 
-def _with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
+def _reduce_with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
     """Return the reduced problem with the unknowns first, followed by the local changes.
 
     Raises `SolverError` if the model cannot be solved.
     """
-    places = _places(problem)
-    n = problem.n + _KINDS * len(places[0])
+    dofs = _choose_dofs(problem)
+    n = problem.n + _KINDS * len(dofs[0])
     found = []
-    for i, (part, index) in enumerate(zip(problem.parts, places, strict=True)):
-        found.append(_solved(_LocalErrors(residual.of(i).weight, index), part, x, n))
+    for i, (part, index) in enumerate(zip(problem.parts, dofs, strict=True)):
+        found.append(_reduce_cached(_LocalErrors(residual.of(i).weight, index), part, x, n))
     return joined(found, n)
 
 
-def _solved(wide: _LocalErrors, part: Part, x: _Real, n: int) -> Local:
+def _reduce_cached(residual: _LocalErrors, part: Part, x: _Real, n: int) -> Local:
     """Return the reduced problem of a part, from the cache if present."""
 
     def compute() -> Record:
-        local = reduced(wide, part, x, n)
+        local = reduced(residual, part, x, n)
         return np.array(local.cost), local.R, local.q
 
-    cost, R, q = part.recall(wide.name, x, compute, wide.weight, wide.places)
+    cost, R, q = part.recall(residual.name, x, compute, residual.weight, residual.dofs)
     return Local(float(cost), R, q)
 
 
-def _places(problem: Problem) -> list[NDArray[np.intp]]:
+def _choose_dofs(problem: Problem) -> list[NDArray[np.intp]]:
     """Return for each part the degrees of freedom of local changes; -1 if a part lacks one.
 
     They are evenly distributed over all degrees of freedom whose response can be computed. Tests of
     one structure share them by label.
     """
-    most = max(_PLACES // len(problem.parts), 1)
+    most = max(_MOST_DOFS // len(problem.parts), 1)
     chosen: dict[str, None] = {}
-    every = [part.solver.system.dofs.labels for part in problem.parts]
-    for part, labels in zip(problem.parts, every, strict=True):
-        seen = np.union1d(part.rows, part.columns)
-        dofs = np.union1d(seen, part.solver.others(seen))
+    labels_by_part = [part.solver.system.dofs.labels for part in problem.parts]
+    for part, labels in zip(problem.parts, labels_by_part, strict=True):
+        measured = np.union1d(part.rows, part.columns)
+        dofs = np.union1d(measured, part.solver.others(measured))
         chosen |= dict.fromkeys(labels[i] for i in dofs[:: -(-len(dofs) // most)])
     found = []
-    for labels in every:
+    for labels in labels_by_part:
         at = dict(zip(labels, range(len(labels)), strict=True))
         found.append(np.array([at.get(label, -1) for label in chosen]))
     return found
@@ -313,14 +313,14 @@ class _LocalErrors(LineResidual):
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j)
         As for `OutputError`.
-    places : ndarray of int, shape (m,)
+    dofs : ndarray of int, shape (m,)
         Degrees of freedom of the changes; -1 if the model lacks one.
     name : str
         Name for messages.
     """
 
     weight: _Real
-    places: NDArray[np.intp]
+    dofs: NDArray[np.intp]
     name: str = "local errors"
 
     def on(self, part: Part, lines: slice) -> _LocalErrors:
@@ -329,31 +329,31 @@ class _LocalErrors(LineResidual):
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
-        more = _KINDS * len(self.places) * part.sign.size // max(part.solver.system.n, 1)
+        more = _KINDS * len(self.dofs) * part.sign.size // max(part.solver.system.n, 1)
         return part.partition(len(part.rows) + len(part.columns) + more)
 
     def block(self, part: Part, x: _Real, lines: slice) -> tuple[_Complex, _Complex]:
         """Return the residual and its derivatives with respect to the unknowns and the changes."""
         block = part.block(x, lines)
         assert block.dH is not None
-        errors = _effects(part, x, lines, self.places)
+        errors = _error_effects(part, x, lines, self.dofs)
         J = np.asarray(np.concatenate([block.dH, errors]) * self.weight, dtype=np.complex128)
         return self.weight * (block.H - block.measured), J
 
 
-def _effects(part: Part, x: _Real, lines: slice, places: NDArray[np.intp]) -> _Complex:
-    """Return dH by a unit stiffness, loss, dashpot and mass at places, shape (4 m, n_f, n_i, n_j).
+def _error_effects(part: Part, x: _Real, lines: slice, dofs: NDArray[np.intp]) -> _Complex:
+    """Return dH by a unit stiffness, loss, dashpot and mass at DOFs, shape (4 m, n_f, n_i, n_j).
 
     A change a of the dynamic stiffness at degree of freedom p changes H_ij by -a H_ip H_pj.
     """
     freq, s = part.frf.freq[lines], part.frf.s[lines]
     coefficients = part.solver.system.coefficients(part.state(x), 2.0 * np.pi * freq)
     loads, order = np.unique(np.append(part.rows, part.columns), return_inverse=True)
-    there = places >= 0
-    fields = part.solver.at(part.solver.solve(coefficients, loads, freq), places[there])
+    is_present = dofs >= 0
+    fields = part.solver.at(part.solver.solve(coefficients, loads, freq), dofs[is_present])
     rows, columns = order[: len(part.rows)], order[len(part.rows) :]
-    H = np.zeros((len(places), len(freq), *part.sign.shape), dtype=np.complex128)
-    H[there] = -fields[:, :, rows, None] * fields[:, :, None, columns]
+    H = np.zeros((len(dofs), len(freq), *part.sign.shape), dtype=np.complex128)
+    H[is_present] = -fields[:, :, rows, None] * fields[:, :, None, columns]
     H *= part.gains(x) * part.sign * (s ** QUANTITIES[part.frf.quantity])[:, None, None]
     # A loss is an imaginary stiffness of unit size; columns are scaled to equal norm later.
     by_kind = (np.ones_like(s), 1j * np.ones_like(s), s, s**2)

@@ -13,17 +13,17 @@ from updyn.updating.fit.method import Fit
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.problem.problem import Problem
 
-__all__ = ["Ending", "Pressed", "ending"]
+__all__ = ["ActiveBound", "Ending", "assess_ending"]
 
 #: Number of last steps whose decrease is compared with the remaining decrease.
 _LAST = 10
 #: Least number of standard deviations by which a reported bound is active. Noise alone can make the
 #: bound 0 of a loss factor active by up to two.
-_PRESSED = 3.0
+_LEAST_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Pressed:
+class ActiveBound:
     """An unknown at a bound that the data would exceed.
 
     Attributes
@@ -55,23 +55,23 @@ class Ending:
         Distance of the values from those after a full Gauss-Newton step, in standard deviations.
     share : float
         Share of the misfit that this step would remove.
-    gained : float
+    recent_gain : float
         Decrease of the cost by the last ten steps over the decrease by this step; inf if no
         decrease remains.
     leading : tuple of str
         The unknowns with the largest changes by this step.
-    pressed : tuple of Pressed
+    active_bounds : tuple of ActiveBound
         Bounds that exclude values required by the data.
     """
 
     deviations: float
     share: float
-    gained: float
+    recent_gain: float
     leading: tuple[str, ...] = ()
-    pressed: tuple[Pressed, ...] = ()
+    active_bounds: tuple[ActiveBound, ...] = ()
 
 
-def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> Ending | None:
+def assess_ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> Ending | None:
     """Return the remaining decrease at the estimate; None if the method has no reduced problem.
 
     `history` holds the steps of the fit.
@@ -81,8 +81,8 @@ def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> End
         return None
     # Scale the residual to the standard deviations by which the fit weighted data against priors,
     # before they were widened for a correlated residual.
-    widened = _inflation(fit)
-    scale = widened * size / float(np.linalg.norm(local.R))
+    inflation = _inflation(fit)
+    scale = inflation * size / float(np.linalg.norm(local.R))
     weight, home = problem.coordinates.prior[1], problem.coordinates.prior[0]
     R = np.vstack([local.R * scale, np.diag(weight)])
     q = np.append(local.q * scale, weight * (fit.x - home))
@@ -91,26 +91,28 @@ def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> End
     g = R.T @ q
     low, high = (fit.x <= lower + near) & (g > 0.0), (fit.x >= upper - near) & (g < 0.0)
     free = ~(low | high)
-    fall, step = _whole(R[:, free], q)
+    fall, step = _full_step(R[:, free], q)
     names = problem.coordinates.parameters.names
     leading: tuple[str, ...] = ()
     if step.size and np.abs(step).max() > 0.0:
-        most = np.abs(step) >= 0.5 * np.abs(step).max()
-        leading = tuple(compress(compress(names, free), most))
-    pressed = []
+        is_largest = np.abs(step) >= 0.5 * np.abs(step).max()
+        leading = tuple(compress(compress(names, free), is_largest))
+    active_bounds = []
     for i in np.flatnonzero(~free):
-        opened = free.copy()
-        opened[i] = True
-        gain = max(_whole(R[:, opened], q)[0] - fall, 0.0)
-        deviations = float(np.sqrt(2.0 * gain)) / widened
-        if deviations >= _PRESSED:
+        without_bound = free.copy()
+        without_bound[i] = True
+        gain = max(_full_step(R[:, without_bound], q)[0] - fall, 0.0)
+        deviations = float(np.sqrt(2.0 * gain)) / inflation
+        if deviations >= _LEAST_DEVIATIONS:
             parameter = problem.coordinates.parameters[int(i)]
             side, limit = ("lower", parameter.lower) if low[i] else ("upper", parameter.upper)
-            pressed.append(Pressed(parameter.name, side, limit, deviations))
+            active_bounds.append(ActiveBound(parameter.name, side, limit, deviations))
     cost = local.cost * scale**2
-    gained = _gained(history) * scale**2 / fall if fall > 0.0 else np.inf
+    recent_gain = _recent_decrease(history) * scale**2 / fall if fall > 0.0 else np.inf
     share = fall / cost if cost > 0.0 else 0.0
-    return Ending(float(np.sqrt(2.0 * fall)) / widened, share, gained, leading, tuple(pressed))
+    return Ending(
+        float(np.sqrt(2.0 * fall)) / inflation, share, recent_gain, leading, tuple(active_bounds)
+    )
 
 
 def _inflation(fit: Fit) -> float:
@@ -119,18 +121,18 @@ def _inflation(fit: Fit) -> float:
     return found if found > 0.0 else 1.0
 
 
-def _whole(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def _full_step(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
     """Return the decrease of half the chi-square by a Gauss-Newton step, and the step."""
     if R.shape[1] == 0:
         return 0.0, np.zeros(0)
     norms = np.linalg.norm(R, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
     step = np.linalg.lstsq(R / norms, -q, rcond=None)[0] / norms
-    moved = R @ step
-    return max(float(-(moved @ q) - 0.5 * (moved @ moved)), 0.0), step
+    change = R @ step
+    return max(float(-(change @ q) - 0.5 * (change @ change)), 0.0), step
 
 
-def _gained(history: Sequence[Iteration]) -> float:
+def _recent_decrease(history: Sequence[Iteration]) -> float:
     """Return the decrease of the cost by the last steps of the last stage."""
     last = [h for h in history if h.stage == history[-1].stage][-_LAST - 1 :]
     costs = [h.cost for h in last if h.accepted]

@@ -44,27 +44,27 @@ def predictive_figures(
         predicted standard deviations, the median over channels.
     """
     frf = part.frf
-    answer, posterior = [], []
+    responses, posterior = [], []
     for block in part.blocks(x):
         assert block.dH is not None
-        answer.append(block.H)
-        posterior.append(_spread(block.dH, covariance))
-    H = np.concatenate(answer)
-    variance = np.concatenate(posterior) + scale * _elsewhere(noise, frf).variance(H, frf)
+        responses.append(block.H)
+        posterior.append(_posterior_variance(block.dH, covariance))
+    H = np.concatenate(responses)
+    variance = np.concatenate(posterior) + scale * _adapt_noise(noise, frf).variance(H, frf)
     level = np.mean(np.abs(frf.values) ** 2, axis=0)
-    seen = level > 0.0
+    has_level = level > 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
         standard = np.mean(np.abs(frf.values - H) ** 2 / variance, axis=0)
         expected = np.mean(variance, axis=0) / level
-    if not seen.any():
+    if not has_level.any():
         return {}
     return {
-        "residual_expected": min(1.0, float(np.sqrt(np.median(expected[seen])))),
-        "residual_deviations": float(np.sqrt(np.median(standard[seen]))),
+        "residual_expected": min(1.0, float(np.sqrt(np.median(expected[has_level])))),
+        "residual_deviations": float(np.sqrt(np.median(standard[has_level]))),
     }
 
 
-def _spread(dH: NDArray[np.complex128], covariance: _Real) -> _Real:
+def _posterior_variance(dH: NDArray[np.complex128], covariance: _Real) -> _Real:
     """Return the variance of a block of FRFs due to that of the unknowns, shape (n_f, n_i, n_j)."""
     flat = dH.reshape(len(dH), -1)
     is_open = ~np.isfinite(np.diag(covariance))
@@ -75,7 +75,7 @@ def _spread(dH: NDArray[np.complex128], covariance: _Real) -> _Real:
     return np.asarray(squared.reshape(dH.shape[1:]))
 
 
-def _elsewhere(noise: NoiseModel, frf: FRF) -> NoiseModel:
+def _adapt_noise(noise: NoiseModel, frf: FRF) -> NoiseModel:
     """Return the noise model of the fitted data for data of other channels."""
     known = noise.bulk
     if not isinstance(known, EstimatedByChannel) or known.relative is None or known.floor is None:

@@ -29,15 +29,15 @@ from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.adequacy import Suspect
-from updyn.updating.judge.nearby import Nearby
+from updyn.updating.judge.nearby import ReducedPart
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each
 
 __all__ = [
-    "breach",
-    "localise",
+    "constitutive_error",
+    "localise_error",
 ]
 
 _Real = NDArray[np.float64]
@@ -76,7 +76,9 @@ _STRIDE = 0.5
 _OFF = 0.1
 
 
-def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
+def constitutive_error(
+    part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
+) -> _Real:
     """Return the least error in the constitutive relations that explains the misfit at some lines.
 
     Parameters
@@ -114,8 +116,10 @@ def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
     P = part.solver.solve(c, rows, freq)[:, :, place.ravel()]
     S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)
     for t, term in enumerate(system.terms):
-        own = P[term.own]
-        S += w[t][:, None, None] * np.einsum("nfi,nfk->fik", own, term.times(own.conj()))
+        part_of_field = P[term.own]
+        S += w[t][:, None, None] * np.einsum(
+            "nfi,nfk->fik", part_of_field, term.times(part_of_field.conj())
+        )
     d, noise = part.sign * misfit / power, variance / np.abs(power) ** 2
     size, floor = np.sum(np.abs(d) ** 2, axis=1), np.sum(noise, axis=1)
     trace = np.maximum(np.einsum("fii->f", S).real, np.finfo(float).tiny)
@@ -128,13 +132,15 @@ def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
         force = np.linalg.solve(C, d[:, :, j, None])[..., 0]
         field = theta[:, j, None] * np.einsum("nfi,fi->nf", P.conj(), force).T
         for t, term in enumerate(system.terms):
-            own = np.ascontiguousarray(field.T[term.own])
-            energy[t, :, j] = w[t] * np.sum(own.conj() * term.times(own), axis=0).real
+            part_of_field = np.ascontiguousarray(field.T[term.own])
+            energy[t, :, j] = (
+                w[t] * np.sum(part_of_field.conj() * term.times(part_of_field), axis=0).real
+            )
     return np.maximum(energy, 0.0)
 
 
-def localise(
-    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex], beyond: float | None
+def localise_error(
+    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex], excess: float | None
 ) -> tuple[Suspect, ...]:
     """Return the quantities of groups and sensors that would explain the residual of a fit.
 
@@ -148,7 +154,7 @@ def localise(
         The output errors of the parts, with their weights.
     whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
         For each part, the residual over its standard deviation; NaN marks missing values.
-    beyond : float or None
+    excess : float or None
         Part of the sum of squares that noise does not explain; None to estimate it from the serial
         correlation.
 
@@ -158,30 +164,30 @@ def localise(
         The best first; empty if no quantity explains a tenth of the residual.
     """
     exact = problem
-    problem, nearby = _stood_in(problem, x, residual, whitened)
-    energy = _energies(problem, x, residual, whitened)
-    tried = _tried(problem, x, energy)
-    scores = _scores(problem, x, residual, tried)
-    structure = _correlated(whitened) if beyond is None else beyond
-    whole = max(structure, max((score.gain for score in scores), default=0.0))
-    least = max(_LEAST_GAIN, _LEAST_SHARE * whole)
+    problem, nearby = _replace_by_reduced(problem, x, residual, whitened)
+    energy = _compute_energies(problem, x, residual, whitened)
+    candidates = _choose_quantities(problem, x, energy)
+    scores = _compute_scores(problem, x, residual, candidates)
+    structure = _correlated_square(whitened) if excess is None else excess
+    total_gain = max(structure, max((score.gain for score in scores), default=0.0))
+    least = max(_LEAST_GAIN, _LEAST_SHARE * total_gain)
     promising = sorted((s for s in scores if s.gain >= least), key=lambda s: -s.gain)[:_KEPT]
     if not promising:
         return ()
     total = sum(energy.values()) or 1.0
     if nearby:  # enrich the basis at the expected ends of the short fits
-        ends = [_end(problem, x, score) for score in promising]
+        ends = [_expected_end(problem, x, score) for score in promising]
         parts = []
         for i, one in enumerate(nearby):
             states = [end.parts[i].state(at) for end, at in ends]
-            parts.append(one.holding([problem.parts[i].state(x), *states]))
+            parts.append(one.extend_basis([problem.parts[i].state(x), *states]))
         problem = problem.with_parts(parts)
     suspects = []
-    for p, explains, change, confirmed in _explained(
-        problem, x, residual, whitened, beyond, promising, whole, _allowed(exact)
+    for p, explains, change, confirmed in _explain_residual(
+        problem, x, residual, whitened, excess, promising, total_gain, _work_limit(exact)
     ):
         if explains >= _LEAST_SHARE:
-            share = energy.get((p.group, _matrix(p.quantity)), 0.0) / total
+            share = energy.get((p.group, _matrix_of(p.quantity)), 0.0) / total
             suspects.append(Suspect(p.group, p.quantity, explains, change, share, confirmed))
     return tuple(sorted(suspects, key=lambda s: -s.explains))
 
@@ -195,34 +201,36 @@ class _Score:
     step: float
 
 
-def _explained(
+def _explain_residual(
     problem: Problem,
     x: _Real,
     residual: Each,
     whitened: Sequence[_Complex],
-    beyond: float | None,
+    excess: float | None,
     promising: Sequence[_Score],
-    whole: float,
+    total_gain: float,
     allowed: float,
 ) -> list[tuple[Parameter, float, float, bool]]:
     """Return (quantity, explained share, change, whether confirmed by a fit) of each candidate."""
-    affordable, lines, steps = _afforded(problem, allowed, len(promising))
+    affordable, lines, steps = _plan_short_fits(problem, allowed, len(promising))
     if affordable == 0:
-        return [(s.parameter, s.gain / whole, s.step, False) for s in promising]
-    trial = _Refit.of(problem, x, residual, whitened, beyond, lines, steps)
+        return [(s.parameter, s.gain / total_gain, s.step, False) for s in promising]
+    short_fits = _ShortFits.of(problem, x, residual, whitened, excess, lines, steps)
     found = []
     for score in promising[:affordable]:
-        explains, change = trial.share(score.parameter)
+        explains, change = short_fits.explained_share(score.parameter)
         found.append((score.parameter, explains, change, True))
     return found
 
 
-def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Parameter]) -> list[_Score]:
+def _compute_scores(
+    problem: Problem, x: _Real, residual: Each, candidates: Sequence[Parameter]
+) -> list[_Score]:
     """Return the score of each quantity; empty if the model cannot be solved."""
-    if not tried:
+    if not candidates:
         return []
     n = problem.n
-    wide, start = _freed(problem, x, tried)
+    wide, start = _add_unknowns(problem, x, candidates)
     local = residual.local(wide, start)
     if local is None:
         return []
@@ -230,12 +238,14 @@ def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Paramete
     # adapted.
     R, q = local.R[n:, n:], local.q[n:]
     power = np.sum(R**2, axis=0)
-    seen = power > 1e-12 * np.maximum(np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny)
-    step = np.where(seen, -(R.T @ q) / np.where(seen, power, 1.0), 0.0)
-    return list(map(_Score, tried, (step**2 * power).tolist(), step.tolist()))
+    is_effective = power > 1e-12 * np.maximum(
+        np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny
+    )
+    step = np.where(is_effective, -(R.T @ q) / np.where(is_effective, power, 1.0), 0.0)
+    return list(map(_Score, candidates, (step**2 * power).tolist(), step.tolist()))
 
 
-def _freed(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Problem, _Real]:
+def _add_unknowns(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Problem, _Real]:
     """Return the problem with additional unknowns, and x extended by their start values."""
     wide = ParameterSet((*problem.coordinates.parameters.items, *more))
     coordinates = replace(problem.coordinates, parameters=wide, box=None, within=None)
@@ -246,16 +256,16 @@ def _freed(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Probl
     return Problem.of(parts), np.concatenate([x, coordinates.home[problem.n :]])
 
 
-def _work(problem: Problem) -> float:
+def _evaluation_work(problem: Problem) -> float:
     return sum(part.work for part in problem.parts)
 
 
-def _allowed(problem: Problem) -> float:
+def _work_limit(problem: Problem) -> float:
     """Return the approximate number of operations allowed for all short fits."""
-    return min(_MOST_WORK, max(_SHARE * _work(problem), _LITTLE))
+    return min(_MOST_WORK, max(_SHARE * _evaluation_work(problem), _LITTLE))
 
 
-def _afforded(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, int]:
+def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, int]:
     """Return the affordable number of quantities, lines of each test, and steps.
 
     The number of quantities is 0 if not even one is affordable.
@@ -265,7 +275,7 @@ def _afforded(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, 
         few = problem.thinned(lines)
         if best[0] and few.n_numbers < _NUMBERS * problem.n:
             break
-        number = int(allowed / (evaluations * _work(few)))
+        number = int(allowed / (evaluations * _evaluation_work(few)))
         if number >= min(wanted, _ENOUGH):
             return number, lines, steps
         if number > best[0]:
@@ -273,9 +283,9 @@ def _afforded(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, 
     return best
 
 
-def _stood_in(
+def _replace_by_reduced(
     problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
-) -> tuple[Problem, list[Nearby]]:
+) -> tuple[Problem, list[ReducedPart]]:
     """Return the problem with reduced models about x in place of large models, and these models.
 
     The problem is returned unchanged, with an empty list, if a part has no reduced model or if the
@@ -283,32 +293,32 @@ def _stood_in(
     """
     nearby = []
     for i, part in enumerate(problem.parts):
-        one = Nearby.of(part, x)
+        one = ReducedPart.of(part, x)
         if one is None:
             return problem, []
         try:
-            apart = residual.of(i).weight * (one.part.responses(x) - part.responses(x))
+            error = residual.of(i).weight * (one.part.responses(x) - part.responses(x))
         except SolverError:
             return problem, []
-        if _square([apart]) > _OFF**2 * _square([whitened[i]]):
+        if _sum_of_squares([error]) > _OFF**2 * _sum_of_squares([whitened[i]]):
             return problem, []
         nearby.append(one)
     return problem.with_parts([one.part for one in nearby]), nearby
 
 
-def _end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
+def _expected_end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
     """Return the problem with one additional unknown, and the expected end of its short fit.
 
     The change of the other unknowns is smaller and is neglected.
     """
-    wide, at = _freed(problem, x, [score.parameter])
+    wide, at = _add_unknowns(problem, x, [score.parameter])
     at = at.copy()
     at[-1] += np.clip(score.step, -_STRIDE, _STRIDE)
     return wide, np.clip(at, *wide.coordinates.bounds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Refit:
+class _ShortFits:
     """Short fits on few lines, each with one additional unknown.
 
     Attributes
@@ -323,7 +333,7 @@ class _Refit:
         Half the sum of squares at `x`, priors included.
     whitened : tuple of ndarray of complex
         The whitened residual at `x`.
-    beyond : float or None
+    excess : float or None
         Part of the sum of squares on these lines that noise does not explain; None if unknown.
     steps : int
         Largest number of steps of a short fit.
@@ -334,7 +344,7 @@ class _Refit:
     residual: Each
     cost: float
     whitened: tuple[_Complex, ...]
-    beyond: float | None
+    excess: float | None
     steps: int
 
     @classmethod
@@ -344,62 +354,64 @@ class _Refit:
         x: _Real,
         residual: Each,
         whitened: Sequence[_Complex],
-        beyond: float | None,
+        excess: float | None,
         lines: int,
         steps: int,
-    ) -> _Refit:
+    ) -> _ShortFits:
         """Return the short fits that start from x."""
         few = problem.thinned(lines)
-        errors, kept = [], 0
+        errors, n_kept = [], 0
         for i, (whole, part) in enumerate(zip(problem.parts, few.parts, strict=True)):
             at = np.flatnonzero(np.isin(whole.frf.freq, part.frf.freq))
             error = residual.of(i)
             errors.append(replace(error, weight=error.weight[at]))
-            kept += part.n_values
+            n_kept += part.n_values
         thinned = Each(tuple(errors))
-        x, cost = _descended(few, thinned, x, steps)
-        e = _whitened(few, thinned, x)
-        if beyond is not None:
+        x, cost = _descend_shortly(few, thinned, x, steps)
+        e = _whiten_residual(few, thinned, x)
+        if excess is not None:
             # The noise contributes equally to all lines.
-            noise = sum(float(np.nansum(np.abs(w) ** 2)) for w in whitened) - beyond
-            beyond = 2.0 * cost - noise * kept / problem.n_values
-        return cls(few, x, thinned, cost, e, beyond, steps)
+            noise = sum(float(np.nansum(np.abs(w) ** 2)) for w in whitened) - excess
+            excess = 2.0 * cost - noise * n_kept / problem.n_values
+        return cls(few, x, thinned, cost, e, excess, steps)
 
-    def share(self, parameter: Parameter) -> tuple[float, float]:
+    def explained_share(self, parameter: Parameter) -> tuple[float, float]:
         """Return the share of the residual beyond noise that a quantity explains, and its change.
 
         If the size of the noise is unknown, the share is estimated from the serial correlation of
         the removed part and of the remaining residual; the removed part shows how strongly a model
         error is correlated on these lines. A fit that ends at a bound explains nothing.
         """
-        wide, start = _freed(self.problem, self.x, [parameter])
+        wide, start = _add_unknowns(self.problem, self.x, [parameter])
         try:
-            x, cost = _descended(wide, self.residual, start, self.steps)
-            left = _whitened(wide, self.residual, x)
+            x, cost = _descend_shortly(wide, self.residual, start, self.steps)
+            residual = _whiten_residual(wide, self.residual, x)
         except SolverError:
             return 0.0, 0.0
         gain, change = 2.0 * (self.cost - cost), float(x[-1] - start[-1])
         lower, upper = wide.coordinates.bounds
-        pressed = parameter.is_factor and not lower[-1] < x[-1] < upper[-1]
-        if pressed or gain < _LEAST_GAIN:
+        at_bound = parameter.is_factor and not lower[-1] < x[-1] < upper[-1]
+        if at_bound or gain < _LEAST_GAIN:
             return 0.0, change
-        if self.beyond is not None:
-            return float(gain / max(self.beyond, gain)), change
-        removed = [a - b for a, b in zip(self.whitened, left, strict=True)]
+        if self.excess is not None:
+            return float(gain / max(self.excess, gain)), change
+        removed = [a - b for a, b in zip(self.whitened, residual, strict=True)]
         # If the removed model error is hardly correlated, all of the residual may be model error.
-        counted = min(_correlated_share(left) / max(_correlated_share(removed), 1e-3), 1.0)
-        rest = counted * _square(left)
+        model_share = min(
+            _share_of_correlated(residual) / max(_share_of_correlated(removed), 1e-3), 1.0
+        )
+        rest = model_share * _sum_of_squares(residual)
         return float(gain / (gain + rest)), change
 
 
-def _descended(problem: Problem, residual: Each, x: _Real, steps: int) -> tuple[_Real, float]:
+def _descend_shortly(problem: Problem, residual: Each, x: _Real, steps: int) -> tuple[_Real, float]:
     """Return the end of a short fit, and half its sum of squares, priors included."""
-    settings = TrustRegion(steps, 1e-6, fall=_SETTLED, relative_fall=_SETTLED_SHARE)
+    settings = TrustRegion(steps, 1e-6, min_decrease=_SETTLED, min_relative_decrease=_SETTLED_SHARE)
     end = descend(problem, residual, x, Monitor(problem), settings, relax=False)
     return end.x, end.local.cost
 
 
-def _whitened(problem: Problem, residual: Each, x: _Real) -> tuple[_Complex, ...]:
+def _whiten_residual(problem: Problem, residual: Each, x: _Real) -> tuple[_Complex, ...]:
     """Return the residual over its standard deviation; NaN marks values of weight 0."""
     out = []
     for i, part in enumerate(problem.parts):
@@ -408,15 +420,15 @@ def _whitened(problem: Problem, residual: Each, x: _Real) -> tuple[_Complex, ...
     return tuple(out)
 
 
-def _square(whitened: Sequence[_Complex]) -> float:
+def _sum_of_squares(whitened: Sequence[_Complex]) -> float:
     return sum(float(np.nansum(np.abs(e) ** 2)) for e in whitened)
 
 
-def _matrix(quantity: str) -> str:
+def _matrix_of(quantity: str) -> str:
     return "stiffness" if quantity == "loss_factor" else quantity
 
 
-def _correlated(whitened: Sequence[_Complex]) -> float:
+def _correlated_square(whitened: Sequence[_Complex]) -> float:
     """Return the part of the sum of squares that is correlated between neighbouring lines."""
     total = 0.0
     for e in whitened:
@@ -424,11 +436,11 @@ def _correlated(whitened: Sequence[_Complex]) -> float:
     return max(total, 0.0)
 
 
-def _correlated_share(whitened: Sequence[_Complex]) -> float:
-    return _correlated(whitened) / max(_square(whitened), np.finfo(float).tiny)
+def _share_of_correlated(whitened: Sequence[_Complex]) -> float:
+    return _correlated_square(whitened) / max(_sum_of_squares(whitened), np.finfo(float).tiny)
 
 
-def _energies(
+def _compute_energies(
     problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
 ) -> dict[tuple[str, str], float]:
     """Return the energy of the error by group and matrix; lines are weighted by their misfit."""
@@ -436,7 +448,7 @@ def _energies(
     for i, part in enumerate(problem.parts):
         square = np.nan_to_num(np.abs(whitened[i]) ** 2)
         square[part.frf.freq == 0.0] = 0.0
-        worst = np.sort(np.argsort(square.sum(axis=(1, 2)))[::-1][: _looked_at(part)])
+        worst = np.sort(np.argsort(square.sum(axis=(1, 2)))[::-1][: _n_energy_lines(part)])
         worst = worst[part.frf.freq[worst] > 0.0]
         if not worst.size:
             continue
@@ -447,7 +459,7 @@ def _energies(
         misfit = np.where(known, part.responses(x)[worst] - part.frf.values[worst], 0.0)
         few = replace(part, frf=part.frf.select(lines=part.frf.freq[worst]))
         items = [(x, misfit[at], variance[at], at) for at in few.partition(2 * len(part.rows))]
-        found = np.concatenate(list(few.each(_breach, items)), axis=1)
+        found = np.concatenate(list(few.each(_block_error, items)), axis=1)
         share = found / np.maximum(found.sum(axis=0), np.finfo(float).tiny)
         counted = np.sum(share * square[worst].sum(axis=1), axis=(1, 2))
         for term, value in zip(part.solver.system.terms, counted.tolist(), strict=True):
@@ -456,18 +468,20 @@ def _energies(
     return out
 
 
-def _looked_at(part: Part) -> int:
+def _n_energy_lines(part: Part) -> int:
     """Return the number of lines at which the energy is computed."""
     if part.work <= _LITTLE / _ONE_IN:
         return _MOST_LINES
     return min(_MOST_LINES, max(1, part.n_lines // _ONE_IN))
 
 
-def _breach(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
-    return breach(part, *item)
+def _block_error(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
+    return constitutive_error(part, *item)
 
 
-def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
+def _choose_quantities(
+    problem: Problem, x: _Real, energy: dict[tuple[str, str], float]
+) -> list[Parameter]:
     """Return the quantities to try: those that are not unknowns, in order of decreasing energy."""
     free: set[tuple[str, str]] = set()
     driven: set[str] = set()
@@ -491,16 +505,16 @@ def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> 
         if quantity == "stiffness" and group not in driven and group in losses:
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
-    return (_sensors(problem, free) + items)[:_MOST_TRIED]
+    return (_choose_sensors(problem, free) + items)[:_MOST_TRIED]
 
 
-def _sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
+def _choose_sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
     """Return the calibration factors that are not unknowns; empty for very many sensors."""
-    tried = calibration([part.frf for part in problem.parts], references="all")
-    if len(tried) > _MOST_SENSORS:
+    candidates = calibration([part.frf for part in problem.parts], references="all")
+    if len(candidates) > _MOST_SENSORS:
         return []
     return [
         replace(p, lower=1.0 / _FACTOR, upper=_FACTOR)
-        for p in tried
+        for p in candidates
         if (p.group, p.quantity) not in free
     ]

@@ -16,10 +16,12 @@ from updyn.modal import ModeSet
 from updyn.updating.problem.data import ModalSplit
 from updyn.updating.problem.modal import ModalPart, Target, informative
 
-__all__ = ["modal_correlation"]
+__all__ = ["correlate_measured_modes"]
 
 
-def modal_correlation(part: ModalPart, x: NDArray[np.float64], split: ModalSplit) -> dict[str, Any]:
+def correlate_measured_modes(
+    part: ModalPart, x: NDArray[np.float64], split: ModalSplit
+) -> dict[str, Any]:
     """Return the figures of agreement before and after a fit, of fitted and held-out modes.
 
     Parameters
@@ -40,39 +42,41 @@ def modal_correlation(part: ModalPart, x: NDArray[np.float64], split: ModalSplit
     home = part.coordinates.home
     out: dict[str, Any] = {}
     for when, at in (("before", home), ("after", x)):
-        out[when] = _figures(part, split.fitted, at)
+        out[when] = _compute_figures(part, split.fitted, at)
         if split.held is not None:
-            out.setdefault("validation", {})[when] = _figures(part, split.held, at)
+            out.setdefault("validation", {})[when] = _compute_figures(part, split.held, at)
     return out
 
 
-def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[str, float]:
+def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[str, float]:
     """Return the figures of some modes; frequency and damping errors are over the paired modes."""
     modes = informative(modes, part.noise)
-    own = replace(part, target=Target.of(part.system, modes))
+    selected = replace(part, target=Target.of(part.system, modes))
     try:
-        rows = own.rows(x, derivatives=False)
-        macs, close = _with_subspaces(own, x, rows.mac)
+        rows = selected.rows(x, derivatives=False)
+        macs, close = _with_subspaces(selected, x, rows.mac)
     except (SolverError, DataError):
         return {}
     figures = {
         "modes_measured": float(len(modes)),
-        "modes_paired": float(np.sum(macs >= own.like)),
+        "modes_paired": float(np.sum(macs >= selected.like)),
     }
     if modes.has_shapes:
         figures |= {"mac_median": float(np.median(macs)), "mac_min": float(macs.min())}
     if len(close):
         figures["modes_close"] = float(len(close))
-    regained = [
-        close[k] for k in rows.lost(own.like).tolist() if k in close and macs[k] >= own.like
+    by_subspace = [
+        close[k]
+        for k in rows.lost(selected.like).tolist()
+        if k in close and macs[k] >= selected.like
     ]
-    off = np.append(rows.r[rows.of("frequency")], regained)
-    if off.size:
-        figures["frequency_error_rms"] = 100.0 * float(np.sqrt(np.mean(off**2)))
-        figures["frequency_error_max"] = 100.0 * float(np.abs(off).max())
-    damped = rows.r[rows.of("loss_factor")]
-    if damped.size:
-        figures["loss_factor_error_rms"] = 100.0 * float(np.sqrt(np.mean(damped**2)))
+    frequency_errors = np.append(rows.r[rows.of("frequency")], by_subspace)
+    if frequency_errors.size:
+        figures["frequency_error_rms"] = 100.0 * float(np.sqrt(np.mean(frequency_errors**2)))
+        figures["frequency_error_max"] = 100.0 * float(np.abs(frequency_errors).max())
+    loss_factor_errors = rows.r[rows.of("loss_factor")]
+    if loss_factor_errors.size:
+        figures["loss_factor_error_rms"] = 100.0 * float(np.sqrt(np.mean(loss_factor_errors**2)))
     return figures
 
 

@@ -137,35 +137,39 @@ class ModalTable:
         for name, found in self.correlations.items():
             change, close = found.frequency_change.tolist(), found.in_subspace.tolist()
             for i, j, mac, by, one in zip(*found.pairs, change, close, strict=True):
-                entries[name][int(j)] = _entry(found.computed, i, by, float(mac), in_subspace=one)
+                entries[name][int(j)] = _make_entry(
+                    found.computed, i, by, float(mac), in_subspace=one
+                )
         rows = []
         for j in range(len(self.test)):
             computed = entries["start"].get(j), entries["updated"].get(j)
-            rows.append(ModalRow(_entry(self.test, j), *computed))
-        return tuple(sorted([*rows, *self._without_test()], key=lambda row: row.frequency))
+            rows.append(ModalRow(_make_entry(self.test, j), *computed))
+        return tuple(sorted([*rows, *self._unpaired_rows()], key=lambda row: row.frequency))
 
-    def _without_test(self) -> list[ModalRow]:
+    def _unpaired_rows(self) -> list[ModalRow]:
         """Return rows for the modes of the models that the test lacks."""
-        alone: dict[str, list[int]] = {"start": [], "updated": []}
+        unpaired: dict[str, list[int]] = {"start": [], "updated": []}
         for name, found in self.correlations.items():
-            alone[name] = found.unpaired_computed.tolist()
-        both: list[tuple[int, int]] = []
-        if all(alone.values()):
-            start = self.correlations["start"].computed.select(alone["start"])
-            updated = self.correlations["updated"].computed.select(alone["updated"])
+            unpaired[name] = found.unpaired_computed.tolist()
+        pairs: list[tuple[int, int]] = []
+        if all(unpaired.values()):
+            start = self.correlations["start"].computed.select(unpaired["start"])
+            updated = self.correlations["updated"].computed.select(unpaired["updated"])
             for i, j in zip(*correlate_modes(start, updated).pairs[:2], strict=True):
-                both.append((alone["start"][i], alone["updated"][j]))
+                pairs.append((unpaired["start"][i], unpaired["updated"][j]))
         rows = []
-        for i, j in both:
-            rows.append(ModalRow(None, self._alone("start", i), self._alone("updated", j)))
-        for i in sorted(set(alone["start"]) - {i for i, _ in both}):
-            rows.append(ModalRow(None, self._alone("start", i), None))
-        for j in sorted(set(alone["updated"]) - {j for _, j in both}):
-            rows.append(ModalRow(None, None, self._alone("updated", j)))
+        for i, j in pairs:
+            rows.append(
+                ModalRow(None, self._unpaired_entry("start", i), self._unpaired_entry("updated", j))
+            )
+        for i in sorted(set(unpaired["start"]) - {i for i, _ in pairs}):
+            rows.append(ModalRow(None, self._unpaired_entry("start", i), None))
+        for j in sorted(set(unpaired["updated"]) - {j for _, j in pairs}):
+            rows.append(ModalRow(None, None, self._unpaired_entry("updated", j)))
         return rows
 
-    def _alone(self, name: str, at: int) -> ModeEntry:
-        return _entry(self.correlations[name].computed, at)
+    def _unpaired_entry(self, name: str, at: int) -> ModeEntry:
+        return _make_entry(self.correlations[name].computed, at)
 
     @property
     def subspace_notes(self) -> tuple[str, ...]:
@@ -184,13 +188,13 @@ class ModalTable:
         if not self.known:
             return "Modes: not known. " + " ".join(self.notes)
         marks = (" ", "*") if self.subspace_notes else ("", "")
-        cells = [[str(i), *_row_cells(row, marks)] for i, row in enumerate(self.rows, 1)]
+        cells = [[str(i), *_format_row(row, marks)] for i, row in enumerate(self.rows, 1)]
         title = "Modes in the test, at the start and updated (loss: loss factor)"
         columns = [f"MAC{marks[0]}" if name == "MAC" else name for name in _COLUMNS]
         return "\n".join([title, text_table(columns, cells), *self.subspace_notes, *self.notes])
 
 
-def _entry(
+def _make_entry(
     of: Modes,
     at: int,
     change: float | None = None,
@@ -202,20 +206,20 @@ def _entry(
     return ModeEntry(int(at), frequency, loss_factor, change, mac, in_subspace)
 
 
-def _row_cells(row: ModalRow, marks: tuple[str, str]) -> list[str]:
+def _format_row(row: ModalRow, marks: tuple[str, str]) -> list[str]:
     start, updated = row.start, row.updated
-    cells = [_number(row.test, "frequency", "#.5g")]
+    cells = [_format_value(row.test, "frequency", "#.5g")]
     for entry in (start, updated):
-        cells.append(_number(entry, "frequency", "#.5g"))
-        cells.append(_number(entry, "change", "+.2f", " %").replace("-0.00", "+0.00"))
+        cells.append(_format_value(entry, "frequency", "#.5g"))
+        cells.append(_format_value(entry, "change", "+.2f", " %").replace("-0.00", "+0.00"))
         mark = marks[entry is not None and entry.in_subspace]
-        cells.append(_number(entry, "mac", ".3f") + mark)
+        cells.append(_format_value(entry, "mac", ".3f") + mark)
     for entry in (row.test, start, updated):
-        cells.append(_number(entry, "loss_factor", "#.3g"))
+        cells.append(_format_value(entry, "loss_factor", "#.3g"))
     return cells
 
 
-def _number(entry: ModeEntry | None, name: str, form: str, unit: str = "") -> str:
+def _format_value(entry: ModeEntry | None, name: str, form: str, unit: str = "") -> str:
     """Return an attribute of an entry as text; ``-`` if missing."""
     value = getattr(entry, name, None)
     if value is None or np.isnan(value):
@@ -255,21 +259,30 @@ def compare_modes(
         if model is None:
             continue
         try:
-            with warnings.catch_warnings(record=True) as said:
+            with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", UpdynWarning)
                 found[name] = correlate_modes(model, test, band=band).computed
         except (UpdynError, np.linalg.LinAlgError) as error:
             notes.append(f"The modes of the {name} model could not be computed: {error}.")
             continue
-        notes += [f"The {name} model: {one.message}." for one in said]
+        notes += [f"The {name} model: {one.message}." for one in caught]
     measured = Modes(test.frequency, test.loss_factor, test.shapes, test.dofs)
-    cross, own = None, None
+    cross_orthogonality, orthogonality = None, None
     if updated is not None and "updated" in found and 0 < len(test.dofs) <= _MOST_REDUCED:
-        cross, own = _orthogonality(updated, found["updated"], measured, notes)
-    return ModalTable(measured, found.get("start"), found.get("updated"), cross, own, tuple(notes))
+        cross_orthogonality, orthogonality = _compute_orthogonality(
+            updated, found["updated"], measured, notes
+        )
+    return ModalTable(
+        measured,
+        found.get("start"),
+        found.get("updated"),
+        cross_orthogonality,
+        orthogonality,
+        tuple(notes),
+    )
 
 
-def _orthogonality(
+def _compute_orthogonality(
     model: Model, computed: Modes, measured: Modes, notes: list[str]
 ) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
     """Return the cross-orthogonality with the measured modes, and the model's own orthogonality."""

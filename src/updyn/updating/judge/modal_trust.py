@@ -12,7 +12,14 @@ from updyn.correlation.figures import figure_text
 from updyn.text_table import counted
 from updyn.updating.judge.claim import Claim
 
-__all__ = ["BAD", "HARM", "SMALL", "modes_plausible", "modes_predicted", "modes_said"]
+__all__ = [
+    "BAD",
+    "HARM",
+    "SMALL",
+    "claim_modes_plausible",
+    "claim_modes_predicted",
+    "describe_modes",
+]
 
 _Figures = Mapping[str, float]
 
@@ -29,27 +36,27 @@ HARM, SMALL = 1.1, 1.0
 FAR_WORSE, BAD = 3.0, 3.0
 
 
-def modes_said(after: _Figures) -> str:
+def describe_modes(after: _Figures) -> str:
     """Return a sentence on the agreement of modes of model and test after the fit."""
     paired, measured = int(after["modes_paired"]), int(after["modes_measured"])
     if "mac_min" not in after:
-        off = after["frequency_error_rms"]
+        error = after["frequency_error_rms"]
         return (
             f"{paired} of {measured} measured frequencies are paired with one of the model, in"
-            f" their order, with an rms error of {off:.2g} %."
+            f" their order, with an rms error of {error:.2g} %."
         )
-    said = f"{paired} of {measured} measured modes resemble one of the model"
+    text = f"{paired} of {measured} measured modes resemble one of the model"
     if not paired:
-        return said + "."
-    off = after["frequency_error_rms"]
+        return text + "."
+    error = after["frequency_error_rms"]
     least = figure_text("mac_min", after["mac_min"])
     close = int(after.get("modes_close", 0))
-    of = f", that of {counted(close, 'close mode')} by subspaces" if close else ""
-    lowest = f"; the lowest MAC is {least}{of}" if paired == measured else ""
-    return f"{said}, with an rms error of frequency of {off:.2g} %{lowest}."
+    in_subspaces = f", that of {counted(close, 'close mode')} by subspaces" if close else ""
+    lowest = f"; the lowest MAC is {least}{in_subspaces}" if paired == measured else ""
+    return f"{text}, with an rms error of frequency of {error:.2g} %{lowest}."
 
 
-def modes_plausible(before: _Figures, after: _Figures) -> Claim:
+def claim_modes_plausible(before: _Figures, after: _Figures) -> Claim:
     """Return whether the residual of modes permits a result.
 
     Parameters
@@ -58,33 +65,33 @@ def modes_plausible(before: _Figures, after: _Figures) -> Claim:
         Figures of agreement before and after the fit.
     """
     paired, measured = after["modes_paired"], after["modes_measured"]
-    said = modes_said(after)
+    text = describe_modes(after)
     if paired < _MOST * measured or paired < before["modes_paired"]:
         fewer = f" (before the fit {int(before['modes_paired'])})" if paired else ""
-        return Claim(False, f"Only {said.rstrip('.')}{fewer}.")
-    off = after["frequency_error_rms"]
-    was = before.get("frequency_error_rms", off)
-    alike = paired == before["modes_paired"]
-    if off > _GROSS or (alike and off > HARM * was and off > SMALL):
-        return Claim(False, f"{said.rstrip('.')}; before the fit it was {was:.2g} %.")
-    return Claim(True, said)
+        return Claim(False, f"Only {text.rstrip('.')}{fewer}.")
+    error = after["frequency_error_rms"]
+    error_before = before.get("frequency_error_rms", error)
+    same_number_paired = paired == before["modes_paired"]
+    if error > _GROSS or (same_number_paired and error > HARM * error_before and error > SMALL):
+        return Claim(False, f"{text.rstrip('.')}; before the fit it was {error_before:.2g} %.")
+    return Claim(True, text)
 
 
-def modes_predicted(one: Mapping[str, Any]) -> Claim:
+def claim_modes_predicted(figures: Mapping[str, Any]) -> Claim:
     """Return whether an updated model predicts held-out modes.
 
     Parameters
     ----------
-    one : mapping
+    figures : mapping
         Figures of a test, with ``after`` and ``validation``.
     """
-    held, fitted = one["validation"]["after"], one.get("after", {})
-    said = f"Of the held-out modes, {modes_said(held)}"
+    held, fitted = figures["validation"]["after"], figures.get("after", {})
+    text = f"Of the held-out modes, {describe_modes(held)}"
     if held["modes_paired"] < held["modes_measured"]:
-        return Claim(False, said)
-    off = held["frequency_error_rms"]
-    if off > BAD and off > FAR_WORSE * fitted.get("frequency_error_rms", off):
+        return Claim(False, text)
+    error = held["frequency_error_rms"]
+    if error > BAD and error > FAR_WORSE * fitted.get("frequency_error_rms", error):
         return Claim(
-            False, f"{said.rstrip('.')}, of the fitted ones {fitted['frequency_error_rms']:.2g} %."
+            False, f"{text.rstrip('.')}, of the fitted ones {fitted['frequency_error_rms']:.2g} %."
         )
-    return Claim(True, said)
+    return Claim(True, text)

@@ -13,7 +13,7 @@ from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.updating.problem.problem import Part
 
-__all__ = ["DOFS", "Nearby"]
+__all__ = ["DOFS", "ReducedPart"]
 
 _Vector = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _DROPPED = 1e-3
 
 
 @dataclass(slots=True, eq=False)
-class Nearby:
+class ReducedPart:
     """A part with a reduced model about a point.
 
     Attributes
@@ -42,7 +42,7 @@ class Nearby:
     reduction: Reduction
 
     @classmethod
-    def of(cls, part: Part, x: _Vector) -> Nearby | None:
+    def of(cls, part: Part, x: _Vector) -> ReducedPart | None:
         """Return the reduced model of a part about x; None if small, reduced or not reducible."""
         solver, freq = part.solver, part.frf.freq
         if solver.tier != "sparse" or solver.system.n <= DOFS:
@@ -67,7 +67,7 @@ class Nearby:
         reduction.basis = whole  # further states are orthogonalised against the full basis
         return cls(reduced, reduction)
 
-    def holding(self, states: Sequence[State]) -> Part:
+    def extend_basis(self, states: Sequence[State]) -> Part:
         """Return the part with a basis that is accurate about further states of its model, too.
 
         The first state is that of the point. States that cannot be solved are ignored.

@@ -57,7 +57,9 @@ def covariance_over_ratios(
     unknown is the largest over all admissible ratios; the correlations are those at the most likely
     ratio.
     """
-    found = [_numbers(part, x, floor) for part, floor in zip(problem.parts, floors, strict=True)]
+    found = [
+        _weighted_rows(part, x, floor) for part, floor in zip(problem.parts, floors, strict=True)
+    ]
     J, r, size, level = (np.concatenate(rows) for rows in zip(*found, strict=True))
     J, k = J @ within, within.shape[1]
     centre, weight = problem.coordinates.prior
@@ -84,16 +86,16 @@ def covariance_over_ratios(
         spread = scipy.linalg.solve_triangular(triangle[:, :k], np.eye(k))
         errors.append(std**2 * spread @ spread.T + np.outer(step, step))
         logs.append(np.log(root).sum() - np.log(diagonal).sum() - 0.5 * spare * np.log(square))
-    every = within @ np.array(errors) @ within.T
-    likeliest = every[int(np.argmax(logs))]
-    admissible = every[np.array(logs) >= max(logs) - _ADMISSIBLE]
-    power = np.diagonal(admissible, axis1=1, axis2=2).max(axis=0)
-    own = np.diag(likeliest)
-    scale = np.sqrt(power / np.where(own > 0.0, own, 1.0))
+    covariances = within @ np.array(errors) @ within.T
+    likeliest = covariances[int(np.argmax(logs))]
+    admissible = covariances[np.array(logs) >= max(logs) - _ADMISSIBLE]
+    largest_variance = np.diagonal(admissible, axis1=1, axis2=2).max(axis=0)
+    variance = np.diag(likeliest)
+    scale = np.sqrt(largest_variance / np.where(variance > 0.0, variance, 1.0))
     return np.asarray(likeliest * scale[:, None] * scale)
 
 
-def _numbers(part: Part, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
+def _weighted_rows(part: Part, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
     """Return derivatives, residual, and |H| and level times the floor, of values above rounding.
 
     All are real: the real parts first, then the imaginary parts.
@@ -102,9 +104,9 @@ def _numbers(part: Part, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _
     H = np.concatenate([block.H for block in blocks])
     dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
     level = np.broadcast_to(level_by_unit(part.frf), H.shape)
-    seen = np.maximum(np.abs(H), np.abs(part.frf.values)) > SMALLEST * level
-    J, r = dH[:, seen].T, (part.frf.values - H)[seen]
-    size, level = floor * np.abs(H[seen]), floor * level[seen]
+    is_above_rounding = np.maximum(np.abs(H), np.abs(part.frf.values)) > SMALLEST * level
+    J, r = dH[:, is_above_rounding].T, (part.frf.values - H)[is_above_rounding]
+    size, level = floor * np.abs(H[is_above_rounding]), floor * level[is_above_rounding]
     return (
         np.concatenate([J.real, J.imag]),
         np.concatenate([r.real, r.imag]),

@@ -12,7 +12,7 @@ from updyn.dynamics.fields import EXACT_TIERS
 from updyn.errors import SolverError
 from updyn.updating.problem.problem import Part
 
-__all__ = ["REMEDY", "Rounding", "worst_rounding"]
+__all__ = ["REMEDY", "Rounding", "find_worst_rounding"]
 
 #: Number of lines to check; number of DOFs above which at most one line in `_SHARE` is checked; and
 #: number of DOFs above which only the lowest line is checked.
@@ -62,7 +62,7 @@ class Rounding:
         )
 
 
-def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | None:
+def find_worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | None:
     """Return the largest rounding error of the model's responses; None if negligible.
 
     A few lines are solved twice: with Z, and with 3 Z, whose entries are all rounded differently.
@@ -82,16 +82,16 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
     for part in parts:
         if part.solver.tier not in EXACT_TIERS:
             continue
-        at = np.unique(np.linspace(0, part.n_lines - 1, _few(part)).astype(int))
+        at = np.unique(np.linspace(0, part.n_lines - 1, _n_checked_lines(part)).astype(int))
         measured = np.abs(part.frf.values)
         try:
-            share = _shares(part, x, part.frf.freq[at])
-            left = np.abs(part.responses(x) - part.frf.values)
+            share = _relative_rounding(part, x, part.frf.freq[at])
+            residual = np.abs(part.responses(x) - part.frf.values)
         except SolverError:
             continue
-        misfit = np.median(left / np.where(measured > 0.0, measured, np.inf), axis=0)
-        seen = (share > _FINE) & (share > _SMALL * misfit) & (part.sign != 0.0)
-        share = np.where(seen, share, 0.0)
+        misfit = np.median(residual / np.where(measured > 0.0, measured, np.inf), axis=0)
+        is_relevant = (share > _FINE) & (share > _SMALL * misfit) & (part.sign != 0.0)
+        share = np.where(is_relevant, share, 0.0)
         i, j, k = (int(n) for n in np.unravel_index(np.argmax(share), share.shape))
         if share[i, j, k] > 0.0:
             channel = (part.frf.responses.labels[j], part.frf.references.labels[k])
@@ -101,7 +101,7 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
     return max(found, key=lambda r: r.share, default=None)
 
 
-def _few(part: Part) -> int:
+def _n_checked_lines(part: Part) -> int:
     """Return the number of lines to check; each takes two solutions."""
     n = part.solver.system.n
     if n > _MANY:
@@ -109,7 +109,9 @@ def _few(part: Part) -> int:
     return _LINES if n <= _LARGE else int(np.clip(part.n_lines // _SHARE, 1, _LINES))
 
 
-def _shares(part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]) -> NDArray[np.float64]:
+def _relative_rounding(
+    part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the relative rounding error at some lines, shape (n_f, n_i, n_j)."""
     solver, system = part.solver, part.solver.system
     Z = system.coefficients(part.unknowns.state(system, part.values(x)), 2.0 * np.pi * freq)

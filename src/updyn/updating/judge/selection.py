@@ -23,16 +23,16 @@ from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.tests import problem_of
 
 __all__ = [
-    "ALIKE",
+    "COLLINEAR",
     "MAX_COLLINEARITY",
     "cluster",
     "cluster_jointly",
     "collinear_clusters",
-    "index",
+    "collinearity_index",
+    "normalise_columns",
     "select",
+    "select_columns",
     "select_jointly",
-    "subset",
-    "unit",
 ]
 
 _Vector = NDArray[np.float64]
@@ -44,7 +44,7 @@ _SHARE = 0.2
 _NAMED = 3
 
 
-def subset(
+def select_columns(
     R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float = 15.0
 ) -> tuple[list[int], dict[int, str]]:
     """Select columns of a Jacobian by QR factorisation with column pivoting.
@@ -74,16 +74,16 @@ def subset(
         if not state.waiting or len(state.order) == n:
             break
         i = max(state.waiting, key=lambda j: state.length[j])
-        asked = n is not None and state.length[i] > RANK_TOLERANCE * size[i]
-        reason = "" if asked else state.refused(i, max_collinearity)
+        is_requested = n is not None and state.length[i] > RANK_TOLERANCE * size[i]
+        reason = "" if is_requested else state.find_objection(i, max_collinearity)
         if reason:
             state.left_out[i] = reason
         else:
             state.take(i)
         state.waiting.remove(i)
     for i in state.waiting:
-        asked_for = counted(len(state.order), "unknown")
-        state.left_out[i] = f"asked for: {asked_for}; what is kept is determined better"
+        requested = counted(len(state.order), "unknown")
+        state.left_out[i] = f"asked for: {requested}; what is kept is determined better"
     return state.order, state.left_out
 
 
@@ -111,7 +111,7 @@ class _Pivoting:
         self.rest = self.rest - np.outer(fresh, fresh @ self.rest)
         self.order.append(i)
 
-    def refused(self, i: int, limit: float) -> str:
+    def find_objection(self, i: int, limit: float) -> str:
         """Return the reason why a column is not selected; empty if it may be."""
         if self.size[i] * WIDEST <= 1.0:
             known = "not at all"
@@ -119,18 +119,24 @@ class _Pivoting:
                 known = f"only to ±{1.0 / self.size[i]:.2g}"
             return f"the data hardly react to it: even alone it would be known {known}"
         length = float(np.linalg.norm(self.rest[:, i]))
-        gamma = index(np.linalg.svd(unit(self.R[:, [*self.order, i]]), compute_uv=False))
+        gamma = collinearity_index(
+            np.linalg.svd(normalise_columns(self.R[:, [*self.order, i]]), compute_uv=False)
+        )
         if gamma > limit:
             return (
-                f"its effect is explained by {self.explained_by(i)} (collinearity index"
+                f"its effect is explained by {self.name_explanations(i)} (collinearity index"
                 f" {gamma:.3g})"
             )
         if length * WIDEST <= 1.0:
-            return f"beside {self.explained_by(i)} it would be known only to ±{1.0 / length:.2g}"
+            return (
+                f"beside {self.name_explanations(i)} it would be known only to ±{1.0 / length:.2g}"
+            )
         return ""
 
-    def explained_by(self, i: int) -> str:
-        weight = np.linalg.lstsq(unit(self.R[:, self.order]), self.R[:, i], rcond=None)[0]
+    def name_explanations(self, i: int) -> str:
+        weight = np.linalg.lstsq(
+            normalise_columns(self.R[:, self.order]), self.R[:, i], rcond=None
+        )[0]
         size = np.abs(weight)
         most = np.argsort(-size)[:_NAMED]
         most = most[size[most] >= _SHARE * size.max()]
@@ -179,13 +185,13 @@ def collinear_clusters(
     return sorted(out)
 
 
-def unit(R: _Matrix) -> _Matrix:
+def normalise_columns(R: _Matrix) -> _Matrix:
     """Return a matrix with columns scaled to unit length; columns of zeros are unchanged."""
     size = np.linalg.norm(R, axis=0)
     return np.asarray(R / np.where(size > 0.0, size, 1.0))
 
 
-def index(s: NDArray[np.floating[Any]]) -> float:
+def collinearity_index(s: NDArray[np.floating[Any]]) -> float:
     """Return the collinearity index from the singular values of unit columns; inf if singular."""
     if s[-1] <= RANK_TOLERANCE * s[0]:
         return float("inf")
@@ -197,7 +203,7 @@ def index(s: NDArray[np.floating[Any]]) -> float:
 MAX_COLLINEARITY = 15.0
 #: Least cosine of two collinear unknowns: an angle of 8 degrees, at which a seventh of the effect
 #: of either is independent of the other.
-ALIKE = 0.99
+COLLINEAR = 0.99
 #: Largest length of a list of joined group names that is written in full.
 _LONG = 40
 
@@ -320,9 +326,9 @@ def select_jointly(
             f"select: max_collinearity = {max_collinearity!r}: expected a number of at least 1",
             key=("max_collinearity",),
         )
-    R = _sensitivity(tests, before)
+    R = _whitened_jacobian(tests, before)
     count = analyse_identifiability(R, given.names).report.rank if n == "rank" else n
-    order, why = subset(R, given.names, count, max_collinearity)
+    order, reasons = select_columns(R, given.names, count, max_collinearity)
     if not order:
         raise ParameterError(
             f"select: of {counted(len(given), 'unknown')} the data see none;"
@@ -331,10 +337,10 @@ def select_jointly(
     kept = [given[i] for i in sorted(order)]
     left_out = dict(before.left_out)
     held = list(before.held)
-    for i, reason in sorted(why.items()):
+    for i, reason in sorted(reasons.items()):
         left_out[given.names[i]] = reason
         held.append(given[i])
-    s = np.linalg.svd(unit(R[:, order]), compute_uv=False)
+    s = np.linalg.svd(normalise_columns(R[:, order]), compute_uv=False)
     return replace(
         before,
         parameters=ParameterSet(tuple(kept)),
@@ -342,7 +348,7 @@ def select_jointly(
         left_out=left_out,
         held=tuple(held),
         singular_values=tuple(s.tolist()),
-        collinearity=index(s),
+        collinearity=collinearity_index(s),
     )
 
 
@@ -350,7 +356,7 @@ def cluster(
     model: Model,
     frf: FRF,
     parameters: ParameterSet | Selection,
-    threshold: float = ALIKE,
+    threshold: float = COLLINEAR,
     *,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float] | str | None = None,
@@ -399,7 +405,7 @@ def cluster(
 
 
 def cluster_jointly(
-    tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = ALIKE
+    tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = COLLINEAR
 ) -> Selection:
     """Link unknowns whose effects on the data of several tests are nearly parallel; see `cluster`.
 
@@ -436,48 +442,48 @@ def cluster_jointly(
     if isinstance(threshold, bool) or not 0.0 < threshold < 1.0:
         raise OptionError(
             f"cluster: threshold = {threshold!r}: expected a cosine between 0 and 1, such as"
-            f" {ALIKE}",
+            f" {COLLINEAR}",
             key=("threshold",),
         )
-    R = _sensitivity(tests, before)
+    R = _whitened_jacobian(tests, before)
     cosine = _cosines(R)
-    kinds = list(map(_kind_and_start, given))
+    kinds = list(map(_merge_key, given))
     clusters: list[list[int]] = []
-    first: dict[int, list[int]] = {}
-    inside: set[int] = set()
+    by_first: dict[int, list[int]] = {}
+    members_of_clusters: set[int] = set()
     for members in collinear_clusters(cosine, kinds, threshold):
-        if _joinable(given, members):
+        if _can_merge(given, members):
             clusters.append(members)
-            first[members[0]] = members
-            inside |= set(members)
+            by_first[members[0]] = members
+            members_of_clusters |= set(members)
     items: list[Parameter] = []
     columns: list[_Vector] = []
     merged, least = dict(before.merged), dict(before.cosines)
     for i, p in enumerate(given):
-        if i in first:
-            linked = _joined(given, first[i])
-            merged[linked.name] = tuple(np.array(given.names)[first[i]].tolist())
-            least[linked.name] = float(cosine[np.ix_(first[i], first[i])].min())
-            columns.append(R[:, first[i]].sum(axis=1))
+        if i in by_first:
+            linked = _merge_unknowns(given, by_first[i])
+            merged[linked.name] = tuple(np.array(given.names)[by_first[i]].tolist())
+            least[linked.name] = float(cosine[np.ix_(by_first[i], by_first[i])].min())
+            columns.append(R[:, by_first[i]].sum(axis=1))
             items.append(linked)
-        elif i not in inside:
+        elif i not in members_of_clusters:
             columns.append(R[:, i])
             items.append(p)
-    s = np.linalg.svd(unit(np.stack(columns, axis=1)), compute_uv=False)
+    s = np.linalg.svd(normalise_columns(np.stack(columns, axis=1)), compute_uv=False)
     return replace(
         before,
         parameters=ParameterSet(tuple(items)),
         order=(),
         merged=merged,
         cosines=least,
-        remarks=(*before.remarks, *_remarks(given, cosine, threshold, clusters)),
+        remarks=(*before.remarks, *_describe_unmerged(given, cosine, threshold, clusters)),
         singular_values=tuple(s.tolist()),
-        collinearity=index(s),
+        collinearity=collinearity_index(s),
     )
 
 
 # -- clusters --------------------------------------------------------------------------------------
-def _kind(p: Parameter) -> str | None:
+def _common_quantity(p: Parameter) -> str | None:
     """Return the quantity of an unknown; None for sensors and mixed quantities."""
     if p.is_channel:
         return None
@@ -490,15 +496,15 @@ def _kind(p: Parameter) -> str | None:
     return quantity
 
 
-def _kind_and_start(p: Parameter) -> str | None:
+def _merge_key(p: Parameter) -> str | None:
     """Return quantity and start as a key, equal for unknowns that may be joined, or None."""
-    kind = _kind(p)
+    kind = _common_quantity(p)
     if kind is None:
         return None
     return f"{kind} from {p.start!r}"
 
 
-def _drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
+def _collect_drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
     """Return the drives of several unknowns in one tuple."""
     drives: list[Drive] = []
     for i in members:
@@ -506,28 +512,28 @@ def _drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
     return tuple(drives)
 
 
-def _joinable(given: ParameterSet, members: list[int]) -> bool:
+def _can_merge(given: ParameterSet, members: list[int]) -> bool:
     """Return whether unknowns can be joined: their bounds overlap, and no group occurs twice."""
-    drives = _drives(given, members)
-    room = given.lower[members].max() < given.upper[members].min()
-    return bool(room) and len(set(drives)) == len(drives)
+    drives = _collect_drives(given, members)
+    bounds_overlap = given.lower[members].max() < given.upper[members].min()
+    return bool(bounds_overlap) and len(set(drives)) == len(drives)
 
 
-def _joined(given: ParameterSet, members: list[int]) -> Parameter:
+def _merge_unknowns(given: ParameterSet, members: list[int]) -> Parameter:
     """Return the merged unknown."""
-    own = [given[i] for i in members]
-    first = own[0]
+    unknowns = [given[i] for i in members]
+    first = unknowns[0]
     quantity = first.quantity
-    if any(p.quantity != quantity for p in own):
+    if any(p.quantity != quantity for p in unknowns):
         quantity = first.acts_on[0].quantity
-    stem = "+".join(p.group for p in own)
+    stem = "+".join(p.group for p in unknowns)
     if len(stem) > _LONG:
-        stem = f"{first.group}+{len(own) - 1} more"
+        stem = f"{first.group}+{len(unknowns) - 1} more"
     while f"{stem}.{quantity}" in given.names:
         stem += "+"
-    priors = [p.prior_std for p in own if p.prior_std is not None]
+    priors = [p.prior_std for p in unknowns if p.prior_std is not None]
     nominal, unit = first.nominal, first.unit
-    if any((p.nominal, p.unit) != (nominal, unit) for p in own):
+    if any((p.nominal, p.unit) != (nominal, unit) for p in unknowns):
         nominal, unit = None, ""
     return Parameter(
         stem,
@@ -536,32 +542,32 @@ def _joined(given: ParameterSet, members: list[int]) -> Parameter:
         given.lower[members].max(),
         given.upper[members].min(),
         min(priors, default=None),
-        _drives(given, members),
+        _collect_drives(given, members),
         nominal,
         unit,
     )
 
 
-def _remarks(
+def _describe_unmerged(
     given: ParameterSet, cosine: _Matrix, threshold: float, clusters: list[list[int]]
 ) -> list[str]:
     """Return remarks on unknowns with parallel or opposite effects that were not joined."""
-    home: dict[int, int] = {}
+    cluster_of: dict[int, int] = {}
     for number, members in enumerate(clusters):
-        home |= dict.fromkeys(members, number)
-    unseen = np.flatnonzero(~np.isfinite(np.diag(cosine)))
-    out = [f"the data do not see {given.names[i]}" for i in unseen]
-    seen: set[tuple[int, int]] = set()
+        cluster_of |= dict.fromkeys(members, number)
+    without_effect = np.flatnonzero(~np.isfinite(np.diag(cosine)))
+    out = [f"the data do not see {given.names[i]}" for i in without_effect]
+    reported: set[tuple[int, int]] = set()
     for i, j in combinations(range(len(given)), 2):
         # One remark for each pair of clusters or unknowns is sufficient.
-        pair = (home.get(i, -1 - i), home.get(j, -1 - j))
-        if not abs(cosine[i, j]) >= threshold or pair[0] == pair[1] or pair in seen:
+        pair = (cluster_of.get(i, -1 - i), cluster_of.get(j, -1 - j))
+        if not abs(cosine[i, j]) >= threshold or pair[0] == pair[1] or pair in reported:
             continue
-        seen.add(pair)
+        reported.add(pair)
         a, b = given[i], given[j]
         if cosine[i, j] < 0:
             why = "their effects are opposite, so that the data determine only their difference"
-        elif _kind(a) is None or _kind(a) != _kind(b):
+        elif _common_quantity(a) is None or _common_quantity(a) != _common_quantity(b):
             why = "not of one quantity"
         elif a.start != b.start:
             why = "they start differently; give them one start to have them joined"
@@ -572,7 +578,7 @@ def _remarks(
 
 
 # -- shared ----------------------------------------------------------------------------------------
-def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
+def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> _Matrix:
     """Return the Jacobian of all data at the start, reduced and whitened by the noise."""
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
@@ -581,8 +587,8 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
 
 
 def _cosines(R: _Matrix) -> _Matrix:
-    own, size = unit(R), np.linalg.norm(R, axis=0)
-    cosine = np.asarray(own.T @ own)
+    columns, size = normalise_columns(R), np.linalg.norm(R, axis=0)
+    cosine = np.asarray(columns.T @ columns)
     cosine[size == 0.0, :] = np.nan
     cosine[:, size == 0.0] = np.nan
     return cosine

@@ -15,10 +15,14 @@ from updyn.errors import in_all
 from updyn.text_table import counted, percent
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import PARTS, Claim
-from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, modes_said
-from updyn.updating.judge.strayed import Strayed
+from updyn.updating.judge.distant import DistantUnknown
+from updyn.updating.judge.modal_trust import (
+    claim_modes_plausible,
+    claim_modes_predicted,
+    describe_modes,
+)
 
-__all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
+__all__ = ["PARTS", "Claim", "Trust", "claim_validated", "judge_result"]
 
 #: Boundary between two sentences.
 _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
@@ -132,20 +136,20 @@ class Trust(Mapping[str, Claim]):
         return " ".join(_OPEN.sub("Not determined: ", rest).split())
 
 
-def trust(
+def judge_result(
     status: str,
     *,
-    left: float | None,
+    remaining_gain: float | None,
     rank: tuple[int, int],
-    answers: int,
+    n_solutions: int,
     correlation: Sequence[Mapping[str, Any]],
     misfit: float,
-    pressed: tuple[Sequence[str], int],
+    at_bound: tuple[Sequence[str], int],
     findings: Sequence[Finding],
-    unseen: str = "",
+    not_searched: str = "",
     structural: bool = False,
-    strays: Sequence[Strayed] = (),
-    unsure: Sequence[str] = (),
+    distant: Sequence[DistantUnknown] = (),
+    without_interval: Sequence[str] = (),
 ) -> Trust:
     """Return the verdict, without the claim on resemblance.
 
@@ -153,43 +157,51 @@ def trust(
     ----------
     status : str
         Status of the fit.
-    left : float or None
+    remaining_gain : float or None
         Remaining gain of further steps in standard deviations; None if unknown.
     rank : (int, int)
         Number of combinations that the data determine, and number of unknowns.
-    answers : int
+    n_solutions : int
         Number of solutions that fit equally well.
     correlation : sequence of mapping
         For each test the figures ``before``, ``after``, ``validation``.
     misfit : float
         Typical misfit, relative to the level; nan if no value is clear of the noise.
-    pressed : (sequence of str, int)
+    at_bound : (sequence of str, int)
         Stiffnesses and masses at a bound, and the number of those that are unknowns.
     findings : sequence of Finding
         Causes that were found.
-    unseen : str
+    not_searched : str
         Reason why causes were not searched, although the residual is not noise.
     structural : bool
         Whether the residual of FRFs is not noise.
-    strays : sequence of Strayed
+    distant : sequence of DistantUnknown
         Stiffnesses and masses that ended far from their start.
-    unsure : sequence of str
+    without_interval : sequence of str
         Unknowns without an interval, because of the model error.
     """
-    predicts = validated(correlation)
-    plausible = _plausible(
-        status, correlation, misfit, pressed, findings, unseen, strays if structural else ()
+    validated = claim_validated(correlation)
+    plausible = _claim_plausible(
+        status, correlation, misfit, at_bound, findings, not_searched, distant if structural else ()
     )
     if plausible:
-        rough = structural and misfit > ROUGH and not predicts
-        plausible = _doubted(plausible, misfit if rough else None, unsure, strays)
+        is_rough = structural and misfit > ROUGH and not validated
+        plausible = _qualify_plausible(
+            plausible, misfit if is_rough else None, without_interval, distant
+        )
     return Trust(
-        _converged(status, left, misfit), _determined(status, rank, answers), predicts, plausible
+        _claim_converged(status, remaining_gain, misfit),
+        _claim_determined(status, rank, n_solutions),
+        validated,
+        plausible,
     )
 
 
-def _doubted(
-    plausible: Claim, rough: float | None, unsure: Sequence[str], strays: Sequence[Strayed]
+def _qualify_plausible(
+    plausible: Claim,
+    rough: float | None,
+    without_interval: Sequence[str],
+    distant: Sequence[DistantUnknown],
 ) -> Claim:
     """Return a claim that holds, changed to unknown if the model error makes it uncertain.
 
@@ -201,41 +213,43 @@ def _doubted(
             f"The residual is not noise, and half of the values are off by {percent(rough)} or"
             " more: the model lacks something.",
         )
-    if unsure:
-        verb = "is" if len(unsure) == 1 else "are"
-        more = in_all(len(unsure)) if len(unsure) > _NAMED else ""
+    if without_interval:
+        verb = "is" if len(without_interval) == 1 else "are"
+        more = in_all(len(without_interval)) if len(without_interval) > _NAMED else ""
         return Claim(
             None,
-            f"With the error that the residual shows of the model, {', '.join(unsure[:_NAMED])}"
-            f"{more} {verb} not known.",
+            "With the error that the residual shows of the model,"
+            f" {', '.join(without_interval[:_NAMED])}{more} {verb} not known.",
         )
-    return Claim(True, f"{plausible.why} {strays[0].statement}.") if strays else plausible
+    return Claim(True, f"{plausible.why} {distant[0].statement}.") if distant else plausible
 
 
-def _converged(status: str, left: float | None, misfit: float) -> Claim:
+def _claim_converged(status: str, remaining_gain: float | None, misfit: float) -> Claim:
     if status == "stopped":
         return Claim(None, "The fit was stopped by the user.")
     gain = ""
-    if left is not None and not misfit < ROUNDED:  # deviations of rounding are meaningless
-        gain = f" Further steps could gain {left:.1g} standard deviations."
+    if (
+        remaining_gain is not None and not misfit < ROUNDED
+    ):  # deviations of rounding are meaningless
+        gain = f" Further steps could gain {remaining_gain:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
         return Claim(True, "The fit ended at a minimum of the misfit." + gain)
     return Claim(False, _ENDED[status] + gain)
 
 
-def _determined(status: str, rank: tuple[int, int], answers: int) -> Claim:
+def _claim_determined(status: str, rank: tuple[int, int], n_solutions: int) -> Claim:
     if status in ("stopped", "failed"):
         return Claim(None, f"The fit {status}; what the data determine there is not known.")
     found, all_ = rank
-    if answers > 1:
-        return Claim(False, f"At least {answers} answers fit the data equally well.")
+    if n_solutions > 1:
+        return Claim(False, f"At least {n_solutions} answers fit the data equally well.")
     if found < all_:
         return Claim(False, f"The data determine {found} of {counted(all_, 'unknown')}.")
     which = "the one unknown" if all_ == 1 else f"all {all_} unknowns"
     return Claim(True, f"The data determine {which}.")
 
 
-def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
+def claim_validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     """Return whether the updated model predicts the data that were held out of the fit.
 
     Parameters
@@ -246,7 +260,7 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     tests = [one for one in correlation if one.get("validation", {}).get("after")]
     if not tests:
         return Claim(None, "No data were held out.", asked=False)
-    claims = [_predicts(one) for one in tests]
+    claims = [_claim_predicted(one) for one in tests]
     against = [claim for claim in claims if claim.holds is False]
     unclear = [claim for claim in claims if claim.holds is None]
     if against or unclear:
@@ -254,11 +268,11 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     return Claim(True, " ".join(dict.fromkeys(claim.why for claim in claims)))
 
 
-def _predicts(one: Mapping[str, Any]) -> Claim:
+def _claim_predicted(figures: Mapping[str, Any]) -> Claim:
     """Return whether the updated model predicts the held-out data of one test."""
-    held = one["validation"]["after"]
+    held = figures["validation"]["after"]
     if "modes_measured" in held:
-        return modes_predicted(one)
+        return claim_modes_predicted(figures)
     if "correlation_min" not in held:
         return Claim(None, "The agreement with the held-out data is not known.")
     if held["correlation_min"] < LOST:
@@ -268,34 +282,34 @@ def _predicts(one: Mapping[str, Any]) -> Claim:
             " model's, sign and phase included.",
         )
     residual = held["residual_median"]
-    fitted = one.get("after", {}).get("residual_median", residual)
+    fitted = figures.get("after", {}).get("residual_median", residual)
     expected, deviations = held.get("residual_expected"), held.get("residual_deviations")
-    said = f"The residual of the held-out data is {percent(residual)} of their level"
+    text = f"The residual of the held-out data is {percent(residual)} of their level"
     # No residual is predicted if the fitted residual is not noise; noise then cannot explain the
     # held-out residual.
-    beyond = expected is None or (deviations > BEYOND and residual > expected)
+    is_beyond_noise = expected is None or (deviations > BEYOND and residual > expected)
     if expected is not None:
-        said += f"; noise and the deviations of the unknowns predict {percent(expected)}"
-        if beyond:
-            said += f" ({deviations:.2g} deviations)"
-    if residual > PREDICTED and not beyond:
+        text += f"; noise and the deviations of the unknowns predict {percent(expected)}"
+        if is_beyond_noise:
+            text += f" ({deviations:.2g} deviations)"
+    if residual > PREDICTED and not is_beyond_noise:
         if expected < UNCLEAR:
-            return Claim(True, f"{said}.")
-        return Claim(None, f"{said}: these data cannot tell.")
+            return Claim(True, f"{text}.")
+        return Claim(None, f"{text}: these data cannot tell.")
     worse = residual > CLOSE and residual > FAR_WORSE * max(fitted, expected or 0.0)
-    if residual > PREDICTED or (beyond and worse):
-        return Claim(False, f"{said}, that of the fitted data {percent(fitted)}.")
-    return Claim(True, f"{said}.")
+    if residual > PREDICTED or (is_beyond_noise and worse):
+        return Claim(False, f"{text}, that of the fitted data {percent(fitted)}.")
+    return Claim(True, f"{text}.")
 
 
-def _plausible(
+def _claim_plausible(
     status: str,
     correlation: Sequence[Mapping[str, Any]],
     misfit: float,
-    pressed: tuple[Sequence[str], int],
+    at_bound: tuple[Sequence[str], int],
     findings: Sequence[Finding],
-    unseen: str,
-    strays: Sequence[Strayed],
+    not_searched: str,
+    distant: Sequence[DistantUnknown],
 ) -> Claim:
     if status in ("stopped", "failed"):
         return Claim(None, f"The fit {status}.")
@@ -306,13 +320,13 @@ def _plausible(
         return Claim(
             False, f"Half of the values are still off by more than {100.0 * misfit:.0f} %."
         )
-    if strays:
+    if distant:
         return Claim(
             False,
-            f"{strays[0].statement}, and the residual is not noise: it makes up for an error"
+            f"{distant[0].statement}, and the residual is not noise: it makes up for an error"
             " elsewhere.",
         )
-    names, number = pressed
+    names, number = at_bound
     if len(names) >= SOME and len(names) > MANY * number:
         return Claim(
             False, f"{len(names)} of {number} stiffnesses and masses ended at their bounds."
@@ -322,7 +336,7 @@ def _plausible(
         if not (before and after):
             continue
         if "modes_measured" in after:
-            claim = modes_plausible(before, after)
+            claim = claim_modes_plausible(before, after)
             if claim.holds is False:
                 return claim
             continue
@@ -339,16 +353,16 @@ def _plausible(
                 f"The residual rose from {before['residual_median']:.2g} to"
                 f" {residual:.2g} of the level.",
             )
-    mild = f" {findings[0].statement}" if findings else ""
-    if unseen:
-        mild = f" What is left is not noise; {unseen}."
+    remark = f" {findings[0].statement}" if findings else ""
+    if not_searched:
+        remark = f" What is left is not noise; {not_searched}."
     if math.isnan(misfit):
-        return Claim(None, _HIDDEN + mild)
-    said = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
+        return Claim(None, _HIDDEN + remark)
+    text = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
     modal = [one["after"] for one in correlation if "modes_measured" in one.get("after", {})]
     if modal and len(modal) == len(correlation):
-        said = " ".join(modes_said(after) for after in modal)
+        text = " ".join(describe_modes(after) for after in modal)
     complete = all(after["modes_paired"] == after["modes_measured"] for after in modal)
     if misfit < ROUNDED and complete:
-        said = "The model answers the data but for rounding."
-    return Claim(True, said + mild)
+        text = "The model answers the data but for rounding."
+    return Claim(True, text + remark)

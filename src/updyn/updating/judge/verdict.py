@@ -11,7 +11,7 @@ from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import EXPLAINED, Adequacy
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.ending import Ending, Pressed
+from updyn.updating.judge.ending import ActiveBound, Ending
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
 from updyn.updating.judge.trust import ROUNDED, Trust
@@ -19,13 +19,13 @@ from updyn.updating.problem.noise.known import Assumed
 
 __all__ = [
     "STEP",
-    "ambiguous",
-    "as_steps",
-    "caused",
-    "cleared",
-    "disbelieved",
-    "overruled",
-    "verdict",
+    "add_causes",
+    "compose_verdict",
+    "explain_ambiguity",
+    "explain_early_end",
+    "explain_rejection",
+    "join_steps",
+    "rule_out_faults",
 ]
 
 #: Job keys that free the calibration factor of a sensor.
@@ -63,7 +63,7 @@ _LONE = (
 _LOOK = f"{_CHECK}; look at the channels with the lowest FRAC; free other groups."
 
 
-def verdict(
+def compose_verdict(
     fit: Fit,
     analysis: Analysis,
     names: list[str],
@@ -99,7 +99,7 @@ def verdict(
     status, message, remedy : str
         One of `STATUSES`; the cause; the next step, empty if none is needed.
     """
-    status, message, remedy = _ended(fit, analysis, names, advice, misfit, end)
+    status, message, remedy = _describe_end(fit, analysis, names, advice, misfit, end)
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
         inadequate = []
         for name, found in (adequacy or {}).items():
@@ -109,39 +109,44 @@ def verdict(
                 message += f" Test {name!r}:"
             message += f" {found.verdict}"
             inadequate.append(found)
-        message += _few(fit)
-        looked = status == "converged" or (status == "max-iterations" and not _falls(end))
+        message += _describe_noise_estimate(fit)
+        is_at_minimum = status == "converged" or (
+            status == "max-iterations" and not _is_decreasing(end)
+        )
         # No start of a search can explain the data if the quantity in error is not an unknown.
-        is_held = fit.reason == "unsettled" and any(map(_is_named, inadequate))
-        if is_held or (looked and inadequate):
-            known = any(map(_is_named, inadequate))
-            remedy = as_steps(_free(inadequate), remedy or ("" if known else _look(inadequate)))
-        if end is not None and end.pressed:
-            message += _excluded(end.pressed)
-            remedy = as_steps(_widen(end.pressed), remedy)
+        is_held = fit.reason == "unsettled" and any(map(_is_explained, inadequate))
+        if is_held or (is_at_minimum and inadequate):
+            known = any(map(_is_explained, inadequate))
+            remedy = join_steps(
+                _advise_on_error(inadequate),
+                remedy or ("" if known else _advise_inspection(inadequate)),
+            )
+        if end is not None and end.active_bounds:
+            message += _describe_active_bounds(end.active_bounds)
+            remedy = join_steps(_advise_wider_bounds(end.active_bounds), remedy)
     if rounding is not None:
         message = f"{message} {rounding.message}"
-        remedy = REMEDY if status in ("converged", "stalled") else as_steps(remedy, REMEDY)
+        remedy = REMEDY if status in ("converged", "stalled") else join_steps(remedy, REMEDY)
     return status, message, remedy
 
 
-def as_steps(*steps: str) -> str:
+def join_steps(*steps: str) -> str:
     """Return the non-empty steps of a remedy as one text, without duplicates."""
     return STEP.join(dict.fromkeys(step for step in steps if step))
 
 
-def _is_named(found: Adequacy) -> bool:
+def _is_explained(found: Adequacy) -> bool:
     """Return whether a single error explains the residual."""
     return bool(found.explained_by) and found.explained_by[0].explains >= EXPLAINED
 
 
-def _free(found: list[Adequacy]) -> str:
+def _advise_on_error(found: list[Adequacy]) -> str:
     """Return the remedy for an error that would explain the residual; empty if none is known."""
     for adequacy in found:
         if not adequacy.explained_by:
             continue
-        if _is_named(adequacy):
-            return _free_it(adequacy.explained_by[0].name)
+        if _is_explained(adequacy):
+            return _advise_freeing(adequacy.explained_by[0].name)
         return (
             "Look for a part that the model lacks, such as a further support or connection, or for"
             " several errors at once."
@@ -149,7 +154,7 @@ def _free(found: list[Adequacy]) -> str:
     return ""
 
 
-def _free_it(name: str) -> str:
+def _advise_freeing(name: str) -> str:
     """Return the remedy for an unknown that is held, with the lines of the job that free it."""
     of, _, quantity = name.rpartition(".")
     lines = f'[[parameter]] with groups = ["{of}"] and quantity = "{quantity}"'
@@ -158,7 +163,7 @@ def _free_it(name: str) -> str:
     return f"Free {name} if it can be wrong, and run again: {lines}."
 
 
-def _look(found: list[Adequacy]) -> str:
+def _advise_inspection(found: list[Adequacy]) -> str:
     """Return the remedy for a residual that no model error explains."""
     if all(adequacy.noisy for adequacy in found):
         return _OWN_NOISE
@@ -167,7 +172,7 @@ def _look(found: list[Adequacy]) -> str:
     return _LOOK
 
 
-def _few(fit: Fit) -> str:
+def _describe_noise_estimate(fit: Fit) -> str:
     """Return the sentence on noise that was assumed or estimated from few values, if any."""
     known = fit.noise[0] if fit.noise else {}
     if known.get("kind") == Assumed.kind:
@@ -190,39 +195,39 @@ def _few(fit: Fit) -> str:
     )
 
 
-def _excluded(pressed: Sequence[Pressed]) -> str:
+def _describe_active_bounds(active_bounds: Sequence[ActiveBound]) -> str:
     """Return the sentences on bounds that exclude the values that the data require."""
     return "".join(
         f" {one.name} stopped at its {one.side} bound, {one.limit:.4g}; the data ask for a value"
         f" beyond it, by {one.deviations:.2g} standard deviations."
-        for one in pressed
+        for one in active_bounds
     )
 
 
-def _widen(pressed: Sequence[Pressed]) -> str:
-    names = ", ".join(one.name for one in pressed)
-    its = "its bound" if len(pressed) == 1 else "their bounds"
+def _advise_wider_bounds(active_bounds: Sequence[ActiveBound]) -> str:
+    names = ", ".join(one.name for one in active_bounds)
+    its = "its bound" if len(active_bounds) == 1 else "their bounds"
     return (
         f"If the structure allows it, widen {its} ({names}); if not, another part of the model or"
         " the calibration is wrong, and this unknown makes up for it."
     )
 
 
-def _falls(end: Ending | None) -> bool:
+def _is_decreasing(end: Ending | None) -> bool:
     """Return whether the misfit of an unconverged fit was still decreasing substantially."""
     return end is None or (
-        end.deviations > _ARRIVED and (end.share > _FALLING or end.gained > _STEADY)
+        end.deviations > _ARRIVED and (end.share > _FALLING or end.recent_gain > _STEADY)
     )
 
 
-def _cut_short(
+def _describe_step_limit(
     fit: Fit, analysis: Analysis, names: list[str], misfit: float, end: Ending | None
 ) -> tuple[str, str]:
     """Return message and remedy of a fit at the step limit whose unknowns are determined."""
     message = "The largest number of steps was reached before convergence."
     if end is None:
         return f"{message} {fit.cause}".strip(), "Raise max_iterations, or start closer."
-    if _falls(end):
+    if _is_decreasing(end):
         message += (
             f" The misfit was still falling: the values are {end.deviations:.2g} standard"
             " deviations from the next step's."
@@ -238,20 +243,20 @@ def _cut_short(
             " The last steps followed a valley along which the misfit hardly changes, led by"
             f" {', '.join(end.leading)}; {end.deviations:.2g} standard deviations are left."
         )
-    said, remedy = _misses(fit, misfit)
-    if said:
-        return message + said, remedy
+    misfit_text, remedy = _describe_misfit(fit, misfit)
+    if misfit_text:
+        return message + misfit_text, remedy
     if end.deviations <= _ARRIVED:
         return message, "Use the values; their standard deviations hold."
-    led = [name for name in names if name in end.leading]
+    leading = [name for name in names if name in end.leading]
     report = analysis.report
     return message, (
-        f"Add lines or sensors that tell {', '.join(led)} apart (collinearity index"
+        f"Add lines or sensors that tell {', '.join(leading)} apart (collinearity index"
         f" {report.collinearity:.3g}), hold one of them at a known value, or give a prior."
     )
 
 
-def _ended(
+def _describe_end(
     fit: Fit,
     analysis: Analysis,
     names: list[str],
@@ -272,12 +277,20 @@ def _ended(
         return "stopped", message, "Run it again; with a checkpoint it goes on from here."
     if fit.reason == "max-iterations":
         if analysis.report.complete:
-            return "max-iterations", *_cut_short(fit, analysis, names, misfit, end)
+            return "max-iterations", *_describe_step_limit(fit, analysis, names, misfit, end)
         message = "The largest number of steps was reached before convergence."
         message = f"{message} {fit.cause}".strip()
-        return "max-iterations", f"{message} Besides, {_undetermined(analysis, names)}", advice
+        return (
+            "max-iterations",
+            f"{message} Besides, {_describe_undetermined(analysis, names)}",
+            advice,
+        )
     if not analysis.report.complete:
-        return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
+        return (
+            "not-identifiable",
+            f"The fit ended, but {_describe_undetermined(analysis, names)}",
+            advice,
+        )
     if fit.reason == "unsettled":
         if fit.cause:
             remedy = "State the noise, free what is held and may be wrong, or widen bounds."
@@ -297,49 +310,49 @@ def _ended(
     if fit.reason == "stalled" and not misfit < ROUNDED:
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
         return "stalled", message.strip(), "Start elsewhere or loosen bounds."
-    return "converged", *_converged(fit, analysis, names, misfit)
+    return "converged", *_describe_convergence(fit, analysis, names, misfit)
 
 
-def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str, str]:
+def add_causes(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str, str]:
     """Return message and remedy with the causes of the misfit.
 
     If a cause makes the result unacceptable, advice on the fit is omitted.
     """
-    said = " ".join(finding.statement for finding in findings)
+    statements = " ".join(finding.statement for finding in findings)
     grave = [finding for finding in findings if finding.grave]
     if grave:
-        return f"{said} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
-    return f"{message} {said}", as_steps(findings[0].remedy, remedy)
+        return f"{statements} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
+    return f"{message} {statements}", join_steps(findings[0].remedy, remedy)
 
 
-def overruled(message: str) -> str:
+def explain_early_end(message: str) -> str:
     """Return the message of a fit whose search was ended by a data fault."""
     return f"{message} No further start was tried: without that fault, the model explains the data."
 
 
-def cleared(remedy: str) -> str:
+def rule_out_faults(remedy: str) -> str:
     """Return the remedy of a fit in whose data no known fault was found."""
     return remedy.replace(_CHECK, "No known fault of the data explains it (docs/verdict.md)")
 
 
-def disbelieved(judged: Trust, message: str, remedy: str) -> tuple[str, str]:
+def explain_rejection(trust: Trust, message: str, remedy: str) -> tuple[str, str]:
     """Return message and remedy of a converged fit whose result is not credible."""
     against = [
         claim.why
-        for claim in (judged.resembles, judged.plausible, judged.validated)
+        for claim in (trust.resembles, trust.plausible, trust.validated)
         if claim.holds is False
     ]
-    said = " ".join(why for why in against if why not in message)
+    reasons = " ".join(why for why in against if why not in message)
     message = message.replace("The fit converged and the data", "The data")
     return (
-        f"The fit converged, but its answer is not to be believed. {said} {message}".replace(
+        f"The fit converged, but its answer is not to be believed. {reasons} {message}".replace(
             "  ", " "
         ),
         remedy or _LOOK,
     )
 
 
-def ambiguous(
+def explain_ambiguity(
     different: Sequence[tuple[str, Sequence[float]]], others: Sequence[Alternative]
 ) -> tuple[str, str]:
     """Return message and remedy if several solutions fit equally well.
@@ -352,15 +365,15 @@ def ambiguous(
     others : sequence of Alternative
         The other solutions.
     """
-    shown = []
+    differing = []
     for name, values in different[:_SHOWN]:
         *first, last = [f"{value:.4g}" for value in values]
-        shown.append(f"{name} ({', '.join(first)} or {last})")
+        differing.append(f"{name} ({', '.join(first)} or {last})")
     more = f" and {len(different) - _SHOWN} more" if len(different) > _SHOWN else ""
     odds = max(other.odds for other in others)
     message = (
         f"But at least {1 + len(others)} answers fit the data equally well (odds within"
-        f" {max(odds, 1.0):.2g} to 1); they differ in {', '.join(shown)}{more}."
+        f" {max(odds, 1.0):.2g} to 1); they differ in {', '.join(differing)}{more}."
     )
     sensors = list(dict.fromkeys(other.sensor for other in others if other.sensor))
     known = "Fix one of these unknowns where it is known"
@@ -368,15 +381,15 @@ def ambiguous(
         return message, (
             f"{known}, or measure more: a wider band, further modes, their shapes, less noise."
         )
-    far = min(other.difference for other in others if other.sensor)
+    least_difference = min(other.difference for other in others if other.sensor)
     where = " or ".join(sensors)
     return message, (
-        f"A sensor at {where} would tell them apart: there they differ by {100.0 * far:.0f} %"
-        f" typically. {known}."
+        f"A sensor at {where} would tell them apart: there they differ by"
+        f" {100.0 * least_difference:.0f} % typically. {known}."
     )
 
 
-def _undetermined(analysis: Analysis, names: list[str]) -> str:
+def _describe_undetermined(analysis: Analysis, names: list[str]) -> str:
     report = analysis.report
     involved = list(compress(names, analysis.involved))
     blind = np.isinf(report.condition)
@@ -387,7 +400,9 @@ def _undetermined(analysis: Analysis, names: list[str]) -> str:
     )
 
 
-def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) -> tuple[str, str]:
+def _describe_convergence(
+    fit: Fit, analysis: Analysis, names: list[str], misfit: float
+) -> tuple[str, str]:
     message = "The fit converged and the data determine all unknowns."
     remedy = fit.note
     std = np.sqrt(np.diag(analysis.covariance))
@@ -403,18 +418,18 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
             f" rather than noise; the standard deviations were widened {np.sqrt(length):.2g} times"
             " for it."
         )
-    said, look = _misses(fit, misfit)
-    if said:
-        message, remedy = message + said, look
+    misfit_text, inspection = _describe_misfit(fit, misfit)
+    if misfit_text:
+        message, remedy = message + misfit_text, inspection
     return message, remedy
 
 
-def _misses(fit: Fit, misfit: float) -> tuple[str, str]:
+def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
     """Return the sentences on a misfit that noise does not explain, if any, and the remedy."""
     known = ("stated", "variance", "coherence")
-    said = ""
+    text = ""
     if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
-        said += (
+        text += (
             " But the model still misses the data: half of the values are off by more than"
             f" {100 * misfit:.0f} %."
         )
@@ -422,8 +437,8 @@ def _misses(fit: Fit, misfit: float) -> tuple[str, str]:
     noise = fit.noise[0] if fit.noise else {}
     chi_square = float(noise.get("chi_square", 1.0))
     if chi_square > _MISFIT:
-        said += (
+        text += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
             " cannot follow the data, and the standard deviations were widened by as much."
         )
-    return said, f"{_LOOK} {fit.note}".strip() if said else ""
+    return text, f"{_LOOK} {fit.note}".strip() if text else ""

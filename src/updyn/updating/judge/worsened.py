@@ -11,14 +11,14 @@ from updyn.updating.judge.modal_trust import BAD, HARM, SMALL
 from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.modal import LIKE
 
-__all__ = ["Worsened", "judge_modes", "worsened_modes"]
+__all__ = ["WorsenedMode", "find_worsened_modes", "judge_modes"]
 
 #: Decrease of the MAC that is reported, and MAC below which shapes do not agree.
 _LOSS, _ALIKE = 0.05, 0.9
 
 
 @dataclass(frozen=True, slots=True)
-class Worsened:
+class WorsenedMode:
     """A measured mode that agrees less with the updated model than with the start model.
 
     Attributes
@@ -36,15 +36,15 @@ class Worsened:
     error: float = 0.0
 
 
-def worsened_modes(table: ModalTable) -> tuple[Worsened, ...]:
+def find_worsened_modes(table: ModalTable) -> tuple[WorsenedMode, ...]:
     """Return the modes that an update made worse, in order of decreasing frequency error."""
-    found: list[Worsened] = []
+    found: list[WorsenedMode] = []
     for row in table.rows:
-        found += _worsened(row)
+        found += _compare_row(row)
     return tuple(sorted(found, key=lambda one: (-one.error, one.frequency)))
 
 
-def _worsened(row: ModalRow) -> list[Worsened]:
+def _compare_row(row: ModalRow) -> list[WorsenedMode]:
     """Return the changes for the worse of a mode that is in the start and the updated model."""
     if row.test is None or row.start is None or row.updated is None:
         return []
@@ -53,16 +53,19 @@ def _worsened(row: ModalRow) -> list[Worsened]:
         return []
     hertz, found = row.test.frequency, []
     before, after = row.start.change, row.updated.change
-    likes = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
-    if before is not None and after is not None and min(likes, default=1.0) >= LIKE:
-        was, now = abs(before), abs(after)
-        if now > SMALL and now > HARM * was:
-            said = f"the natural frequency {hertz:.4g} Hz was {was:.2g} % off and is {now:.2g} %"
-            found.append(Worsened(hertz, said, now))
+    macs = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
+    if before is not None and after is not None and min(macs, default=1.0) >= LIKE:
+        error_before, error_after = abs(before), abs(after)
+        if error_after > SMALL and error_after > HARM * error_before:
+            statement = (
+                f"the natural frequency {hertz:.4g} Hz was {error_before:.2g} % off and is"
+                f" {error_after:.2g} %"
+            )
+            found.append(WorsenedMode(hertz, statement, error_after))
     first, last = row.start.mac, row.updated.mac
     if first is not None and last is not None and last < min(first - _LOSS, _ALIKE):
-        said = f"the MAC of the mode at {hertz:.4g} Hz fell from {first:.2f} to {last:.2f}"
-        found.append(Worsened(hertz, said))
+        statement = f"the MAC of the mode at {hertz:.4g} Hz fell from {first:.2f} to {last:.2f}"
+        found.append(WorsenedMode(hertz, statement))
     return found
 
 
@@ -73,11 +76,11 @@ def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     more than 3 %, unless the held-out data already contradict it. Otherwise, the largest change is
     added to the sentence.
     """
-    worse = [one for table in tables for one in worsened_modes(table)]
+    worse = [one for table in tables for one in find_worsened_modes(table)]
     if not worse or trust.plausible.holds is False:
         return trust
     worst = max(worse, key=lambda one: one.error)
     if worst.error > BAD and trust.validated.holds is not False:
         return replace(trust, plausible=Claim(False, f"By the update, {worst.statement}."))
-    said = f"{trust.plausible.why} By the update, {worst.statement}."
-    return replace(trust, plausible=Claim(trust.plausible.holds, said))
+    text = f"{trust.plausible.why} By the update, {worst.statement}."
+    return replace(trust, plausible=Claim(trust.plausible.holds, text))

@@ -10,9 +10,9 @@ import scipy.linalg
 
 import updyn
 from updyn.store.result import result_to_json
-from updyn.updating.judge.modal_figures import modal_correlation
+from updyn.updating.judge.modal_figures import correlate_measured_modes
 from updyn.updating.judge.modal_table import compare_modes
-from updyn.updating.judge.modal_trust import modes_plausible
+from updyn.updating.judge.modal_trust import claim_modes_plausible
 from updyn.updating.problem.data import ModalSplit
 from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.modes import ModalNoise
@@ -47,12 +47,12 @@ def test_figures_and_verdict_do_not_depend_on_the_basis(split, turn):
     model, modes = mast(split), measured(turn, 1.02)
     unknowns = updyn.parameters(model, stiffness="storey*")
     part = ModalPart.build(model, modes, unknowns, ModalNoise())
-    found = modal_correlation(part, part.coordinates.home, ModalSplit(modes, modes))
+    found = correlate_measured_modes(part, part.coordinates.home, ModalSplit(modes, modes))
     after = found["after"]
     assert after["mac_min"] == pytest.approx(1.0, abs=1e-9)
     assert after["modes_paired"] == after["modes_close"] == after["modes_measured"] == 2 * N
     assert after["frequency_error_rms"] == pytest.approx(100 * np.log(1.02), rel=0.01)
-    claim = modes_plausible(found["before"], after)
+    claim = claim_modes_plausible(found["before"], after)
     assert claim.holds
     assert "that of 6 close modes by subspaces" in claim.why
 
@@ -63,7 +63,7 @@ def test_separate_modes_have_the_figures_of_their_residuals():
     given = updyn.ModeSet(modes.frequency, shapes, LABELS)
     part = ModalPart.build(model, given, updyn.parameters(model, stiffness="storey*"), ModalNoise())
     x = part.coordinates.home
-    after = modal_correlation(part, x, ModalSplit(given, given))["after"]
+    after = correlate_measured_modes(part, x, ModalSplit(given, given))["after"]
     assert "modes_close" not in after
     assert after["mac_min"] == part.rows(x, derivatives=False).mac.min() < 1.0
 

@@ -14,7 +14,7 @@ from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.judge.adequacy import LEVEL
 from updyn.updating.judge.assessment import _BY_CHANCE
-from updyn.updating.judge.discrepancy import Discrepancy, _Components, _effects
+from updyn.updating.judge.discrepancy import Discrepancy, _Components, _error_effects
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
 
@@ -198,7 +198,7 @@ def test_effects_are_those_of_small_changes():
     frf = measured(None, 0)
     unknowns = updyn.parameters(model(), stiffness=["part0"])
     part = Part.build(model(), frf, unknowns)
-    found = _effects(part, part.coordinates.home, slice(0, 80), np.array([1, -1, 4]))
+    found = _error_effects(part, part.coordinates.home, slice(0, 80), np.array([1, -1, 4]))
     assert found.shape == (12, 80, 4, 1)
     s = 2j * np.pi * frf.freq
     clean = receptance(frf.freq, [0, 2, 3, 5], 5)
@@ -221,7 +221,7 @@ def test_an_unknown_that_may_be_off_by_the_root_of_e_has_no_interval():
     """Deviations of 0.3 by noise and 0.41 by model error make 0.508, above half of a factor of e."""
     error = Discrepancy(np.diag([0.41**2, 0.39**2, 9.0]), np.zeros(3), 1.0, 50.0)
     spread = np.diag([0.3**2, 0.3**2, np.inf])
-    assert error.unknown(spread).tolist() == [True, False, False]
+    assert error.lacks_interval(spread).tolist() == [True, False, False]
 
 
 def test_what_is_not_known_is_named():

@@ -7,7 +7,7 @@ import updyn
 from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
-from updyn.updating.judge.localise import breach, localise
+from updyn.updating.judge.localise import constitutive_error, localise_error
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 
@@ -41,7 +41,7 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     weight = np.sqrt(2.0) / (noise["relative"] * np.abs(H))
     whitened = weight * (frf.values - H)
     beyond = float(np.sum(np.abs(whitened) ** 2)) - 2 * problem.n_values + problem.n
-    found = localise(
+    found = localise_error(
         Problem.of([problem]),
         x,
         Each((OutputError(weight),)),
@@ -130,7 +130,7 @@ def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.001 * np.abs(H))
     whole = float(np.sum(np.abs(weight * (exact.values - H)) ** 2))
-    found = localise(
+    found = localise_error(
         Problem.of([problem]), x, Each((OutputError(weight),)), [weight * (exact.values - H)], whole
     )
     assert found[0].name == "part2.stiffness"
@@ -206,7 +206,7 @@ def test_what_a_short_fit_finds_at_a_bound_explains_nothing(make_chain):
     H = problem.responses(np.zeros(1))
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (values - H)
-    found = localise(
+    found = localise_error(
         Problem.of([problem]), np.zeros(1), Each((OutputError(weight),)), [whitened], None
     )
     assert "4:X.calibration" not in [s.name for s in found]
@@ -252,7 +252,7 @@ def test_energy_by_a_full_solution_of_the_constrained_problem():
     problem = Part.build(model, frf, updyn.parameters(model, stiffness="a"))
     x, sigma2 = np.zeros(1), 0.3
     misfit = problem.responses(x) - measured
-    found = breach(problem, x, misfit, np.full((1, 3, 1), sigma2), slice(0, 1))[:, 0, 0]
+    found = constitutive_error(problem, x, misfit, np.full((1, 3, 1), sigma2), slice(0, 1))[:, 0, 0]
     P = np.linalg.solve(Z, np.eye(n)[:, rows])
     S = P.T @ W @ P.conj()
     theta = (np.sum(np.abs(misfit) ** 2) - 3 * sigma2) / np.trace(S).real
@@ -297,7 +297,7 @@ def test_two_tests_point_at_one_group(chain12_true):
         whitened.append(weights[-1] * (frf.values - H))
     task = Problem.of(problems)
     residual = Each(tuple(OutputError(w) for w in weights))
-    found = localise(
+    found = localise_error(
         task, np.zeros(3), residual, whitened, float(sum(np.sum(np.abs(e) ** 2) for e in whitened))
     )
     assert found[0].name == "part3.stiffness"
@@ -314,7 +314,7 @@ def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (exact.values - H)
-    found = localise(
+    found = localise_error(
         Problem.of([problem]),
         x,
         Each((OutputError(weight),)),

@@ -7,8 +7,8 @@ import updyn
 from updyn.updating.judge import advice
 from updyn.updating.judge import localise as localise_module
 from updyn.updating.judge.identifiability import analyse_identifiability
-from updyn.updating.judge.localise import localise
-from updyn.updating.judge.nearby import DOFS, Nearby
+from updyn.updating.judge.localise import localise_error
+from updyn.updating.judge.nearby import DOFS, ReducedPart
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Session
@@ -50,7 +50,7 @@ def test_the_reduced_model_answers_and_has_the_derivatives_of_the_whole_one(towe
     frf = data_of(tower)
     part = part_of(tower, frf, stiffness="all", mass="all", loss_factor="all")
     x = part.coordinates.home
-    nearby = Nearby.of(part, x)
+    nearby = ReducedPart.of(part, x)
     assert tower.n_dofs > DOFS
     assert nearby.part.solver.system.n < 150
     whole, small = part.block(x, slice(0, 40)), nearby.part.block(x, slice(0, 40))
@@ -62,9 +62,9 @@ def test_the_reduced_model_holds_where_it_was_extended_to(tower):
     part = part_of(tower, data_of(tower), stiffness="all", mass="all")
     x = part.coordinates.home
     away = x + 0.3 * np.where(np.arange(part.n) % 2 == 0, 1.0, -1.0)
-    nearby = Nearby.of(part, x)
+    nearby = ReducedPart.of(part, x)
     H = part.responses(away)
-    held = nearby.holding([part.state(x), part.state(away)])
+    held = nearby.extend_basis([part.state(x), part.state(away)])
     for at, expected in ((x, part.responses(x)), (away, H)):
         assert np.abs(held.responses(at) - expected).max() < 2e-3 * np.abs(expected).max()
 
@@ -73,10 +73,10 @@ def test_small_and_reduced_models_are_judged_as_they_are(tower, chain12_true):
     at = ["2:X", "5:X"]
     small = updyn.response(chain12_true, np.linspace(2.0, 22.0, 10), at, at)
     own = part_of(chain12_true, small, stiffness="all")
-    assert Nearby.of(own, own.coordinates.home) is None
+    assert ReducedPart.of(own, own.coordinates.home) is None
     part = part_of(tower, data_of(tower), stiffness="all")
-    reduced = Nearby.of(part, part.coordinates.home).part
-    assert Nearby.of(reduced, reduced.coordinates.home) is None
+    reduced = ReducedPart.of(part, part.coordinates.home).part
+    assert ReducedPart.of(reduced, reduced.coordinates.home) is None
 
 
 def wrong_mass(tower):
@@ -102,7 +102,7 @@ def test_the_wrong_group_of_a_large_model_is_named_at_the_cost_of_few_evaluation
 
     problem = Problem.of([part]).with_session(Counting())
     beyond = float(np.sum(np.abs(whitened[0]) ** 2))
-    best, *_ = localise(problem, x, residual, whitened, beyond)
+    best, *_ = localise_error(problem, x, residual, whitened, beyond)
     assert best.name == "part3.mass"
     assert best.confirmed
     assert best.change == pytest.approx(-np.log(0.98), rel=0.05)
@@ -113,7 +113,7 @@ def test_the_wrong_group_of_a_large_model_is_named_at_the_cost_of_few_evaluation
 def test_a_reduced_model_that_is_off_by_what_is_to_be_explained_is_not_used(tower, monkeypatch):
     part, x, residual, whitened = wrong_mass(tower)
     monkeypatch.setattr(localise_module, "_OFF", 0.0)
-    problem, nearby = localise_module._stood_in(Problem.of([part]), x, residual, whitened)
+    problem, nearby = localise_module._replace_by_reduced(Problem.of([part]), x, residual, whitened)
     assert nearby == []
     assert problem.parts[0].solver.tier == "sparse"
 
@@ -122,8 +122,8 @@ def test_a_reduced_model_that_is_off_by_what_is_to_be_explained_is_not_used(towe
 def test_short_fits_keep_to_what_they_are_allowed(tower, allowed):
     part = part_of(tower, data_of(tower, 120), stiffness="all", mass="all")
     problem = Problem.of([part])
-    number, lines, steps = localise_module._afforded(problem, allowed, 5)
-    work = number * steps * localise_module._work(problem.thinned(lines or 1))
+    number, lines, steps = localise_module._plan_short_fits(problem, allowed, 5)
+    work = number * steps * localise_module._evaluation_work(problem.thinned(lines or 1))
     assert work <= allowed * 20 / 12
     assert number >= 5 or allowed < 1e12
 
@@ -137,7 +137,7 @@ def test_advice_that_a_reduced_model_finds_is_as_good_as_that_of_the_whole_one(t
     analysis = analyse_identifiability(local.R, part.coordinates.parameters.names)
     assert 0 < analysis.null_space.shape[1] <= 2
     name, share = advice._find_best_line(analysis, part, x)
-    monkeypatch.setattr(advice.Nearby, "of", lambda *given: None)
+    monkeypatch.setattr(advice.ReducedPart, "of", lambda *given: None)
     whole = advice._find_best_line(analysis, part, x)[1]
     assert 0.5 * whole < share < 1.001 * whole
     assert name.endswith(" Hz")

@@ -10,7 +10,7 @@ import scipy.linalg
 import updyn
 from updyn.errors import OptionError, ParameterError
 from updyn.store.result import result_to_json
-from updyn.updating.judge.selection import collinear_clusters, subset
+from updyn.updating.judge.selection import collinear_clusters, select_columns
 
 
 def index(A):
@@ -54,7 +54,7 @@ def measured(series):
 @pytest.mark.parametrize("seed", range(5))
 def test_the_order_is_that_of_qr_with_pivoting(seed):
     A = np.random.default_rng(seed).standard_normal((30, 12)) * np.geomspace(1e3, 1e1, 12)
-    order, left_out = subset(A, names(12), 12)
+    order, left_out = select_columns(A, names(12), 12)
     assert order == scipy.linalg.qr(A, mode="r", pivoting=True)[1].tolist()
     assert left_out == {}
 
@@ -65,7 +65,7 @@ def test_the_index_stays_below_its_limit_and_whoever_is_left_out_would_break_it(
     A = 1e3 * rng.standard_normal((40, 6)) @ rng.standard_normal(
         (6, 14)
     ) + 40.0 * rng.standard_normal((40, 14))
-    order, left_out = subset(A, names(14), None, limit)
+    order, left_out = select_columns(A, names(14), None, limit)
     assert index(A[:, order]) <= limit
     assert sorted([*order, *left_out]) == list(range(14))
     for i in left_out:
@@ -77,22 +77,22 @@ def test_the_index_of_the_subset_is_close_to_the_best_of_all_of_its_size():
     A = 1e3 * rng.standard_normal((30, 5)) @ rng.standard_normal(
         (5, 10)
     ) + 30.0 * rng.standard_normal((30, 10))
-    order, _ = subset(A, names(10), 5)
+    order, _ = select_columns(A, names(10), 5)
     best = min(index(A[:, list(c)]) for c in itertools.combinations(range(10), 5))
     assert index(A[:, order]) < 3.0 * best
 
 
 def test_what_the_noise_hides_is_left_out_with_its_reason():
     A = np.diag([100.0, 20.0, 0.5, 0.0])
-    order, left_out = subset(A, names(4))
+    order, left_out = select_columns(A, names(4))
     assert order == [0, 1]
     assert left_out[2] == "the data hardly react to it: even alone it would be known only to ±2"
     assert left_out[3] == "the data hardly react to it: even alone it would be known not at all"
     A = np.array([[100.0, 99.5], [0.0, 0.9]])
-    order, left_out = subset(A, names(2), None, 1e6)
+    order, left_out = select_columns(A, names(2), None, 1e6)
     assert order == [0]
     assert left_out == {1: "beside p0 it would be known only to ±1.1"}
-    assert subset(A, names(2), 2)[0] == [0, 1]
+    assert select_columns(A, names(2), 2)[0] == [0, 1]
 
 
 # -- springs in series -------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ import pytest
 from updyn.updating.judge.badge import choose_badge
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
-from updyn.updating.judge.strayed import Strayed
-from updyn.updating.judge.trust import PARTS, trust
+from updyn.updating.judge.distant import DistantUnknown
+from updyn.updating.judge.trust import PARTS, judge_result
 
 GOOD = {
     "before": {"residual_median": 0.9},
@@ -18,15 +18,15 @@ GOOD = {
 
 def judged(status="converged", **changes):
     given = {
-        "left": 1e-4,
+        "remaining_gain": 1e-4,
         "rank": (8, 8),
-        "answers": 1,
+        "n_solutions": 1,
         "correlation": [GOOD],
         "misfit": 0.02,
-        "pressed": ((), 4),
+        "at_bound": ((), 4),
         "findings": (),
     }
-    return trust(status, **given | changes)
+    return judge_result(status, **given | changes)
 
 
 def held(after, before=None):
@@ -49,7 +49,7 @@ def finding(kind="sign", value=0.0, explains=0.9):
 
 
 def test_data_lost_in_the_noise_say_nothing_of_the_model():
-    found = judged(misfit=float("nan"), left=0.01)
+    found = judged(misfit=float("nan"), remaining_gain=0.01)
     assert found.plausible.holds is None
     assert found.plausible.why.startswith("No value stands clear of the noise")
     assert "could gain 0.01 standard deviations" in found.converged.why
@@ -70,9 +70,9 @@ def test_a_good_fit_holds_in_all_that_is_known():
     ("changes", "part"),
     [
         ({"rank": (7, 8)}, "determined"),
-        ({"answers": 2}, "determined"),
+        ({"n_solutions": 2}, "determined"),
         ({"misfit": 0.6}, "plausible"),
-        ({"pressed": (("a", "b", "c"), 4)}, "plausible"),
+        ({"at_bound": (("a", "b", "c"), 4)}, "plausible"),
         ({"findings": (finding(),)}, "plausible"),
         ({"findings": (finding("calibration", 1.0),)}, "plausible"),
         (
@@ -87,7 +87,7 @@ def test_a_good_fit_holds_in_all_that_is_known():
         ({"correlation": held(figures(0.02, lowest=-0.9))}, "validated"),
         ({"correlation": held(figures(0.7))}, "validated"),
         ({"correlation": held(figures(0.26))}, "validated"),
-        ({"structural": True, "strays": (Strayed("a.stiffness", 15.0, 6.7),)}, "plausible"),
+        ({"structural": True, "distant": (DistantUnknown("a.stiffness", 15.0, 6.7),)}, "plausible"),
     ],
 )
 def test_what_speaks_against_an_answer(changes, part):
@@ -100,14 +100,14 @@ def test_what_speaks_against_an_answer(changes, part):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"pressed": (("a",), 1)},
-        {"pressed": (("a", "b"), 4)},
+        {"at_bound": (("a",), 1)},
+        {"at_bound": (("a", "b"), 4)},
         {"misfit": 0.4},
         {"findings": (finding("calibration", 0.1),)},
         {"findings": (finding(explains=0.2),)},
         {"correlation": held(figures(0.09))},
         {"correlation": held(figures(0.04))},
-        {"strays": (Strayed("a.stiffness", 15.0, 6.7),)},
+        {"distant": (DistantUnknown("a.stiffness", 15.0, 6.7),)},
         {"structural": True},
     ],
 )
@@ -168,10 +168,10 @@ def test_a_rough_fit_of_a_model_that_lacks_something_is_believed_by_what_it_pred
 
 
 def test_values_that_the_error_of_the_model_hides_are_not_known():
-    found = judged(unsure=("a.stiffness", "b.mass"))
+    found = judged(without_interval=("a.stiffness", "b.mass"))
     assert found.plausible.holds is None
     assert "a.stiffness, b.mass are not known" in found.plausible.why
-    many = judged(unsure=[f"a{i}.mass" for i in range(9)])
+    many = judged(without_interval=[f"a{i}.mass" for i in range(9)])
     assert "a3.mass (9 such) are not known" in many.plausible.why
 
 
@@ -234,16 +234,16 @@ def test_other_names_are_refused():
     ],
 )
 def test_how_a_fit_ended_that_did_not_converge_is_said_in_words(status, said):
-    found = judged(status, left=None)
+    found = judged(status, remaining_gain=None)
     assert found.converged == False  # noqa: E712 - compares by what holds
     assert found.converged.why == said
 
 
 def test_of_data_that_are_answered_but_for_rounding_no_deviations_are_given():
-    exact = judged(misfit=1e-13, left=4.0)
+    exact = judged(misfit=1e-13, remaining_gain=4.0)
     assert exact.converged.why == "The fit ended at a minimum of the misfit."
     assert exact.plausible.why == "The model answers the data but for rounding."
-    assert "0.5 standard deviations" in judged(left=0.5).converged.why
+    assert "0.5 standard deviations" in judged(remaining_gain=0.5).converged.why
 
 
 def test_what_a_message_says_beyond_the_parts():

@@ -9,7 +9,7 @@ from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.ending import Ending
 from updyn.updating.judge.identifiability import analyse_identifiability
-from updyn.updating.judge.verdict import STEP, ambiguous, verdict
+from updyn.updating.judge.verdict import STEP, compose_verdict, explain_ambiguity
 
 NAMES = ["a.stiffness", "b.stiffness"]
 SURE, UNSURE = np.diag([1000.0, 1000.0]), np.diag([1000.0, 2.0])
@@ -17,7 +17,7 @@ BLIND = np.array([[1000.0, 1000.0]])
 
 
 def say(R, reason="converged", misfit=0.0, **noise):
-    return verdict(
+    return compose_verdict(
         Fit(np.zeros(2), reason, R, (noise,)),
         analyse_identifiability(R, NAMES),
         NAMES,
@@ -94,29 +94,33 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
         e, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
     fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse_identifiability(SURE, NAMES)
-    status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
+    status, message, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(found.verdict)
     assert remedy.startswith("Check units")
     told = add_suspects(found, [Suspect("c", "mass", 0.9, 0.1, 0.4, confirmed=True)])
-    _, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
+    _, message, remedy = compose_verdict(
+        fit, analysis, NAMES, "", adequacy={"locked": told, "free": None}
+    )
     assert "Test 'locked': The model cannot explain" in message
     # Where an unknown explains it, that is the one next step.
     assert remedy == FREE_IT
     partly = add_suspects(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
-    _, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": partly})
+    _, _, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": partly})
     assert remedy.startswith("Look for a part that the model lacks")
     # A search whose tries do not agree may lack just that unknown; a mere hint is no reason.
     fit = Fit(np.zeros(2), "unsettled", SURE, ({},))
-    status, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": told})
+    status, _, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": told})
     assert status == "stalled"
     assert remedy.startswith(f"{FREE_IT}{STEP}Raise starts")
-    assert verdict(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith("Raise starts")
+    assert compose_verdict(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith(
+        "Raise starts"
+    )
     fit = Fit(np.zeros(2), "converged", SURE, ({},))
     calm = assess_residual(
         e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
-    assert verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
+    assert compose_verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
 
 
 def test_sensors_of_unlike_noise_are_to_count_by_their_own():
@@ -135,7 +139,7 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
         whitened_H=100.0 * ones,
     )
     fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse_identifiability(SURE, NAMES)
-    status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
+    status, message, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(" times that of most sensors at 3:X.")
     assert remedy.startswith(
@@ -146,7 +150,7 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
 def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them_apart():
     others = [Alternative({}, 1.8, "3:X", 0.314), Alternative({}, 0.4, "1:X", 0.52)]
     different = [("a.stiffness", [1.5, 0.7, 1.5]), ("b.stiffness", [0.7, 1.5, 1.0])]
-    message, remedy = ambiguous(different, others)
+    message, remedy = explain_ambiguity(different, others)
     assert message == (
         "But at least 3 answers fit the data equally well (odds within 1.8 to 1); they differ in"
         " a.stiffness (1.5, 0.7 or 1.5), b.stiffness (0.7, 1.5 or 1)."
@@ -159,7 +163,7 @@ def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them
 
 def test_of_many_unknowns_in_which_answers_differ_three_are_named():
     different = [(f"{name}.mass", [1.0, 2.0]) for name in "abcde"]
-    message, remedy = ambiguous(different, [Alternative({}, 1.0)])
+    message, remedy = explain_ambiguity(different, [Alternative({}, 1.0)])
     assert message.endswith("a.mass (1 or 2), b.mass (1 or 2), c.mass (1 or 2) and 2 more.")
     assert remedy == (
         "Fix one of these unknowns where it is known, or measure more: a wider band, further modes,"
@@ -186,7 +190,7 @@ def cut(deviations, share, gained, R=SURE, misfit=0.0, **noise):
     """Verdict on a fit that ran out of steps, by what was left to gain."""
     end = Ending(deviations, share, gained, ("b.stiffness",))
     fit = Fit(np.zeros(2), "max-iterations", R, (noise,))
-    return verdict(fit, analyse_identifiability(R, NAMES), NAMES, "advice", misfit, end=end)
+    return compose_verdict(fit, analyse_identifiability(R, NAMES), NAMES, "advice", misfit, end=end)
 
 
 def test_more_steps_are_advised_only_where_they_help():

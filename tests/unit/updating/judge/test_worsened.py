@@ -10,7 +10,7 @@ from updyn.dynamics.modes import Modes
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.trust import Trust
-from updyn.updating.judge.worsened import judge_modes, worsened_modes
+from updyn.updating.judge.worsened import find_worsened_modes, judge_modes
 
 SHAPES = np.array([[1.0, 1.0, 1.0], [2.0, 0.5, -1.0], [3.0, -1.5, 0.5]])
 MEASURED = np.array([10.0, 30.0, 60.0])
@@ -44,13 +44,13 @@ def verdict(plausible=True):
     ],
 )
 def test_a_frequency_that_is_farther_off_than_at_the_start_is_named(start, updated, worse):
-    assert [one.frequency for one in worsened_modes(table(start, updated))] == worse
+    assert [one.frequency for one in find_worsened_modes(table(start, updated))] == worse
 
 
 def test_a_shape_that_agrees_less_is_named():
     turned = SHAPES.copy()
     turned[:, 1] += 0.5 * SHAPES[:, 2]
-    (found,) = worsened_modes(table([0.0] * 3, [0.0] * 3, turned))
+    (found,) = find_worsened_modes(table([0.0] * 3, [0.0] * 3, turned))
     assert found.statement.startswith("the MAC of the mode at 30 Hz fell from 1.00 to 0.")
 
 
@@ -78,5 +78,5 @@ def test_the_frequency_of_a_poor_pair_is_not_judged():
     """A pair of a MAC below 0.8 may be one by chance."""
     turned = SHAPES.copy()
     turned[:, 0] += SHAPES[:, 1]
-    found = worsened_modes(table([2.0, 0.0, 0.0], [5.0, 0.0, 0.0], turned))
+    found = find_worsened_modes(table([2.0, 0.0, 0.0], [5.0, 0.0, 0.0], turned))
     assert all("MAC" in one.statement for one in found)

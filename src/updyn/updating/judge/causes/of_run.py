@@ -15,7 +15,7 @@ from updyn.updating.judge.assessment import Judgement
 from updyn.updating.judge.causes.data_alone import findings_in
 from updyn.updating.judge.causes.diagnosis import diagnosed, strained, unseen
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.trust import validated
+from updyn.updating.judge.trust import claim_validated
 from updyn.updating.problem.data import Split
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
@@ -73,7 +73,7 @@ class CausesOfRun:
     monitor: Monitor
     _overruling: dict[int, list[Finding]] = field(default_factory=dict, init=False)
 
-    def overrule(self) -> bool:
+    def detect_data_fault(self) -> bool:
         """Return whether a fault explains the residual of a fit from the start.
 
         The search for another answer then ends, because that answer would not be that of the
@@ -130,6 +130,6 @@ class CausesOfRun:
         """Return whether a fit leaves noise, predicts held-out data, and stays near its start."""
         adequacy = found.adequacy[i]
         noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
-        predicted = validated([found.correlation[i]]).holds is not False
+        predicted = claim_validated([found.correlation[i]]).holds is not False
         x: NDArray[np.float64] = found.fit.x
         return noisy and predicted and not strained(self.monitor.problem.parts[i], x)
