@@ -50,20 +50,20 @@ from measured import Measured, measured_beam
 import updyn
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
-from updyn.updating.judge.causes.altered import AlteredPart, log_ratio
+from updyn.updating.judge.causes.altered import AlteredPart, compute_log_ratio
 from updyn.updating.judge.causes.candidates import is_small
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.diagnosis import weighed
-from updyn.updating.judge.causes.element import Element
-from updyn.updating.judge.causes.evidence import Evidence, stacked
+from updyn.updating.judge.causes.element import AddedElement
+from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.proportional import ProportionalDamping
-from updyn.updating.judge.causes.rates import Rates, rates_not_sought
+from updyn.updating.judge.causes.rates import RayleighIncrement, list_fixed_coefficients
 from updyn.updating.judge.causes.reduced import stage_of
 from updyn.updating.judge.causes.trial import damped, tried, widened
 from updyn.updating.problem.noise import choose_noise
@@ -164,10 +164,10 @@ def swapped(bench, frf, rng):
 
 def moved(bench, frf, rng):
     """The neighbouring node, or another direction, of a random sensor."""
-    from updyn.updating.judge.causes.places import mistaken
+    from updyn.updating.judge.causes.places import iter_sensor_places
 
     part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
-    pairs = list(mistaken(part))
+    pairs = list(iter_sensor_places(part))
     if not pairs:
         return None
     here, there = pairs[int(rng.integers(len(pairs)))]
@@ -182,10 +182,10 @@ def moved(bench, frf, rng):
 
 def force_moved(bench, frf, rng):
     """A force acts at a sensor, at a neighbouring node, or in another direction than stated."""
-    from updyn.updating.judge.causes.places import mistaken_forces
+    from updyn.updating.judge.causes.places import iter_force_places
 
     part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
-    pairs = list(mistaken_forces(part))
+    pairs = list(iter_force_places(part))
     if not pairs:
         return None
     here, there = pairs[int(rng.integers(len(pairs)))]
@@ -535,7 +535,7 @@ def missing_element(bench, frf, rng, cause):
     evidence = at_truth(bench, frf)
     places = list(cause.places_in(frf))
     for i in rng.permutation(len(places)):
-        element = Element(cause.quantity, *places[i], 1.0, cause.loss)
+        element = AddedElement(cause.quantity, *places[i], 1.0, cause.loss)
         size = rng.uniform(0.1, 0.4) / evidence.receptances.flexibility(element)
         sized = replace(element, value=size)
         if is_imitated(evidence, size * evidence.receptances.slope(replace(element, value=0.0))):
@@ -555,16 +555,16 @@ def at_truth(bench, frf) -> Evidence:
 
 def is_imitated(evidence: Evidence, change: np.ndarray, least: float = SEEN_CHANGE) -> bool:
     """Whether the unknowns and held values do the same to first order, but for noise."""
-    b = np.append(stacked(evidence.weight * change), np.zeros(evidence.part.n))
+    b = np.append(stack_real_imag(evidence.weight * change), np.zeros(evidence.part.n))
     b[: -evidence.part.n] /= NOISE.relative
     n = len(b) - evidence.part.n
-    A = np.vstack([evidence.changes / NOISE.relative, np.diag(1.0 / evidence.spread)])
+    A = np.vstack([evidence.jacobian / NOISE.relative, np.diag(1.0 / evidence.spread)])
     Q = np.linalg.qr(A)[0]
     left = b - Q @ (Q.T @ b)
     return bool(2.0 * left @ left / n < least**2)
 
 
-def with_element(model: Model, element: Element) -> Model:
+def with_element(model: Model, element: AddedElement) -> Model:
     """Return a model with an element; a mass acts in all translations of its node."""
     labels = list(element.labels)
     if element.quantity == "mass" and "R" not in labels[0]:
@@ -603,15 +603,17 @@ def missing_proportional(bench, frf, rng):
     """Viscous damping of a group or of all, a loss factor of 0.02 to 0.1 amid the band."""
     evidence = at_truth(bench, frf)
     part, omega = evidence.part, 2 * np.pi * np.median(frf.freq)
-    for name in rng.permutation(rates_not_sought(part)):
+    for name in rng.permutation(list_fixed_coefficients(part)):
         loss = rng.uniform(0.02, 0.1)
-        rates = Rates.named(str(name), loss * omega if "mass" in name else loss / omega)
-        if is_imitated(evidence, rates.value * evidence.by_rate[str(name)]):
+        rates = RayleighIncrement.from_name(
+            str(name), loss * omega if "mass" in name else loss / omega
+        )
+        if is_imitated(evidence, rates.value * evidence.slopes_by_rate[str(name)]):
             continue
         true = bench.case.true
         more = {
             group: {rates.quantity: getattr(true.group(group), rates.quantity) + rates.value}
-            for group in rates.groups(part.solver.system)
+            for group in rates.list_groups(part.solver.system)
         }
         faulty = measured_on(bench, true.with_damping(more), rng)
         fault = ProportionalDamping((str(name),), rates.value)
@@ -631,9 +633,11 @@ def loss_with_frequency(bench, frf, rng):
         loss = {name: {"loss_factor": rng.uniform(0.02, 0.1)} for name in cause.groups}
         lossy = replace(bench.case, true=bench.case.true.with_damping(loss))
         there = at_truth(replace(bench, case=lossy), frf)
-        if is_imitated(there, log_ratio(there.part, cause.power, there.x), SPREAD_CHANGE):
+        if is_imitated(
+            there, compute_log_ratio(there.part, cause.loss_power, there.x), SPREAD_CHANGE
+        ):
             continue
-        values = AlteredPart.of(there.part, cause.power).responses(there.x)
+        values = AlteredPart.of(there.part, cause.loss_power).responses(there.x)
         faulty = NOISE.added(replace(bench.case.clean, values=values), rng)
         return Seeded(faulty, frf, cause.kind, cause.channels, fault=cause)
     return None

@@ -13,7 +13,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import FieldSolver
 from updyn.updating.problem.problem import Block, Part
 
-__all__ = ["Alteration", "AlteredPart", "log_ratio", "solver_of"]
+__all__ = ["Alteration", "AlteredPart", "compute_log_ratio", "replace_system"]
 
 _Real = NDArray[np.float64]
 
@@ -48,21 +48,21 @@ class AlteredPart(Part):
     @classmethod
     def of(cls, part: Part, alteration: Alteration) -> AlteredPart:
         """Return a part with an altered model; an earlier alteration is replaced."""
-        about: list[Any] = [*_fields(part), alteration]
+        about: list[Any] = [*_list_field_values(part), alteration]
         return cls(*about)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (self.plain, self.alteration)
+        return _rebuild, (self.unaltered_part, self.alteration)
 
     @property
-    def plain(self) -> Part:
+    def unaltered_part(self) -> Part:
         """The part with the unaltered model."""
-        return Part(*_fields(self))
+        return Part(*_list_field_values(self))
 
     def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> Block:
         """Return the altered model and the data at a block of lines."""
         assert self.alteration is not None
-        return self.alteration.block(self.plain, x, lines, derivatives=derivatives)
+        return self.alteration.block(self.unaltered_part, x, lines, derivatives=derivatives)
 
     def key(self, kind: str, x: _Real, *about: object) -> list[object]:
         """Return the cache key of an evaluation at x, including the alteration."""
@@ -72,21 +72,21 @@ class AlteredPart(Part):
         return [*Part.key(self, kind, x, *about), self.alteration.cache_key]
 
 
-def log_ratio(part: Part, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
+def compute_log_ratio(part: Part, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
     """Return ln H of the altered model over H, shape (n_f, n_i, n_j); 0 where either is 0."""
     H, own = AlteredPart.of(part, alteration).responses(x), part.responses(x)
     usable = (H != 0.0) & (own != 0.0)
     return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, own, 1.0)))
 
 
-def solver_of(part: Part, system: AffineSystem) -> FieldSolver:
+def replace_system(part: Part, system: AffineSystem) -> FieldSolver:
     """Return the solver of a part for another system of the same pattern."""
     solver: Any = part.solver
     found: FieldSolver = replace(solver, system=system)
     return found
 
 
-def _fields(part: Part) -> tuple[Any, ...]:
+def _list_field_values(part: Part) -> tuple[Any, ...]:
     about = (part.solver, part.unknowns, part.coordinates, part.frf)
     where = (part.rows, part.columns, part.sign)
     return (*about, *where, part.session, part.name, part.as_read, part.variants)

@@ -21,10 +21,10 @@ from updyn.updating.judge.causes.data_alone import (
     unexpected,
     with_variance,
 )
-from updyn.updating.judge.causes.evidence import Evidence, spread_of
+from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.causes.halves import halves_apart
+from updyn.updating.judge.causes.halves import compare_band_halves
 from updyn.updating.judge.causes.misfit import SEEN, Weighed, log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.other_model import OtherModel
@@ -92,7 +92,7 @@ def strained(part: Part, x: _Real) -> bool:
     The data may then be explained and still be wrong by a common factor.
     """
     own = part.coordinates
-    off = ((x - own.home) / spread_of(part))[own.parameters.is_factor]
+    off = ((x - own.home) / compute_spread(part))[own.parameters.is_factor]
     return bool(off.size and np.sqrt(np.mean(off**2)) > FAR_OFF)
 
 
@@ -378,7 +378,7 @@ def _imitating(part: Part, found: Ranked) -> list[_Real]:
     evidence = Evidence(part, found.trial.x)
     try:
         change = np.asarray(found.fault.value * found.fault.slope(evidence), dtype=np.complex128)
-        return [evidence.imitating(change)]
+        return [evidence.imitate_change(change)]
     except SolverError:
         return []
 
@@ -438,7 +438,7 @@ def _depends_on_band(part: Part, found: Ranked) -> bool:
     with suppress(SolverError):
         freed = Evidence(fault.correct_part(part, trial.x), trial.x)
         alike = min(max(trial.alike, 0.0), MOST_ALIKE)
-        return halves_apart(freed, fault, alike) > _CONTRADICT
+        return compare_band_halves(freed, fault, alike) > _CONTRADICT
     return False
 
 

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn import sensitivity
-from updyn.dofs import DIRECTIONS, DofSet
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.altered import Alteration
+from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.problem import Block, Part
 
-__all__ = ["Element", "MeasuredDofs", "Receptances"]
+__all__ = ["AddedElement", "MeasuredDofs", "Receptances"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -34,7 +34,7 @@ _POWERS = {"stiffness": 0, "viscous": 1, "mass": 2}
 
 
 @dataclass(frozen=True, slots=True)
-class Element(Alteration):
+class AddedElement(Alteration):
     """A spring, a dashpot or a mass of a given size.
 
     Attributes
@@ -67,7 +67,7 @@ class Element(Alteration):
         """Incidence vectors over the labels, shape (len(labels), k)."""
         return np.array([[1.0], [-1.0]]) if self.between else np.eye(len(self.labels))
 
-    def by_size(self, s: _Complex) -> _Complex:
+    def unit_stiffness(self, s: _Complex) -> _Complex:
         """Return the dynamic stiffness of an element of size 1, shape (n_f,)."""
         return np.asarray((1.0 + 1j * self.loss) * s ** _POWERS[self.quantity])
 
@@ -89,7 +89,7 @@ class Element(Alteration):
         )
         n_i, n_j, U = len(part.rows), len(part.columns), self.incidence
         left, right = H[:, :n_i, n_j:] @ U, U.T @ H[:, n_i:, :n_j]
-        G = self._stiffness_within(U.T @ H[:, n_i:, n_j:] @ U, s)
+        G = self._effective_stiffness(U.T @ H[:, n_i:, n_j:] @ U, s)
         P, Q = left @ G, G @ right
         altered = (H[:, :n_i, :n_j] - P @ right) * (part.sign * rate[:, None, None])
         if dH is not None:  # d H' = (1, -P U^T) d H (1; -U Q)
@@ -100,9 +100,9 @@ class Element(Alteration):
             gains.apply(x, altered, dH)
         return Block(lines, altered, dH, frf.values[lines])
 
-    def _stiffness_within(self, within: _Complex, s: _Complex) -> _Complex:
+    def _effective_stiffness(self, within: _Complex, s: _Complex) -> _Complex:
         """Return (1 / D + U^T H U)^-1, shape (n_f, k, k)."""
-        D = (self.value * self.by_size(s))[:, None, None]
+        D = (self.value * self.unit_stiffness(s))[:, None, None]
         return np.asarray(
             np.linalg.solve(np.eye(within.shape[-1]) + D * within, D * np.eye(within.shape[-1]))
         )
@@ -127,7 +127,7 @@ class MeasuredDofs:
     @classmethod
     def of(cls, frf: FRF) -> Self:
         """Return the DOFs of data."""
-        rows, columns = _plain(frf.responses), _plain(frf.references)
+        rows, columns = list_unsigned_labels(frf.responses), list_unsigned_labels(frf.references)
         labels = list(dict.fromkeys(rows + columns))
         at = {label: i for i, label in enumerate(labels)}
         return cls(
@@ -136,7 +136,7 @@ class MeasuredDofs:
             np.array([at[one] for one in columns], dtype=np.intp),
         )
 
-    def positions(self, labels: Sequence[str]) -> list[int]:
+    def find_positions(self, labels: Sequence[str]) -> list[int]:
         """Return the positions of some labels."""
         return [self.labels.index(label) for label in labels]
 
@@ -182,47 +182,44 @@ class Receptances:
         there = part.with_data(square)
         return cls(dofs, there.responses(x), there.frf.s)
 
-    def change(self, element: Element) -> _Complex:
+    def log_change(self, element: AddedElement) -> _Complex:
         """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""
-        H, added = self._parts(element)
+        H, added = self._response_and_reduction(element)
         usable = (H != 0.0) & (added != H)
         return np.asarray(np.log1p(-np.where(usable, added, 0.0) / np.where(usable, H, 1.0)))
 
-    def slope(self, element: Element) -> _Complex:
+    def slope(self, element: AddedElement) -> _Complex:
         """Return the derivative of ln H' by the size of the element, shape (n_f, n_i, n_j)."""
-        U, at = element.incidence, self.dofs.positions(element.labels)
-        left, right = self._sides(at, U)
-        unit = element.by_size(self.s)[:, None, None]
+        U, at = element.incidence, self.dofs.find_positions(element.labels)
+        left, right = self._cross_receptances(at, U)
+        unit = element.unit_stiffness(self.s)[:, None, None]
         k = U.shape[1]
         within = np.eye(k) + element.value * unit * (U.T @ self.H[:, at][:, :, at] @ U)
         by_size = -unit * (
             np.linalg.solve(within.swapaxes(1, 2), left.swapaxes(1, 2)).swapaxes(1, 2)
             @ np.linalg.solve(within, right)
         )
-        H, added = self._parts(element)
+        H, added = self._response_and_reduction(element)
         altered = H - added
         return np.asarray(by_size / np.where(altered == 0.0, 1.0, altered))
 
-    def _sides(self, at: list[int], U: _Real) -> tuple[_Complex, _Complex]:
+    def _cross_receptances(self, at: list[int], U: _Real) -> tuple[_Complex, _Complex]:
         rows, columns = self.dofs.rows, self.dofs.columns
         return self.H[:, rows][:, :, at] @ U, U.T @ self.H[:, at][:, :, columns]
 
-    def _parts(self, element: Element) -> tuple[_Complex, _Complex]:
+    def _response_and_reduction(self, element: AddedElement) -> tuple[_Complex, _Complex]:
         """Return H and H - H' at the channels."""
-        U, at = element.incidence, self.dofs.positions(element.labels)
-        left, right = self._sides(at, U)
-        G = element._stiffness_within(U.T @ self.H[:, at][:, :, at] @ U, self.s)
+        U, at = element.incidence, self.dofs.find_positions(element.labels)
+        left, right = self._cross_receptances(at, U)
+        G = element._effective_stiffness(U.T @ self.H[:, at][:, :, at] @ U, self.s)
         H = self.H[:, self.dofs.rows][:, :, self.dofs.columns]
         return H, left @ G @ right
 
-    def flexibility(self, element: Element) -> float:
+    def flexibility(self, element: AddedElement) -> float:
         """Return the median over the lines of |D(s) u^T H u| for an element of size 1."""
-        U, at = element.incidence, self.dofs.positions(element.labels)
+        U, at = element.incidence, self.dofs.find_positions(element.labels)
         within = U.T @ self.H[:, at][:, :, at] @ U
-        own = np.abs(np.einsum("fkk->fk", within)).max(axis=1) * np.abs(element.by_size(self.s))
+        own = np.abs(np.einsum("fkk->fk", within)).max(axis=1) * np.abs(
+            element.unit_stiffness(self.s)
+        )
         return float(np.median(own))
-
-
-def _plain(dofs: DofSet) -> list[str]:
-    pairs = zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)
-    return [f"{node}:{DIRECTIONS[axis]}" for node, axis in pairs]

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import Evidence, labels_of, plain_labels
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
 from updyn.updating.problem.problem import Part
 
 __all__ = [
@@ -85,7 +86,7 @@ def find_channels(channels: Sequence[str], frf: FRF) -> ChannelIndices:
             (frf.references, columns) if channel.startswith(FORCE) else (frf.responses, rows)
         )
         label = channel.removeprefix(FORCE)
-        names = plain_labels(dofs)
+        names = list_unsigned_labels(dofs)
         plain = str(abs(Dof.parse(label)))
         if plain not in names:
             what = "reference" if channel.startswith(FORCE) else "response"
@@ -98,7 +99,7 @@ def find_channels(channels: Sequence[str], frf: FRF) -> ChannelIndices:
 
 def list_channels(frf: FRF) -> list[tuple[str, ...]]:
     """Return each response and, if there are several, each reference as a tuple of one channel."""
-    found: list[tuple[str, ...]] = [(label,) for label in labels_of(frf)]
+    found: list[tuple[str, ...]] = [(label,) for label in list_response_labels(frf)]
     if len(frf.references) > 1:
         found += [(f"{FORCE}{abs(dof)}",) for dof in frf.references]
     return found
@@ -386,9 +387,9 @@ class Irreparable(Fault):
         raise DataError(f"{self.kind}: no change of the data corrects it. {self.remedy}")
 
 
-def divide_odds(odds: float, places: int) -> float:
+def divide_odds(odds: float, n_places: int) -> float:
     """Return the prior odds of one place: those of the kind divided by the number of places."""
-    return odds / max(places, _FEWEST)
+    return odds / max(n_places, _FEWEST)
 
 
 def remove_channels(fault: Fault, frf: FRF) -> FRF:

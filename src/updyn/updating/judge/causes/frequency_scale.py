@@ -37,7 +37,7 @@ class FrequencyScale(Fault):
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln H / d ln f."""
-        return evidence.frf.freq[:, None, None] * evidence.by_frequency
+        return evidence.frf.freq[:, None, None] * evidence.slope_by_frequency
 
     def is_plausible(self) -> bool:
         """Return whether the axis is off by more than 0.1 %."""

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, stacked
+from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import n_seen
 
-__all__ = ["halves_apart"]
+__all__ = ["compare_band_halves"]
 
 _Real = NDArray[np.float64]
 
@@ -20,34 +20,47 @@ _Real = NDArray[np.float64]
 _DISTINCT = 1e-6
 
 
-def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
+def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) -> float:
     """Return the difference between the sizes of a fault in the lower and the upper lines.
 
     It is in standard deviations; 0 if a half does not determine the size. One size for each half
     and all unknowns are fitted together, to first order. The residual counts as at least that of a
-    perfect fit (`SMALLEST`), because the last steps of a fit are arbitrary. `freed` is the evidence
-    at the end of a fit that takes account of the fault, `alike` the correlation of the residual of
-    neighbouring lines, from 0 to below 1.
+    perfect fit (`PERFECT_FIT`), because the last steps of a fit are arbitrary.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Model and data, corrected for the fault, at the end of a fit.
+    fault : Fault
+        The fault.
+    correlation : float
+        Correlation of the residual of neighbouring lines, from 0 to below 1.
+
+    Returns
+    -------
+    float
+        The difference.
     """
-    slope = replace(fault, value=0.0).slope(freed)
+    slope = replace(fault, value=0.0).slope(evidence)
     lower = np.arange(len(slope)) < len(slope) // 2
-    still = np.zeros_like(freed.home)
+    zeros = np.zeros_like(evidence.offset_to_start)
     effects = [
-        np.append(stacked(freed.weight * half[:, None, None] * slope), still)
+        np.append(stack_real_imag(evidence.weight * half[:, None, None] * slope), zeros)
         for half in (lower, ~lower)
     ]
-    D = np.stack(effects, axis=1) / freed.unit
+    D = np.stack(effects, axis=1) / evidence.rms_misfit
     size = np.linalg.norm(D, axis=0)
-    b = np.append(freed.misfit(freed.frf) / freed.unit, freed.home)
-    D, b = freed.left(freed.frf, D), freed.left(freed.frf, b)
+    b = np.append(evidence.misfit(evidence.frf) / evidence.rms_misfit, evidence.offset_to_start)
+    D = evidence.project_out_unknowns(evidence.frf, D)
+    b = evidence.project_out_unknowns(evidence.frf, b)
     Q, R = np.linalg.qr(D)
     if (np.abs(np.diag(R)) <= _DISTINCT * size).any():
         return 0.0
     sizes = np.linalg.solve(R, Q.T @ b)
-    residual = (b - Q @ (Q.T @ b))[: -len(still)]
-    least = 0.5 * (SMALLEST / freed.unit) ** 2
-    variance = max(float(residual @ residual) / max(n_seen(freed.frf), 1), least)
-    variance *= (1.0 + alike) / (1.0 - alike)
+    residual = (b - Q @ (Q.T @ b))[: -len(zeros)]
+    least = 0.5 * (PERFECT_FIT / evidence.rms_misfit) ** 2
+    variance = max(float(residual @ residual) / max(n_seen(evidence.frf), 1), least)
+    variance *= (1.0 + correlation) / (1.0 - correlation)
     difference = np.linalg.solve(R.T, np.array([1.0, -1.0]))
     deviation = np.sqrt(variance * float(difference @ difference))
     return float(abs(sizes[0] - sizes[1]) / max(deviation, np.finfo(np.float64).tiny))

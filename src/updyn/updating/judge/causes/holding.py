@@ -11,10 +11,10 @@ import scipy.sparse as sp
 from updyn.dofs import DIRECTIONS
 from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.reduced_solver import ReducedSolver
-from updyn.updating.judge.causes.evidence import spread_of
+from updyn.updating.judge.causes.evidence import compute_spread
 from updyn.updating.problem.problem import Part
 
-__all__ = ["HeldSolver", "Holding", "ground_springs", "is_free"]
+__all__ = ["ModelSupports", "SolverWithSupports", "is_free", "list_ground_springs"]
 
 #: Force of a rigid translation relative to the largest stiffness, up to which it is rounding.
 _ROUNDING = 1e-6
@@ -24,7 +24,7 @@ _TRANSLATIONS = frozenset("XYZ")
 
 
 @dataclass(frozen=True, slots=True)
-class Holding:
+class ModelSupports:
     """Resistance of the groups of a model to rigid translations.
 
     Attributes
@@ -36,21 +36,21 @@ class Holding:
         Groups that do not couple any nodes.
     """
 
-    resisted: Mapping[str, frozenset[str]]
-    single: frozenset[str]
+    directions_by_group: Mapping[str, frozenset[str]]
+    uncoupled_groups: frozenset[str]
 
     @classmethod
-    def of(cls, system: AffineSystem) -> Holding:
+    def of(cls, system: AffineSystem) -> ModelSupports:
         """Return the supports of a whole model."""
         stiff = [t for t in system.terms if t.quantity == "stiffness" and t.data.any()]
         return cls(
-            {term.group: _resisted(system, term) for term in stiff},
-            frozenset(term.group for term in stiff if not _couples(system, term)),
+            {term.group: _find_resisted_directions(system, term) for term in stiff},
+            frozenset(term.group for term in stiff if not _couples_nodes(system, term)),
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeldSolver(ReducedSolver):
+class SolverWithSupports(ReducedSolver):
     """A reduced model with the supports of its whole model, which its coordinates do not show.
 
     Attributes
@@ -59,22 +59,22 @@ class HeldSolver(ReducedSolver):
         Supports of the whole model.
     """
 
-    holding: Holding = field(kw_only=True)
+    supports: ModelSupports = field(kw_only=True)
 
     @classmethod
-    def beside(cls, solver: ReducedSolver, holding: Holding) -> HeldSolver:
+    def from_solver(cls, solver: ReducedSolver, supports: ModelSupports) -> SolverWithSupports:
         """Return a reduced model with the supports of the whole model."""
         known = {one.name: getattr(solver, one.name) for one in fields(solver) if one.init}
-        return cls(**known, holding=holding)
+        return cls(**known, supports=supports)
 
 
-def _holding(part: Part) -> Holding:
+def _find_supports(part: Part) -> ModelSupports:
     """Return the supports of the model of a part; a plain reduced model is taken as held."""
-    if isinstance(part.solver, HeldSolver):
-        return part.solver.holding
+    if isinstance(part.solver, SolverWithSupports):
+        return part.solver.supports
     if part.solver.tier == "reduced":
-        return Holding({"": _TRANSLATIONS}, frozenset())
-    return Holding.of(part.solver.system)
+        return ModelSupports({"": _TRANSLATIONS}, frozenset())
+    return ModelSupports.of(part.solver.system)
 
 
 def is_free(part: Part) -> bool:
@@ -83,27 +83,27 @@ def is_free(part: Part) -> bool:
     Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
     """
     measured = {dof.direction for dof in part.frf.responses} & _TRANSLATIONS
-    return not measured <= frozenset().union(*_holding(part).resisted.values())
+    return not measured <= frozenset().union(*_find_supports(part).directions_by_group.values())
 
 
-def ground_springs(part: Part) -> list[str]:
+def list_ground_springs(part: Part) -> list[str]:
     """Return the groups of springs between single nodes and the ground, of known stiffness.
 
     They are among the unknowns of the part, with a narrow prior.
     """
-    own = part.coordinates.parameters
-    spread = dict(zip(own.names, spread_of(part), strict=True))
-    holding = _holding(part)
+    parameters = part.coordinates.parameters
+    spread = dict(zip(parameters.names, compute_spread(part), strict=True))
+    supports = _find_supports(part)
     return [
         group
-        for group, directions in holding.resisted.items()
+        for group, directions in supports.directions_by_group.items()
         if directions
-        and group in holding.single
+        and group in supports.uncoupled_groups
         and spread.get(f"{group}.stiffness", _KNOWN) < _KNOWN
     ]
 
 
-def _couples(system: AffineSystem, term: Term) -> bool:
+def _couples_nodes(system: AffineSystem, term: Term) -> bool:
     """Return whether a stiffness couples two nodes."""
     nodes = system.dofs.nodes[term.rows]
     K = sp.coo_matrix(term.local)
@@ -111,7 +111,7 @@ def _couples(system: AffineSystem, term: Term) -> bool:
     return bool(np.abs(K.data[between]).max(initial=0.0) > _ROUNDING * np.abs(term.data).max())
 
 
-def _resisted(system: AffineSystem, term: Term) -> frozenset[str]:
+def _find_resisted_directions(system: AffineSystem, term: Term) -> frozenset[str]:
     """Return the directions in which a stiffness resists a rigid translation of the whole model."""
     axes = system.dofs.axes[term.rows]
     moved = np.stack([axes == DIRECTIONS.index(d) for d in sorted(_TRANSLATIONS)], axis=1)

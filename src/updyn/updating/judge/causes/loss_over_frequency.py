@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.frf import FRF
 from updyn.group import LossTable
-from updyn.updating.judge.causes.altered import Alteration, AlteredPart, log_ratio, solver_of
+from updyn.updating.judge.causes.altered import (
+    Alteration,
+    AlteredPart,
+    compute_log_ratio,
+    replace_system,
+)
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
 from updyn.updating.judge.causes.missing_element import directed_places
@@ -64,7 +69,7 @@ class LossPower(Alteration):
 
     groups: tuple[str, ...]
     exponent: float
-    middle: float
+    mid_frequency: float
     causal: bool = False
 
     @property
@@ -72,55 +77,56 @@ class LossPower(Alteration):
         """Key that distinguishes it from all others."""
         return repr(self)
 
-    def on(self, part: Part) -> Part:
+    def alter_part(self, part: Part) -> Part:
         """Return the part with these moduli at its lines."""
         system = part.solver.system
         freq = np.unique(np.append(part.frf.freq, 2.0 * part.frf.freq[-1] + 1.0))
-        table = LossTable(freq, self.relative(freq))
+        table = LossTable(freq, self.loss_ratio(freq))
         terms = tuple(
             replace(term, table=table) if self.acts_on(term) else term for term in system.terms
         )
         tabled = replace(system, terms=terms)
         if self.causal:
             tabled = CausalSystem.of(tabled, self, [self.acts_on(term) for term in system.terms])
-        return replace(part, solver=solver_of(part, tabled))
+        return replace(part, solver=replace_system(part, tabled))
 
     def acts_on(self, term: Term) -> bool:
         """Return whether the change applies to the loss factor of a term."""
         own = not self.groups or term.group in self.groups
         return own and term.quantity == "stiffness" and term.table is None
 
-    def relative(self, freq: _Real) -> _Real:
+    def loss_ratio(self, freq: _Real) -> _Real:
         """Return the factors at some lines; at 0 Hz that of the next line, shape (n,)."""
-        return np.asarray(np.exp(self.exponent * _log_over(freq, self.middle)))
+        return np.asarray(np.exp(self.exponent * _log_frequency_ratio(freq, self.mid_frequency)))
 
-    def storage(self, freq: _Real) -> _Real:
+    def storage_change(self, freq: _Real) -> _Real:
         """Return the change of the storage modulus in units of loss factor times stiffness.
 
         The storage modulus of (i f)^p is cot(pi p / 2) times its loss modulus (Bagley & Torvik, J.
-        Rheol. 27 (1983) 201); that at `middle` is part of the stiffness.
+        Rheol. 27 (1983) 201); that at `mid_frequency` is part of the stiffness.
         """
-        log, p = _log_over(freq, self.middle), self.exponent
+        log, p = _log_frequency_ratio(freq, self.mid_frequency), self.exponent
         if not self.causal or abs(p) >= 1.0:
             return np.zeros(len(freq))
         if p == 0.0:
             return np.asarray(2.0 / np.pi * log)
         return np.asarray(np.expm1(p * log) / np.tan(0.5 * np.pi * p))
 
-    def modulus(self, freq: _Real) -> _Complex:
+    def complex_modulus(self, freq: _Real) -> _Complex:
         """Return the complex modulus due to the loss factor, over loss factor times stiffness."""
-        return self.storage(freq) + 1j * self.relative(freq)
+        return self.storage_change(freq) + 1j * self.loss_ratio(freq)
 
     def slope(self, freq: _Real) -> _Complex:
-        """Return the derivative of `modulus` by the exponent, shape (n,)."""
+        """Return the derivative of `complex_modulus` by the exponent, shape (n,)."""
         low, high = (
-            replace(self, exponent=self.exponent + step).modulus(freq) for step in (-_STEP, _STEP)
+            replace(self, exponent=self.exponent + step).complex_modulus(freq)
+            for step in (-_STEP, _STEP)
         )
         return np.asarray((high - low) / (2.0 * _STEP))
 
     def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
         """Return the altered model and the data of a part at a block of lines."""
-        return self.on(part).block(x, lines, derivatives=derivatives)
+        return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,32 +141,32 @@ class CausalSystem(AffineSystem):
         Whether each term varies.
     """
 
-    power: LossPower | None = None
+    loss_power: LossPower | None = None
     varying: tuple[bool, ...] = ()
 
     @classmethod
-    def of(cls, system: AffineSystem, power: LossPower, varying: Sequence[bool]) -> Self:
+    def of(cls, system: AffineSystem, loss_power: LossPower, varying: Sequence[bool]) -> Self:
         """Return a system with the loss tables of a power law and its storage moduli."""
-        return cls(**_known(system), power=power, varying=tuple(varying))
+        return cls(**_field_values(system), loss_power=loss_power, varying=tuple(varying))
 
     def coefficients(self, state: State, omega: _Real) -> _Complex:
         """Return c_t at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""
-        out = AffineSystem(**_known(self)).coefficients(state, omega)
+        out = AffineSystem(**_field_values(self)).coefficients(state, omega)
         at = np.array(self.varying)
-        assert self.power is not None
+        assert self.loss_power is not None
         amount = (state.factor * state.loss)[at, None]
-        out[at] += amount * self.power.storage(omega / (2.0 * np.pi))
+        out[at] += amount * self.loss_power.storage_change(omega / (2.0 * np.pi))
         return out
 
     def relative(self, at: Iterable[int], omega: _Real) -> NDArray[Any]:
         """Return the derivatives of c_t by the loss factor over i factor, shape (n_terms, n_f)."""
         chosen = list(at)
-        out: NDArray[Any] = AffineSystem(**_known(self)).relative(chosen, omega)
-        assert self.power is not None
+        out: NDArray[Any] = AffineSystem(**_field_values(self)).relative(chosen, omega)
+        assert self.loss_power is not None
         for t in chosen:
             if self.varying[t]:
                 out = out.astype(np.complex128)
-                out[t] = -1j * self.power.modulus(omega / (2.0 * np.pi))
+                out[t] = -1j * self.loss_power.complex_modulus(omega / (2.0 * np.pi))
         return out
 
 
@@ -184,7 +190,7 @@ class LossOverFrequency(Irreparable):
     lines : tuple of float
         Lines of the data in Hz, above 0.
     loss : float
-        Loss factor at `middle`; 0 if several groups have different ones.
+        Loss factor at `mid_frequency`; 0 if several groups have different ones.
     places : int
         Number of loss factors that were tested.
     viscous : tuple of ProportionalDamping
@@ -194,10 +200,10 @@ class LossOverFrequency(Irreparable):
     """
 
     groups: tuple[str, ...] = ()
-    middle: float = 1.0
+    mid_frequency: float = 1.0
     lines: tuple[float, ...] = ()
     loss: float = 0.0
-    places: int = 1
+    n_places: int = 1
     viscous: tuple[ProportionalDamping, ...] = ()
     causal: bool = False
 
@@ -215,56 +221,61 @@ class LossOverFrequency(Irreparable):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield each loss factor that is unknown or held, and all of them together."""
-        lines = _moving(evidence.part)
-        whose = {
-            p.name: tuple(drive.group for drive in p.acts_on) for _, p in _losses(evidence.part)
+        lines = _list_lines_above_zero(evidence.part)
+        groups_by_name = {
+            p.name: tuple(drive.group for drive in p.acts_on)
+            for _, p in _list_loss_factors(evidence.part)
         }
-        if len(whose) > 1:
-            whose[f"{ALL}.loss_factor"] = ()
-        middle, places = math.sqrt(lines[0] * lines[-1]), _VARIANTS * len(whose)
-        for name, groups in whose.items():
-            viscous = _viscous_of(groups, evidence)
-            plain = cls((name,), 0.0, groups, middle, lines, 0.0, places, viscous)
+        if len(groups_by_name) > 1:
+            groups_by_name[f"{ALL}.loss_factor"] = ()
+        mid_frequency, n_places = math.sqrt(lines[0] * lines[-1]), _VARIANTS * len(groups_by_name)
+        for name, groups in groups_by_name.items():
+            viscous = _list_viscous_damping(groups, evidence)
+            plain = cls((name,), 0.0, groups, mid_frequency, lines, 0.0, n_places, viscous)
             yield plain
             yield replace(plain, value=_BEGIN, causal=True)
 
     @property
-    def power(self) -> LossPower:
+    def loss_power(self) -> LossPower:
         """The variation of the loss factors."""
-        return LossPower(self.groups, self.value, self.middle, self.causal)
+        return LossPower(self.groups, self.value, self.mid_frequency, self.causal)
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the model's ln H by the exponent.
 
         It is the derivative by the loss factor, times the ratio of the two changes of the modulus.
         """
-        freq, own = evidence.frf.freq, self.power
+        freq, own = evidence.frf.freq, self.loss_power
         known: _Complex | complex = 1j
         if isinstance(evidence.part, AlteredPart):
             there = evidence.part.alteration
             if isinstance(there, LossPower):
                 own = replace(there, exponent=there.exponent + self.value)
-                known = there.modulus(freq)
+                known = there.complex_modulus(freq)
         total = np.zeros(evidence.frf.values.shape, dtype=np.complex128)
-        for i, p in _losses(evidence.part):
+        for i, p in _list_loss_factors(evidence.part):
             if not self.groups or {drive.group for drive in p.acts_on} <= set(self.groups):
-                total += float(evidence.x[i]) * evidence.by_unknown[i]
+                total += float(evidence.x[i]) * evidence.slopes_by_unknown[i]
         return np.asarray(total * (own.slope(freq) / known)[:, None, None])
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with these loss factors over the model's H."""
-        return divide_data(evidence.frf, log_ratio(evidence.part, self.power, evidence.x))
+        return divide_data(
+            evidence.frf, compute_log_ratio(evidence.part, self.loss_power, evidence.x)
+        )
 
     def correct_part(self, part: Part, x: _Real) -> Part:
         """Return the part whose model has these loss factors."""
-        return AlteredPart.of(part, self.power) if self.is_plausible() else part
+        return AlteredPart.of(part, self.loss_power) if self.is_plausible() else part
 
     def add_model_figures(self, part: Part, x: _Real) -> Self:
         """Return the fault with the lines of a part and the loss factor of its model at a point."""
         state, terms = part.state(x), part.solver.system.terms
-        losses = {float(state.loss[t]) for t, term in enumerate(terms) if self.power.acts_on(term)}
+        losses = {
+            float(state.loss[t]) for t, term in enumerate(terms) if self.loss_power.acts_on(term)
+        }
         loss = losses.pop() if len(losses) == 1 else 0.0
-        return replace(self, loss=loss, lines=_moving(part))
+        return replace(self, loss=loss, lines=_list_lines_above_zero(part))
 
     def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return the other variant, and viscous damping of the groups with such a loss factor."""
@@ -281,10 +292,10 @@ class LossOverFrequency(Irreparable):
     @property
     def prior(self) -> float:
         """Prior odds that the loss factor of this group varies."""
-        return divide_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.n_places)
 
     @property
-    def _whose(self) -> str:
+    def _group_text(self) -> str:
         """The groups as text."""
         if not self.groups:
             return "all groups"
@@ -295,7 +306,7 @@ class LossOverFrequency(Irreparable):
         """Return a sentence with the groups and the range of their loss factor."""
         course = "rises" if self.value > 0.0 else "falls"
         low, high = self.lines[0], self.lines[-1]
-        ends = self.power.relative(np.array([low, high]))
+        ends = self.loss_power.loss_ratio(np.array([low, high]))
         if self.loss:
             first, last = self.loss * ends
             extent = f"from {first:.3g} at {low:.4g} Hz to {last:.3g} at {high:.4g} Hz"
@@ -303,10 +314,10 @@ class LossOverFrequency(Irreparable):
             extent = f"by a factor of {ends[1] / ends[0]:.3g} from {low:.4g} to {high:.4g} Hz"
         stiffer = ""
         if self.causal and self.loss:
-            change = self.loss * np.ptp(self.power.storage(np.array([low, high])))
+            change = self.loss * np.ptp(self.loss_power.storage_change(np.array([low, high])))
             stiffer = f", and its stiffness rises by {100.0 * change:.2g} %"
         return (
-            f"The loss factor of {self._whose} {course} with frequency: {extent}, as"
+            f"The loss factor of {self._group_text} {course} with frequency: {extent}, as"
             f" f^{self.value:.2f}{stiffer}; in the model it is constant."
         )
 
@@ -314,7 +325,7 @@ class LossOverFrequency(Irreparable):
     def remedy(self) -> str:
         """Advice to the user."""
         freq = self._table_lines
-        relative = [float(f"{factor:.{_DIGITS}g}") for factor in self.power.relative(freq)]
+        relative = [float(f"{factor:.{_DIGITS}g}") for factor in self.loss_power.loss_ratio(freq)]
         table = f"[{freq.tolist()}, {relative}]"
         named = list(self.groups) or [ALL]
         groups = json.dumps(named if len(named) > 1 else named[0], ensure_ascii=False)
@@ -337,45 +348,48 @@ class LossOverFrequency(Irreparable):
         return np.array([float(f"{one:.{_DIGITS}g}") for one in freq])
 
 
-def _known(system: AffineSystem) -> dict[str, Any]:
+def _field_values(system: AffineSystem) -> dict[str, Any]:
     """Return the fields of a compiled model by name."""
     return {one.name: getattr(system, one.name) for one in fields(AffineSystem) if one.init}
 
 
-def _moving(part: Part) -> tuple[float, ...]:
+def _list_lines_above_zero(part: Part) -> tuple[float, ...]:
     """Return the lines of a part above 0 Hz."""
     return tuple(part.frf.freq[part.frf.freq > 0.0].tolist())
 
 
-def _losses(part: Part) -> Sequence[tuple[int, Parameter]]:
+def _list_loss_factors(part: Part) -> Sequence[tuple[int, Parameter]]:
     """Return the unknown loss factors of groups without a loss table, with their positions."""
     system = part.solver.system
     return [
         (i, p)
         for i, p in enumerate(part.coordinates.parameters)
-        if p.value_of == "loss_factor" and not any(_is_tabled(system, d.group) for d in p.acts_on)
+        if p.value_of == "loss_factor"
+        and not any(_has_loss_table(system, d.group) for d in p.acts_on)
     ]
 
 
-def _viscous_of(groups: Sequence[str], evidence: Evidence) -> tuple[ProportionalDamping, ...]:
+def _list_viscous_damping(
+    groups: Sequence[str], evidence: Evidence
+) -> tuple[ProportionalDamping, ...]:
     """Return the viscous damping of a group, or else of all groups, that is not an unknown."""
     if len(groups) > 1:
         return ()
-    places = len(list(directed_places(evidence.frf))) + len(evidence.by_rate)
+    n_places = len(list(directed_places(evidence.frf))) + len(evidence.slopes_by_rate)
     own, found = groups[0] if groups else ALL, []
     for quantity in MATRICES:
         names = (f"{own}.{quantity}", f"{ALL}.{quantity}")
-        found += [name for name in names if name in evidence.by_rate][:1]
-    return tuple(ProportionalDamping((name,), places=places) for name in found)
+        found += [name for name in names if name in evidence.slopes_by_rate][:1]
+    return tuple(ProportionalDamping((name,), n_places=n_places) for name in found)
 
 
-def _is_tabled(system: AffineSystem, group: str) -> bool:
+def _has_loss_table(system: AffineSystem, group: str) -> bool:
     """Return whether a group has a loss table of the user."""
     return system.terms[system.find(group, "loss_factor")].table is not None
 
 
-def _log_over(freq: _Real, middle: float) -> _Real:
+def _log_frequency_ratio(freq: _Real, mid_frequency: float) -> _Real:
     """Return ln(f / middle), shape (n,); at 0 Hz that of the next line."""
     moving = freq[freq > 0.0]
-    lowest = moving.min() if moving.size else middle
-    return np.asarray(np.log(np.maximum(freq, lowest) / middle))
+    lowest = moving.min() if moving.size else mid_frequency
+    return np.asarray(np.log(np.maximum(freq, lowest) / mid_frequency))

@@ -60,12 +60,12 @@ class MassLoading(Irreparable):
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return omega^2 H_ii / (1 - omega^2 m H_ii)."""
-        a = evidence.apparent
+        a = evidence.drive_point_response
         return np.broadcast_to((a / (1.0 - self.value * a))[:, :, None], evidence.frf.values.shape)
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data times 1 - omega^2 m H_ii of the model."""
-        left = np.log(1.0 - self.value * evidence.apparent)[:, :, None]
+        left = np.log(1.0 - self.value * evidence.drive_point_response)[:, :, None]
         return divide_data(evidence.frf, np.broadcast_to(-left, evidence.frf.values.shape))
 
     def is_plausible(self) -> bool:

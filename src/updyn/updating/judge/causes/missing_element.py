@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.altered import AlteredPart
-from updyn.updating.judge.causes.element import Element, MeasuredDofs
+from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
 from updyn.updating.judge.causes.screening import best_elements
@@ -39,7 +39,7 @@ class MissingElement(Irreparable):
     """
 
     between: bool = False
-    places: int = 1
+    n_places: int = 1
 
     has_free_size: ClassVar[bool] = True
     is_additive: ClassVar[bool] = True
@@ -67,24 +67,26 @@ class MissingElement(Irreparable):
 
     @classmethod
     def _best(cls, evidence: Evidence, most: int) -> list[Self]:
-        every = [Element(cls.quantity, *at, 0.0, cls.loss) for at in cls.places_in(evidence.frf)]
+        every = [
+            AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.places_in(evidence.frf)
+        ]
         best = best_elements(evidence, every, most)
         return [cls(one.labels, one.value, one.between, len(every)) for one in best]
 
     def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
-        found = (replace(one, places=self.places) for one in self._best(evidence, _NEXT))
+        found = (replace(one, n_places=self.n_places) for one in self._best(evidence, _NEXT))
         return [one for one in found if one.channels != self.channels]
 
     @property
     def prior(self) -> float:
         """Prior odds that the model lacks the element at this place."""
-        return divide_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.n_places)
 
     @property
-    def element(self) -> Element:
+    def element(self) -> AddedElement:
         """The element that the model lacks."""
-        return Element(self.quantity, self.channels, self.between, self.value, self.loss)
+        return AddedElement(self.quantity, self.channels, self.between, self.value, self.loss)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the size of the element."""
@@ -92,7 +94,7 @@ class MissingElement(Irreparable):
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with the element over the model's H."""
-        return divide_data(evidence.frf, evidence.receptances.change(self.element))
+        return divide_data(evidence.frf, evidence.receptances.log_change(self.element))
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part whose model has the element."""

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import Evidence, labels_of
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
+from updyn.updating.judge.causes.labels import list_response_labels
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.judge.causes.pole_fit import Pole, fitted_along
 from updyn.updating.problem.problem import Part
@@ -79,7 +80,7 @@ class MissingMode(Fault):
         frf = evidence.frf
         if len(frf.freq) <= _FEWEST:
             return
-        e = log_misfit(evidence.answer(frf), frf)[0]
+        e = log_misfit(evidence.model_response(frf), frf)[0]
         power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
         padded = np.pad(power, 1, constant_values=-1.0)
         peaks = (power >= padded[:-2]) & (power > padded[2:])
@@ -135,7 +136,7 @@ class MissingMode(Fault):
         u, s, vh = np.linalg.svd(residues)
         size = s[0] / (2.0 * np.pi * self.value) ** QUANTITIES[frf.quantity]
         pole = fitted_along(part, x, Pole(self.value, self.loss, size * u[:, 0], vh[0]))
-        labels = [*labels_of(frf), *(f"{FORCE}{abs(dof)}" for dof in frf.references)]
+        labels = [*list_response_labels(frf), *(f"{FORCE}{abs(dof)}" for dof in frf.references)]
         signed = np.concatenate([pole.a * frf.responses.signs, pole.b * frf.references.signs])
         shape = tuple(zip(labels, signed.tolist(), strict=True))
         return replace(self, value=pole.frequency, loss=pole.loss, shape=shape)
@@ -272,7 +273,7 @@ class _Residual:
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
         at = np.flatnonzero(away <= max(_NEAR, float(np.sort(away)[_FEWEST - 1])))
-        H = evidence.answer(frf)[at]
+        H = evidence.model_response(frf)[at]
         there = frf.select(lines=frf.freq[at])
         level = np.sqrt(np.abs(H) ** 2 + np.abs(there.values) ** 2)
         clear = log_misfit(H, there)[1] / np.maximum(level, np.finfo(float).tiny)

@@ -10,7 +10,7 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_element import MissingElement
 from updyn.updating.judge.causes.proportional import ProportionalDamping
-from updyn.updating.judge.causes.rates import rates_not_sought
+from updyn.updating.judge.causes.rates import list_fixed_coefficients
 from updyn.updating.problem.problem import Part
 
 __all__ = ["MissingViscous", "viscous_places"]
@@ -33,17 +33,19 @@ class MissingViscous(MissingElement):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Any]:
         """Yield the dashpots that explain most, to first order, and the damping of each group."""
-        courses = {
+        varying_loss_factors = {
             viscous.channels: one
             for one in LossOverFrequency.propose_faults(evidence)
             for viscous in one.viscous
         }
-        places = viscous_places(evidence.part)
-        yield from (replace(one, places=places) for one in super().propose_faults(evidence))
+        n_places = viscous_places(evidence.part)
+        yield from (replace(one, n_places=n_places) for one in super().propose_faults(evidence))
         for one in ProportionalDamping.propose_faults(evidence):
-            yield replace(one, places=places, course=courses.get(one.channels))
+            yield replace(
+                one, n_places=n_places, varying_loss_factor=varying_loss_factors.get(one.channels)
+            )
 
 
 def viscous_places(part: Part) -> int:
     """Return the number of places of dashpots and of groups whose damping is not an unknown."""
-    return len(list(MissingViscous.places_in(part.frf))) + len(rates_not_sought(part))
+    return len(list(MissingViscous.places_in(part.frf))) + len(list_fixed_coefficients(part))

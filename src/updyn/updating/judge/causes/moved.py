@@ -9,9 +9,10 @@ from typing import ClassVar, Self
 from updyn.dofs import Dof, DofSet
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import Evidence, plain_labels
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
-from updyn.updating.judge.causes.places import mistaken, mistaken_forces
+from updyn.updating.judge.causes.labels import list_unsigned_labels
+from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places
 
 __all__ = ["Moved"]
 
@@ -27,9 +28,9 @@ class Moved(Fault):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield other directions of a node and neighbouring nodes; for a force also all sensors."""
-        for dof, place in mistaken(evidence.part):
+        for dof, place in iter_sensor_places(evidence.part):
             yield cls((str(abs(dof)), str(place)))
-        for dof, place in mistaken_forces(evidence.part):
+        for dof, place in iter_force_places(evidence.part):
             yield cls((f"{FORCE}{abs(dof)}", f"{FORCE}{place}"))
 
     def repair(self, frf: FRF) -> FRF:
@@ -76,7 +77,7 @@ class Moved(Fault):
 
 def _renamed(dofs: DofSet, here: str, there: str, role: str) -> DofSet:
     """Return DOFs of which one has another label."""
-    labels = plain_labels(dofs)
+    labels = list_unsigned_labels(dofs)
     if here not in labels:
         raise OptionError(f"{here!r} is no {role} of the data; {suggest(here, labels)}")
     if there in labels:

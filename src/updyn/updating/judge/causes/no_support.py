@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Irreparable, divide_data
-from updyn.updating.judge.causes.holding import ground_springs
+from updyn.updating.judge.causes.holding import list_ground_springs
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
 
@@ -45,7 +45,7 @@ class NoSupport(Irreparable):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the groups of springs to the ground whose stiffness is taken as known."""
-        for group in ground_springs(evidence.part):
+        for group in list_ground_springs(evidence.part):
             for left in _LEFT:
                 yield cls((group,), float(np.log(left)))
 
@@ -60,13 +60,16 @@ class NoSupport(Irreparable):
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the logarithm of the stiffness."""
         low, high = (
-            evidence.loosened(self.channels[0], self.value + step) for step in (-_STEP, _STEP)
+            evidence.log_ratio_with_stiffness(self.channels[0], self.value + step)
+            for step in (-_STEP, _STEP)
         )
         return np.asarray((high - low) / (2.0 * _STEP))
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with this stiffness over the model's H."""
-        return divide_data(evidence.frf, evidence.loosened(self.channels[0], self.value))
+        return divide_data(
+            evidence.frf, evidence.log_ratio_with_stiffness(self.channels[0], self.value)
+        )
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with this stiffness as an unknown with a wide prior."""

@@ -106,11 +106,13 @@ class OtherTest(Fault):
         """Return d ln A / d ln f at the channels, with A the accelerance."""
         frf = evidence.frf
         power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
-        return (frf.freq[:, None, None] * evidence.by_frequency + power) * self._at(frf)
+        return (frf.freq[:, None, None] * evidence.slope_by_frequency + power) * self._at(frf)
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's A(exp(value) f) / A(f) at the channels."""
-        return divide_data(evidence.frf, evidence.stretched(self.value) * self._at(evidence.frf))
+        return divide_data(
+            evidence.frf, evidence.log_ratio_with_scaled_axis(self.value) * self._at(evidence.frf)
+        )
 
     def _at(self, frf: FRF) -> NDArray[np.bool_]:
         """Return which channels are of the other test, shape (n_i, n_j)."""

@@ -10,46 +10,46 @@ import numpy as np
 from updyn.dofs import Dof
 from updyn.updating.problem.problem import Part
 
-__all__ = ["mistaken", "mistaken_forces", "places_of"]
+__all__ = ["iter_force_places", "iter_sensor_places", "list_all_places"]
 
 #: Largest number of places for one sensor or one force.
 _MOST = 40
 
 
-def mistaken(part: Part) -> Iterator[tuple[Dof, Dof]]:
+def iter_sensor_places(part: Part) -> Iterator[tuple[Dof, Dof]]:
     """Yield each response with each of its alternative places."""
-    known = _Known.of(part)
+    known = _KnownDofs.of(part)
     measured = {str(abs(dof)) for dof in part.frf.responses}
     for dof in part.frf.responses:
-        for place in known.near(dof)[:_MOST]:
+        for place in known.find_near(dof)[:_MOST]:
             if str(place) not in measured:
                 yield dof, place
 
 
-def mistaken_forces(part: Part) -> Iterator[tuple[Dof, Dof]]:
+def iter_force_places(part: Part) -> Iterator[tuple[Dof, Dof]]:
     """Yield each reference with each of the alternative places of its force.
 
     These are near places, as for sensors, and the measured DOFs, whose labels are easily confused.
     """
-    known = _Known.of(part)
+    known = _KnownDofs.of(part)
     taken = {str(abs(dof)) for dof in part.frf.references}
     measured = [abs(dof) for dof in part.frf.responses]
     for dof in part.frf.references:
-        alike = [one for one in measured if _turns(one) == _turns(dof)]
-        places = dict.fromkeys([*known.near(dof)[:_MOST], *alike[:_MOST]])
+        same_kind = [one for one in measured if _is_rotation(one) == _is_rotation(dof)]
+        places = dict.fromkeys([*known.find_near(dof)[:_MOST], *same_kind[:_MOST]])
         for place in places:
             if str(place) not in taken:
                 yield dof, place
 
 
-def places_of(part: Part) -> list[str]:
+def list_all_places(part: Part) -> list[str]:
     """Return all alternative places of sensors and forces."""
-    pairs = [*mistaken(part), *mistaken_forces(part)]
+    pairs = [*iter_sensor_places(part), *iter_force_places(part)]
     return list(dict.fromkeys(str(place) for _, place in pairs))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Known:
+class _KnownDofs:
     """DOFs of a part at which its model can be evaluated, by node.
 
     A reduced model provides some DOFs only.
@@ -57,31 +57,31 @@ class _Known:
 
     part: Part
     of_node: dict[int, list[int]]
-    every: frozenset[int]
+    all_dofs: frozenset[int]
 
     @classmethod
-    def of(cls, part: Part) -> _Known:
+    def of(cls, part: Part) -> _KnownDofs:
         dofs = part.solver.system.dofs
         of_node: dict[int, list[int]] = {}
-        every = part.solver.others(part.rows[:0]).tolist()
-        for i in every:
+        all_dofs = part.solver.others(part.rows[:0]).tolist()
+        for i in all_dofs:
             of_node.setdefault(dofs[i].node, []).append(i)
-        return cls(part, of_node, frozenset(every))
+        return cls(part, of_node, frozenset(all_dofs))
 
-    def near(self, dof: Dof) -> list[Dof]:
+    def find_near(self, dof: Dof) -> list[Dof]:
         """Return the other directions of a node, then the same direction of coupled nodes."""
         dofs, own = self.part.solver.system.dofs, self.of_node[dof.node]
-        near = [i for i in own if _turns(dofs[i]) == _turns(dof)]
-        beside = [i for i in _beside(self.part, own) if i in self.every]
-        near += [i for i in beside if dofs[i].direction == dof.direction]
+        near = [i for i in own if _is_rotation(dofs[i]) == _is_rotation(dof)]
+        coupled = [i for i in _find_coupled_dofs(self.part, own) if i in self.all_dofs]
+        near += [i for i in coupled if dofs[i].direction == dof.direction]
         return [abs(dofs[i]) for i in near]
 
 
-def _turns(dof: Dof) -> bool:
+def _is_rotation(dof: Dof) -> bool:
     return dof.direction.startswith("R")
 
 
-def _beside(part: Part, own: list[int]) -> list[int]:
+def _find_coupled_dofs(part: Part, own: list[int]) -> list[int]:
     """Return the DOFs of other nodes coupled to those of a node, nearest in number first."""
     coupled: set[int] = set()
     for i in own:

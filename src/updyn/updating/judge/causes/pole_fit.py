@@ -9,7 +9,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of
+from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.problem.problem import Part
 
@@ -76,8 +76,8 @@ class _Problem:
         self.begin, self.size = pole, float(np.abs(pole.a).max())
         # The weight of the priors follows from the residual at the start.
         e = self._misfit(x, pole)[0]
-        unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + SMALLEST
-        self.pull = unit / spread_of(part)
+        unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + PERFECT_FIT
+        self.pull = unit / compute_spread(part)
         self._known: tuple[_Real, _Real, _Real] | None = None
 
     def packed(self, x: _Real, pole: Pole) -> _Real:
@@ -112,7 +112,7 @@ class _Problem:
     def _misfit(self, x: _Real, pole: Pole) -> tuple[_Complex, _Real, Evidence]:
         evidence = Evidence(self.part, x)
         frf = self.part.frf
-        return *log_misfit(evidence.answer(frf) + pole.term(frf), frf), evidence
+        return *log_misfit(evidence.model_response(frf) + pole.term(frf), frf), evidence
 
     def _at(self, z: _Real) -> tuple[_Real, _Real, _Real]:
         if self._known is not None and np.array_equal(self._known[0], z):
@@ -120,11 +120,11 @@ class _Problem:
         x, pole = self.unpacked(z)
         e, weight, evidence = self._misfit(x, pole)
         frf = self.part.frf
-        H, T = evidence.answer(frf), pole.term(frf)
+        H, T = evidence.model_response(frf), pole.term(frf)
         total = H + T
         e, weight = self.often * e, self.often * weight
         share = weight / np.where(total == 0, 1.0, total)
-        columns = [share * dH for dH in evidence.slopes(frf)]
+        columns = [share * dH for dH in evidence.model_slopes(frf)]
         columns += [share * one for one in self._of_pole(pole, frf, T)]
         J = -np.array(columns).reshape(len(columns), -1)
         off = self.pull * (x - self.part.coordinates.home)

@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.altered import AlteredPart, log_ratio
+from updyn.updating.judge.causes.altered import AlteredPart, compute_log_ratio
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
-from updyn.updating.judge.causes.rates import ALL, MATRICES, Rates, rate_slopes
+from updyn.updating.judge.causes.rates import (
+    ALL,
+    MATRICES,
+    RayleighIncrement,
+    compute_rayleigh_slopes,
+)
 from updyn.updating.problem.problem import Part
 
 __all__ = ["ProportionalDamping"]
@@ -39,8 +44,8 @@ class ProportionalDamping(Irreparable):
         A loss factor of the same groups that varies with frequency as this damping does.
     """
 
-    places: int = 1
-    course: Fault | None = None
+    n_places: int = 1
+    varying_loss_factor: Fault | None = None
 
     kind: ClassVar[str] = "missing-viscous"
     has_free_size: ClassVar[bool] = True
@@ -52,27 +57,31 @@ class ProportionalDamping(Irreparable):
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the damping of each group, and of all, whose coefficient is not an unknown."""
-        for name in evidence.by_rate:
+        for name in evidence.slopes_by_rate:
             yield cls((name,))
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the model's ln H by the coefficient."""
         (name,) = self.channels
-        if not self.value and name in evidence.by_rate:
-            return evidence.by_rate[name]
-        return rate_slopes(self._rates.on(evidence.part), evidence.x, [name])[name]
+        if not self.value and name in evidence.slopes_by_rate:
+            return evidence.slopes_by_rate[name]
+        return compute_rayleigh_slopes(
+            self._increment.alter_part(evidence.part), evidence.x, [name]
+        )[name]
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with the damping over the model's H."""
-        return divide_data(evidence.frf, log_ratio(evidence.part, self._rates, evidence.x))
+        return divide_data(
+            evidence.frf, compute_log_ratio(evidence.part, self._increment, evidence.x)
+        )
 
     def correct_part(self, part: Part, x: _Real) -> Part:
         """Return the part whose model has the damping."""
-        return AlteredPart.of(part, self._rates) if self.is_plausible() else part
+        return AlteredPart.of(part, self._increment) if self.is_plausible() else part
 
     def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return a loss factor that varies with frequency and has nearly the same effect."""
-        return () if self.course is None else (self.course,)
+        return () if self.varying_loss_factor is None else (self.varying_loss_factor,)
 
     def is_plausible(self) -> bool:
         """Return whether the damping is positive."""
@@ -81,15 +90,15 @@ class ProportionalDamping(Irreparable):
     @property
     def prior(self) -> float:
         """Prior odds that the model lacks the damping of this group."""
-        return divide_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.n_places)
 
     @property
-    def _rates(self) -> Rates:
-        return Rates.named(self.channels[0], self.value)
+    def _increment(self) -> RayleighIncrement:
+        return RayleighIncrement.from_name(self.channels[0], self.value)
 
     def statement(self) -> str:
         """Return a sentence with the damping and its loss factor."""
-        rates = self._rates
+        rates = self._increment
         of = "all groups" if rates.group == ALL else f"the group {rates.group!r}"
         times, share = MATRICES[rates.quantity], self.value / (2.0 * np.pi)
         loss = f"{share:.3g} / f" if times == "mass" else f"{2.0 * np.pi * self.value:.3g} f"
@@ -101,7 +110,7 @@ class ProportionalDamping(Irreparable):
     @property
     def remedy(self) -> str:
         """Advice to the user."""
-        rates = self._rates
+        rates = self._increment
         return (
             f'Give the model an unknown for it: [[parameter]] with groups = "{rates.group}" and'
             f' quantity = "{rates.quantity}" in the job, or unknowns +='

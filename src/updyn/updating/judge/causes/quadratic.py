@@ -19,7 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, held_of, spread_of, stacked
+from updyn.updating.judge.causes.evidence import (
+    PERFECT_FIT,
+    Evidence,
+    compute_spread,
+    find_held,
+    stack_real_imag,
+)
 
 __all__ = ["SHARES", "Outcome", "Quadratic"]
 
@@ -72,7 +78,7 @@ class Quadratic:
         Number of real values.
     """
 
-    normal: _Real
+    normal_matrix: _Real
     gradient: _Real
     square: float
     off: _Real
@@ -88,12 +94,16 @@ class Quadratic:
         (n_f, n_i, n_j), is the derivative of the log data by the size of a fault, which is then the
         last unknown.
         """
-        part, J = evidence.part, evidence.changes
+        part, J = evidence.part, evidence.jacobian
         e = evidence.misfit(evidence.frf if frf is None else frf)
-        normal, gradient = evidence.normal, J.T @ e
-        off, spread, held = evidence.x - part.coordinates.home, spread_of(part), held_of(part)
+        normal, gradient = evidence.normal_matrix, J.T @ e
+        off, spread, held = (
+            evidence.x - part.coordinates.home,
+            compute_spread(part),
+            find_held(part),
+        )
         if slope is not None:
-            d = stacked(evidence.weight * slope)
+            d = stack_real_imag(evidence.weight * slope)
             d /= max(float(np.sqrt(2.0 * d @ d / d.size)), np.finfo(np.float64).tiny)
             across = J.T @ d
             normal = np.block([[normal, across[:, None]], [across, d @ d]])
@@ -121,26 +131,26 @@ class Quadratic:
         """
         spread = np.where(self.held, share * self.spread, self.spread)
         # J^T J in units of the spread: the prior adds 1, so the system is well-posed.
-        scaled = spread[:, None] * self.normal * spread
+        scaled = spread[:, None] * self.normal_matrix * spread
         curves, directions = np.linalg.eigh(scaled)
         step = np.zeros(len(spread))
         power = self._power(step)
         for _ in range(_LEVELS if share < 1.0 else 0):
-            each = 2.0 * count / self.n_values / (power + SMALLEST**2)
+            each = 2.0 * count / self.n_values / (power + PERFECT_FIT**2)
             pull = directions.T @ (each * spread * self.gradient - self.off / spread)
             step = spread * (directions @ (pull / (1.0 + each * np.maximum(curves, 0.0))))
             power = max(self._power(step), least)
         far = float(np.sum(((self.off + step) / spread) ** 2))
-        fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
+        fitted = -0.5 * count * float(np.log(power + PERFECT_FIT**2)) - 0.5 * far
         # -ln of the share of the prior volume of held quantities that fits the data, for any values
         # of the other unknowns.
-        each = 2.0 * count / self.n_values / (level + SMALLEST**2)
+        each = 2.0 * count / self.n_values / (level + PERFECT_FIT**2)
         others = np.linalg.eigvalsh(scaled[np.ix_(~self.held, ~self.held)])
         occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
         return Outcome(power, fitted - occam)
 
     def _power(self, step: _Real) -> float:
-        left = self.square - 2.0 * self.gradient @ step + step @ self.normal @ step
+        left = self.square - 2.0 * self.gradient @ step + step @ self.normal_matrix @ step
         return 2.0 * max(float(left), 0.0) / self.n_values
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import Evidence, labels_of
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, multiply_channels
+from updyn.updating.judge.causes.labels import list_response_labels
 
 __all__ = ["Quantity"]
 
@@ -37,7 +38,7 @@ class Quantity(Fault):
         frf = evidence.frf
         if frf.freq[0] == 0.0:
             return
-        each = [(label,) for label in labels_of(frf)]
+        each = [(label,) for label in list_response_labels(frf)]
         places = [(), *each] if len(each) > 1 else [()]
         for name, power in QUANTITIES.items():
             if name != frf.quantity:

@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem
 from updyn.sensitivity import Unknowns
-from updyn.updating.judge.causes.altered import Alteration, AlteredPart, solver_of
+from updyn.updating.judge.causes.altered import Alteration, AlteredPart, replace_system
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import Block, Part
 
-__all__ = ["ALL", "MATRICES", "Rates", "rate_slopes", "rates_not_sought"]
+__all__ = [
+    "ALL",
+    "MATRICES",
+    "RayleighIncrement",
+    "compute_rayleigh_slopes",
+    "list_fixed_coefficients",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -28,7 +34,7 @@ MATRICES = {"stiffness_damping": "stiffness", "mass_damping": "mass"}
 
 
 @dataclass(frozen=True, slots=True)
-class Rates(Alteration):
+class RayleighIncrement(Alteration):
     """Increase of a Rayleigh coefficient of one group or of all groups by `value`.
 
     Attributes
@@ -51,42 +57,44 @@ class Rates(Alteration):
         return repr(self)
 
     @classmethod
-    def named(cls, name: str, value: float = 0.0) -> Self:
+    def from_name(cls, name: str, value: float = 0.0) -> Self:
         """Return the coefficient of a name ``"GROUP.QUANTITY"``."""
         group, _, quantity = name.rpartition(".")
         return cls(group, quantity, value)
 
-    def groups(self, system: AffineSystem) -> list[str]:
+    def list_groups(self, system: AffineSystem) -> list[str]:
         """Return the affected groups of a model."""
         if self.group != ALL:
             return [self.group]
         matrix = MATRICES[self.quantity]
         return [term.group for term in system.terms if term.quantity == matrix and term.data.any()]
 
-    def unknowns(self, system: AffineSystem) -> list[Parameter]:
+    def make_unknowns(self, system: AffineSystem) -> list[Parameter]:
         """Return the coefficient of each affected group as an unknown."""
-        return [Parameter(group, self.quantity, 0.0, 0.0, 1.0) for group in self.groups(system)]
+        return [
+            Parameter(group, self.quantity, 0.0, 0.0, 1.0) for group in self.list_groups(system)
+        ]
 
-    def on(self, part: Part) -> Part:
+    def alter_part(self, part: Part) -> Part:
         """Return a part with the increased coefficient."""
         system = part.solver.system
         rate = system.start.rate.copy()
-        rate[Unknowns.find(system, self.unknowns(system)).at] += self.value
+        rate[Unknowns.find(system, self.make_unknowns(system)).at] += self.value
         larger = replace(system, start=replace(system.start, rate=rate))
-        return replace(part, solver=solver_of(part, larger))
+        return replace(part, solver=replace_system(part, larger))
 
     def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
         """Return the altered model and the data of a part at a block of lines."""
-        return self.on(part).block(x, lines, derivatives=derivatives)
+        return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
 
-def rates_not_sought(part: Part) -> list[str]:
+def list_fixed_coefficients(part: Part) -> list[str]:
     """Return the coefficients that are not unknowns: of each of several groups, and of all."""
     system = part.solver.system
     sought = {drive.name for p in part.coordinates.parameters for drive in p.acts_on}
     found: list[str] = []
     for quantity in MATRICES:
-        every = Rates(ALL, quantity).groups(system)
+        every = RayleighIncrement(ALL, quantity).list_groups(system)
         free = [group for group in every if f"{group}.{quantity}" not in sought]
         if free == every:
             free = [*(every if len(every) > 1 else []), ALL]
@@ -94,7 +102,7 @@ def rates_not_sought(part: Part) -> list[str]:
     return found
 
 
-def rate_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
+def compute_rayleigh_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
     """Return d ln H / d c of the model by Rayleigh coefficients c, by name, shape (n_f, n_i, n_j).
 
     A name is ``"floors.mass_damping"``, or ``"all.mass_damping"`` for the sum over all groups.
@@ -104,11 +112,11 @@ def rate_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Comple
     SolverError
         If the model is singular at a line.
     """
-    if isinstance(part, AlteredPart) and isinstance(part.alteration, Rates):
-        part = part.alteration.on(part.plain)
+    if isinstance(part, AlteredPart) and isinstance(part.alteration, RayleighIncrement):
+        part = part.alteration.alter_part(part.unaltered_part)
     system = replace(part.solver.system, start=part.state(x))
-    solver = solver_of(part, system)
-    members = {name: Rates.named(name).unknowns(system) for name in names}
+    solver = replace_system(part, system)
+    members = {name: RayleighIncrement.from_name(name).make_unknowns(system) for name in names}
     each = list(dict.fromkeys(one for own in members.values() for one in own))
     unknowns = Unknowns.find(system, each)
     where = (part.frf.freq, part.rows, part.columns)

@@ -19,9 +19,13 @@ from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduction import Across, Reduction
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.search import scattered
-from updyn.updating.judge.causes.evidence import loosened, spread_of
-from updyn.updating.judge.causes.holding import HeldSolver, Holding, ground_springs
-from updyn.updating.judge.causes.places import places_of
+from updyn.updating.judge.causes.evidence import compute_spread, scale_stiffness
+from updyn.updating.judge.causes.holding import (
+    ModelSupports,
+    SolverWithSupports,
+    list_ground_springs,
+)
+from updyn.updating.judge.causes.places import list_all_places
 from updyn.updating.problem.problem import Part
 
 __all__ = ["Exact", "Reduced", "Stage", "stage_of"]
@@ -77,12 +81,12 @@ class Reduced:
     _reduction: Reduction = field(init=False)
     _certified: list[_Real] = field(default_factory=list, init=False)
     _error: _Real = field(init=False)
-    _holding: Holding = field(init=False)
+    _supports: ModelSupports = field(init=False)
     _solver: FieldSolver = field(init=False)
 
     def __post_init__(self) -> None:
         part, freq = self.part, self.part.frf.freq
-        places = places_of(part)
+        places = list_all_places(part)
         near = np.zeros(0, dtype=np.intp)
         if places:
             near = np.unique(part.solver.system.dofs.match(places).index)
@@ -98,8 +102,8 @@ class Reduced:
         )
         points, samples = (_about(part, n, seed) for seed, n in enumerate((_POINTS, _SAMPLES)))
         # A support may not hold the structure at all.
-        home, springs = part.coordinates.home, ground_springs(part)
-        loose = [loosened(part, home, one, level) for one in springs for level in _LOOSE]
+        home, springs = part.coordinates.home, list_ground_springs(part)
+        loose = [scale_stiffness(part, home, one, level) for one in springs for level in _LOOSE]
         self._reduction.build_around([part.state(x) for x in points] + loose, across=_ACROSS)
         states = [part.state(x) for x in samples] + loose
         for dropped in _DROPPED:
@@ -107,7 +111,7 @@ class Reduced:
             if self._reduction.basis.size <= _LARGE:
                 break
         self._error = np.zeros(part.frf.values.shape)
-        self._holding = Holding.of(part.solver.system)
+        self._supports = ModelSupports.of(part.solver.system)
         self._solver = self._solver_called("reduced, causes")
 
     def near(self, part: Part, points: Sequence[_Real]) -> Part:
@@ -134,13 +138,13 @@ class Reduced:
 
     def _solver_called(self, label: str) -> FieldSolver:
         label = f"{label} of {self.part.solver.label}"
-        return HeldSolver.beside(self._reduction.solver(label), self._holding)
+        return SolverWithSupports.from_solver(self._reduction.solver(label), self._supports)
 
 
 def _about(part: Part, number: int, seed: int) -> list[_Real]:
     """Return the start, and points about it within the spread of the unknowns."""
     own = part.coordinates
-    factor, spread = own.parameters.is_factor, spread_of(part)
+    factor, spread = own.parameters.is_factor, compute_spread(part)
     lowest = np.where(factor, own.home - spread, 0.0)
     highest = np.where(factor, own.home + spread, np.minimum(own.home + spread, _LOSSY))
     middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)

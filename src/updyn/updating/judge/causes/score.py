@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, stacked
+from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import n_seen
 
@@ -29,15 +29,15 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
     frf = evidence.frf
     if fault is not None and not (fault.has_free_size and fault.value == 0.0):
         frf = fault.repair_with_model(evidence)
-    unit = evidence.unit
-    home = evidence.home
+    unit = evidence.rms_misfit
+    home = evidence.offset_to_start
     b = np.concatenate([evidence.misfit(frf) / unit, home])
-    b = evidence.left(frf, b)
+    b = evidence.project_out_unknowns(frf, b)
     if fault is not None and fault.has_free_size:
         d = np.zeros_like(b)
-        d[: -len(home)] = stacked(evidence.weight * fault.slope(evidence)) / unit
+        d[: -len(home)] = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
         size = float(np.linalg.norm(d))
-        d = evidence.left(frf, d)
+        d = evidence.project_out_unknowns(frf, d)
         # An effect that the unknowns can produce is attributed to them.
         if np.linalg.norm(d) > _DISTINCT * size:
             step = float(d @ b / (d @ d))
@@ -45,4 +45,4 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
             fault = replace(fault, value=fault.value + step)
     e, held = b[: -len(home)], b[-len(home) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size
-    return n_seen(evidence.frf) * float(np.log(power + SMALLEST**2)) + float(held @ held), fault
+    return n_seen(evidence.frf) * float(np.log(power + PERFECT_FIT**2)) + float(held @ held), fault

@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.judge.causes.element import Element
-from updyn.updating.judge.causes.evidence import Evidence, stacked
+from updyn.updating.judge.causes.element import AddedElement
+from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.misfit import log_misfit
 
 __all__ = ["best_elements"]
@@ -33,11 +33,13 @@ _TINY = float(np.finfo(np.float64).tiny)
 class _Screened:
     """An element with one of the trial sizes, and the remaining sum of squares."""
 
-    element: Element
+    element: AddedElement
     left: float
 
 
-def best_elements(evidence: Evidence, elements: Sequence[Element], most: int) -> list[Element]:
+def best_elements(
+    evidence: Evidence, elements: Sequence[AddedElement], most: int
+) -> list[AddedElement]:
     """Return the `most` elements that explain the data best, with starting values of their sizes.
 
     All unknowns adapt, to first order.
@@ -67,36 +69,39 @@ class _Misfit:
     @classmethod
     def at(cls, evidence: Evidence) -> Self:
         """Return the misfit of model and data."""
-        return cls(evidence, log_misfit(evidence.answer(evidence.frf), evidence.frf)[0])
+        return cls(evidence, log_misfit(evidence.model_response(evidence.frf), evidence.frf)[0])
 
     def _outside(self, changes: Sequence[_Complex], way: _Real) -> _Real:
         """Return the parts of weighted changes that unknowns cannot imitate, shape (2 m + n, k)."""
-        columns = [np.concatenate([stacked(one) / self.evidence.unit, way]) for one in changes]
-        return self.evidence.left(self.evidence.frf, np.stack(columns, axis=1))
+        columns = [
+            np.concatenate([stack_real_imag(one) / self.evidence.rms_misfit, way])
+            for one in changes
+        ]
+        return self.evidence.project_out_unknowns(self.evidence.frf, np.stack(columns, axis=1))
 
     def residual(self, change: _Complex | float = 0.0) -> _Real:
         """Return the residual with a weighted change of the model, after all unknowns adapted."""
-        return self._outside([self.e - change], self.evidence.home)[:, 0]
+        return self._outside([self.e - change], self.evidence.offset_to_start)[:, 0]
 
-    def _slopes(self, elements: Sequence[Element]) -> _Real:
+    def _slopes(self, elements: Sequence[AddedElement]) -> _Real:
         weight, R = self.evidence.weight, self.evidence.receptances
-        still = np.zeros(len(self.evidence.home))
+        still = np.zeros(len(self.evidence.offset_to_start))
         return self._outside([weight * R.slope(one) for one in elements], still)
 
-    def gains(self, elements: Sequence[Element], units: Sequence[float]) -> _Real:
+    def gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> _Real:
         """Return the decrease of the sum of squares by each element, to first order from size 0."""
         D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
         along = np.maximum(self.residual() @ D, 0.0)
         return np.asarray(along**2 / np.maximum(np.sum(D**2, axis=0), _TINY))
 
-    def best_of(self, element: Element, unit: float) -> _Screened:
+    def best_of(self, element: AddedElement, unit: float) -> _Screened:
         """Return the element with the trial size that leaves the least residual after a step."""
         sized = [replace(element, value=size * unit) for size in _SIZES]
         return min((self._stepped(one) for one in sized), key=lambda one: one.left)
 
-    def _stepped(self, element: Element) -> _Screened:
+    def _stepped(self, element: AddedElement) -> _Screened:
         weight, R = self.evidence.weight, self.evidence.receptances
-        b = self.residual(weight * R.change(element) if element.value else 0.0)
+        b = self.residual(weight * R.log_change(element) if element.value else 0.0)
         d = self._slopes([element])[:, 0]
         step = float(d @ b) / max(float(d @ d), _TINY)
         low, high = (_DOWN * element.value, _UP * element.value) if element.value else (0.0, np.inf)

@@ -58,12 +58,14 @@ class Support(Irreparable):
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the frequency of the suspension."""
-        low, high = (evidence.lifted(self.value * f) for f in (1.0 - _STEP, 1.0 + _STEP))
+        low, high = (
+            evidence.log_ratio_on_suspension(self.value * f) for f in (1.0 - _STEP, 1.0 + _STEP)
+        )
         return np.asarray((high - low) / (2.0 * _STEP * self.value))
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's H of K + (2 pi value)^2 M over that of K."""
-        return divide_data(evidence.frf, evidence.lifted(self.value))
+        return divide_data(evidence.frf, evidence.log_ratio_on_suspension(self.value))
 
     def is_plausible(self) -> bool:
         """Return whether the frequency is positive."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
-from updyn.updating.judge.causes.evidence import Evidence, held_of
+from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import n_seen
 from updyn.updating.judge.causes.quadratic import Quadratic
@@ -67,13 +67,13 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
         without, _ = fitted(evidence, None)
     except SolverError:
         return []
-    weighs = promising and bool(held_of(part).any())
+    weighs = promising and bool(find_held(part).any())
     unheld = _log_evidence(evidence, None) if weighs else 0.0
     found: list[Suspect] = []
     for kind in CAUSES:
         for fault in CAUSES[kind].propose_faults(evidence):
             part.session.check(often=True)
-            if fault.channels and evidence.silent.issuperset(fault.channels):
+            if fault.channels and evidence.noise_channels.issuperset(fault.channels):
                 continue
             try:
                 cost, tuned = fitted(evidence, fault)
@@ -109,4 +109,4 @@ def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
     if fault is not None:
         frf, slope = fault.repair_with_model(evidence), fault.slope(evidence)
     quadratic = Quadratic.at(evidence, frf, slope)
-    return quadratic.best(n_seen(evidence.frf), evidence.unit**2)[1].log_evidence
+    return quadratic.best(n_seen(evidence.frf), evidence.rms_misfit**2)[1].log_evidence

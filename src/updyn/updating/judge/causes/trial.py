@@ -13,7 +13,13 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, Held, held_of, spread_of
+from updyn.updating.judge.causes.evidence import (
+    PERFECT_FIT,
+    Evidence,
+    HeldQuantity,
+    compute_spread,
+    find_held,
+)
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import Weighed, log_misfit, n_seen
 from updyn.updating.judge.causes.quadratic import Quadratic
@@ -130,7 +136,7 @@ class Trial:
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
         cost = 0.5 * (self.n_parameters - other.n_parameters) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
-            level = [t.power + SMALLEST**2 for t in (other, self)]
+            level = [t.power + PERFECT_FIT**2 for t in (other, self)]
             gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
             return float(gained - cost), 1.0 - level[1] / level[0]
         least = min(self.power, other.power)
@@ -139,7 +145,7 @@ class Trial:
         _, best = other.quadratic.best(count, least, near[1])
         there = other.quadratic.outcome(share, count, least, near[1])
         gained = own.log_evidence - best.log_evidence
-        left = (own.power + SMALLEST**2) / (there.power + SMALLEST**2)
+        left = (own.power + PERFECT_FIT**2) / (there.power + PERFECT_FIT**2)
         return float(gained - cost), 1.0 - left
 
 
@@ -160,7 +166,7 @@ def tried(
     ends = [_fitted(part, fault, x, *steps, rival) for x in points]
     found = [end for end in ends if end is not None]
     return min(
-        found, key=lambda t: t.n_values * np.log(t.power + SMALLEST**2) + t.far, default=None
+        found, key=lambda t: t.n_values * np.log(t.power + PERFECT_FIT**2) + t.far, default=None
     )
 
 
@@ -168,7 +174,7 @@ def _fitted(
     part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
 ) -> Trial | None:
     """Return the end of a fit that alternates between the unknowns and the size of a fault."""
-    holds = bool(held_of(part).any())
+    holds = bool(find_held(part).any())
     # With priors, one more round uses the level of the residual found in the first one.
     fewest = 2 if holds else 1
     try:
@@ -177,7 +183,7 @@ def _fitted(
             freed = part if fault is None else fault.correct_part(part, x)
             x, power, far, alike = _descent(freed, x, steps)
             sized = number > 1 or fault is None or not (fault.has_free_size or fault.is_adaptive)
-            behind = rival is not None and power > _FAR_BEHIND * (rival.power + SMALLEST**2)
+            behind = rival is not None and power > _FAR_BEHIND * (rival.power + PERFECT_FIT**2)
             if number == rounds or (sized and behind):
                 break
             better = None if fault is None else _resized(part, freed, fault, x)
@@ -245,7 +251,7 @@ def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, flo
     """Return x at the least log error, its mean square, the squared distance, the correlation."""
     problem = _held(part)
     residual = _residual(part)
-    unit = max(np.sqrt(_power(part, x)), SMALLEST)
+    unit = max(np.sqrt(_power(part, x)), PERFECT_FIT)
     settings = TrustRegion(steps, 1e-6, radius=0.3, relative_fall=1e-4)
     x = descend(problem, residual, x, Monitor(problem), settings, unit).x
     e = _misfit(part, x)
@@ -273,7 +279,7 @@ def _power(part: Part, x: _Real) -> float:
 
 def _held(part: Part) -> Problem:
     """Return the problem with priors on all unknowns, of the width of their spread."""
-    spread = spread_of(part)
+    spread = compute_spread(part)
     own = part.coordinates.parameters
     items = [replace(p, prior_std=float(s)) for p, s in zip(own, spread, strict=True)]
     held = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
@@ -297,7 +303,7 @@ def robust_point(part: Part, x: _Real) -> _Real:
     settings = TrustRegion(_FEW, 1e-6, radius=0.3, relative_fall=1e-3)
     for _ in range(_REWEIGHTED):
         size = np.mean(np.abs(_misfit(part, x)) ** 2, axis=0)
-        typical = max(float(np.median(size)), SMALLEST**2)
+        typical = max(float(np.median(size)), PERFECT_FIT**2)
         weight = plain.weight / np.sqrt(1.0 + size / typical)
         residual = replace(plain, weight=weight)
         x = descend(problem, residual, x, Monitor(problem), settings, np.sqrt(typical)).x
@@ -312,15 +318,15 @@ def widened(part: Part) -> tuple[Part, _Real]:
     own, system = part.coordinates.parameters, part.solver.system
     sought = {(drive.group, drive.quantity) for p in own for drive in p.acts_on}
     loss = part.state(part.coordinates.home).loss
-    items: list[Held] = []
+    items: list[HeldQuantity] = []
     for t, term in enumerate(system.terms):
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
         if held and term.data.any():
-            items.append(Held(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
+            items.append(HeldQuantity(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
         lossy = term.quantity == "stiffness" and term.table is None
         if lossy and (term.group, "loss_factor") not in sought:
             spread = max(_LEAST_LOSS, _HELD_LOSS * float(loss[t]))
-            items.append(Held(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
+            items.append(HeldQuantity(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
     if not 0 < len(items) <= _MOST_HELD:
         return part, np.zeros(0)
     wide = ParameterSet((*own.items, *items))
@@ -339,7 +345,7 @@ def adapt_losses(part: Part, x: _Real) -> Part:
     off = np.abs(x - coordinates.home)
     items = [
         replace(p, prior_std=max(float(p.prior_std or 0.0), float(d)))
-        if isinstance(p, Held) and p.quantity == "loss_factor"
+        if isinstance(p, HeldQuantity) and p.quantity == "loss_factor"
         else p
         for p, d in zip(coordinates.parameters, off, strict=True)
     ]

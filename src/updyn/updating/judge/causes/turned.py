@@ -94,7 +94,7 @@ class Turned(Fault):
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return d ln(measured) / d angle, from the model, shape (n_f, n_i, n_j)."""
-        frf, H = evidence.frf, evidence.answer(evidence.frf)
+        frf, H = evidence.frf, evidence.model_response(evidence.frf)
         assert frf.variance is not None
         turn = _Turn.of(self.channels, frf)
         change = turn.responses.generator @ H + H @ turn.references.generator.T
@@ -239,7 +239,7 @@ def _best_angle(turn: _Turn, evidence: Evidence) -> float:
     """
     from scipy.optimize import minimize_scalar
 
-    frf, H = evidence.frf, evidence.answer(evidence.frf)
+    frf, H = evidence.frf, evidence.model_response(evidence.frf)
     assert frf.variance is not None
     rows = turn.responses.generator.any(axis=1)
     columns = turn.references.generator.any(axis=1)

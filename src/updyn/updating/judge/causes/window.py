@@ -45,11 +45,11 @@ class Window(Fault):
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln H / d (i omega)."""
-        return evidence.by_frequency / (2j * np.pi)
+        return evidence.slope_by_frequency / (2j * np.pi)
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's H(i omega + value) / H(i omega)."""
-        return divide_data(evidence.frf, evidence.damped(self.value))
+        return divide_data(evidence.frf, evidence.log_ratio_with_decay(self.value))
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part whose model is evaluated with the decay of the data."""
@@ -61,8 +61,8 @@ class Window(Fault):
         (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s between
         quantities distinguish a window from it.
         """
-        places = viscous_places(part)
-        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, places),)
+        n_places = viscous_places(part)
+        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places),)
 
     def is_plausible(self) -> bool:
         """Return whether the damping is positive."""

@@ -31,7 +31,7 @@ class WrongAxes(Irreparable):
     """
 
     other: OtherModel | None = field(default=None, compare=False, repr=False)
-    places: int = 1
+    n_places: int = 1
 
     kind: ClassVar[str] = "wrong-axes"
     alters_model: ClassVar[bool] = True
@@ -45,7 +45,7 @@ class WrongAxes(Irreparable):
     @property
     def prior(self) -> float:
         """Prior odds that the axes of these groups are wrong."""
-        return divide_odds(self.odds, self.places)
+        return divide_odds(self.odds, self.n_places)
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.judge.causes.evidence import Evidence, spread_of, stacked
+from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.misfit import Weighed, log_misfit, n_seen
 from updyn.updating.judge.causes.moved import Moved
@@ -19,8 +19,11 @@ def columns_of(evidence, moved):
     there = evidence.part.with_data(moved)
     blocks = [there.block(evidence.x, lines) for lines in there.partition()]
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
-    changes = np.stack([stacked(evidence.weight * d / H) for d in dH], axis=1) / evidence.unit
-    return np.linalg.qr(np.vstack([changes, np.diag(1.0 / spread_of(evidence.part))]))[0]
+    changes = (
+        np.stack([stack_real_imag(evidence.weight * d / H) for d in dH], axis=1)
+        / evidence.rms_misfit
+    )
+    return np.linalg.qr(np.vstack([changes, np.diag(1.0 / compute_spread(evidence.part))]))[0]
 
 
 def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
@@ -32,7 +35,7 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     moved = Moved(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
-    assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
+    assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
 
 
 def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
@@ -48,7 +51,7 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     moved = Moved(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
-    assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-6)
+    assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-6)
 
 
 def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
@@ -59,7 +62,7 @@ def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
     part = Part.build(chain12, frf, unknowns)
     evidence = Evidence(part, part.coordinates.home)
     change = 0.02 * FrequencyScale().slope(evidence)
-    assert evidence.imitating(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
+    assert evidence.imitate_change(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
 
 
 @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
@@ -69,12 +72,12 @@ def test_slopes_by_frequency_at_a_line_of_0_hz(chain12, quantity):
     frf = updyn.response(chain12, freq, ["2:X", "7:X"], ["12:X"], quantity)
     frf = replace(frf, variance=np.full(frf.values.shape, 1e-12))
     part = Part.build(chain12, frf, updyn.parameters(chain12, mass="all"))
-    slope = Evidence(part, part.coordinates.home).by_frequency
+    slope = Evidence(part, part.coordinates.home).slope_by_frequency
     assert np.isfinite(slope).all()
     if quantity == "receptance":
         assert np.abs(slope[0]).max() < 1e-3 * np.abs(slope[1]).max()
     moving = part.with_data(frf.select(lines=freq[1:]))
-    rest = Evidence(moving, part.coordinates.home).by_frequency
+    rest = Evidence(moving, part.coordinates.home).slope_by_frequency
     np.testing.assert_allclose(slope[1:], rest, rtol=1e-6, atol=1e-8 * np.abs(rest).max())
 
 
@@ -105,14 +108,16 @@ def test_other_lines_are_solved_once_for_all_sensors(chain12, chain12_true):
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = Part.build(chain12, frf, updyn.parameters(chain12, stiffness="all"))
     evidence = Evidence(part, part.coordinates.home)
-    found = evidence.stretched(0.03)
+    found = evidence.log_ratio_with_scaled_axis(0.03)
     at = (["2:X", "7:-X"], ["12:X"], "accelerance")
     here, there = (updyn.response(chain12, frf.freq * f, *at).values for f in (1.0, np.exp(0.03)))
     assert np.exp(found) == pytest.approx(there / here, rel=1e-9)
     solved = part.session.lines_solved
-    assert evidence.stretched(0.03) is not evidence.stretched(0.05)
+    assert evidence.log_ratio_with_scaled_axis(0.03) is not evidence.log_ratio_with_scaled_axis(
+        0.05
+    )
     assert part.session.lines_solved == solved + len(frf.freq)
-    assert np.array_equal(evidence.stretched(0.03), found)
+    assert np.array_equal(evidence.log_ratio_with_scaled_axis(0.03), found)
     assert part.session.lines_solved == solved + len(frf.freq)
 
 

@@ -10,10 +10,10 @@ import scipy.sparse
 import updyn
 from updyn.updating.judge.causes import diagnosis
 from updyn.updating.judge.causes.altered import AlteredPart
-from updyn.updating.judge.causes.element import Element
+from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import divide_odds
-from updyn.updating.judge.causes.halves import halves_apart
+from updyn.updating.judge.causes.halves import compare_band_halves
 from updyn.updating.judge.causes.misfit import Weighed
 from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_spring import MissingSpring
@@ -29,9 +29,9 @@ SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 FORCES = ["5:X", "12:X"]
 LINES = np.linspace(0.6, 22.0, 100)
 ELEMENTS = [
-    Element("stiffness", ("2:X", "7:X"), True, 900.0, 0.02),
-    Element("viscous", ("10:X",), False, 6.0),
-    Element("mass", ("5:X", "12:X"), False, 0.2),
+    AddedElement("stiffness", ("2:X", "7:X"), True, 900.0, 0.02),
+    AddedElement("viscous", ("10:X",), False, 6.0),
+    AddedElement("mass", ("5:X", "12:X"), False, 0.2),
 ]
 
 
@@ -72,10 +72,12 @@ def test_a_part_with_an_element_is_that_of_a_model_with_it(
         np.testing.assert_allclose(found.dH, wanted.dH, atol=1e-10 * np.abs(wanted.dH).max())
     there = Evidence(replace(part, frf=frf), x).receptances
     if set(element.labels) <= set(there.dofs.labels):
-        ratio = np.exp(there.change(element))
+        ratio = np.exp(there.log_change(element))
         np.testing.assert_allclose(ratio * part.responses(x), wanted.H, rtol=1e-10)
         step = 1e-4 * element.value
-        low, high = (there.change(replace(element, value=element.value + h)) for h in (-step, step))
+        low, high = (
+            there.log_change(replace(element, value=element.value + h)) for h in (-step, step)
+        )
         slope = there.slope(element)
         level = np.abs(slope).max()
         np.testing.assert_allclose(slope, (high - low) / (2.0 * step), atol=1e-6 * level)
@@ -113,10 +115,10 @@ def test_slopes_by_rayleigh_coefficients(chain12, unknowns, name, value):
 @pytest.mark.parametrize(
     ("cause", "element"),
     [
-        (MissingSpring, Element("stiffness", ("2:X", "7:X"), True, 900.0, 0.02)),
-        (MissingSpring, Element("stiffness", ("10:X",), False, 1500.0, 0.02)),
-        (MissingMass, Element("mass", ("7:X",), False, 0.4)),
-        (MissingViscous, Element("viscous", ("12:X",), False, 3.0)),
+        (MissingSpring, AddedElement("stiffness", ("2:X", "7:X"), True, 900.0, 0.02)),
+        (MissingSpring, AddedElement("stiffness", ("10:X",), False, 1500.0, 0.02)),
+        (MissingMass, AddedElement("mass", ("7:X",), False, 0.4)),
+        (MissingViscous, AddedElement("viscous", ("12:X",), False, 3.0)),
     ],
 )
 def test_what_the_model_lacks_is_named_and_added(
@@ -178,7 +180,7 @@ def test_a_window_in_one_half_of_the_band_is_no_fact(chain12, chain12_true, unkn
 def test_how_far_the_halves_of_the_band_may_be_apart(
     chain12, chain12_true, unknowns, add_noise, monkeypatch, apart, kinds
 ):
-    monkeypatch.setattr(diagnosis, "halves_apart", lambda *_: apart)
+    monkeypatch.setattr(diagnosis, "compare_band_halves", lambda *_: apart)
     frf = measured(chain12_true, add_noise, quantity="accelerance", decay=0.5)
     found = updyn.diagnose(chain12, replace(frf, decay=0.0), unknowns)
     assert [one.kind for one in found if one.kind == "window-damping"] == kinds
@@ -194,11 +196,11 @@ def test_the_difference_of_the_halves_is_counted_in_its_deviations(chain12, unkn
     for seed in range(60):
         data = add_noise(frf, np.random.default_rng(seed), 0.01)
         data = replace(data, variance=(0.01 * np.abs(frf.values)) ** 2)
-        spread.append(halves_apart(Evidence(part.with_data(data), x), Window(), 0.0))
+        spread.append(compare_band_halves(Evidence(part.with_data(data), x), Window(), 0.0))
     assert np.sqrt(np.mean(np.square(spread))) == pytest.approx(1.0, abs=0.3)
     slope = Window().slope(Evidence(part.with_data(data), x))
     bent = replace(data, values=data.values * np.exp(np.where(lower, -0.05, 0.05) * slope))
-    assert halves_apart(Evidence(part.with_data(bent), x), Window(), 0.0) > 10.0
+    assert compare_band_halves(Evidence(part.with_data(bent), x), Window(), 0.0) > 10.0
 
 
 @pytest.fixture(scope="module")
@@ -253,7 +255,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_odds(silent, taken):
 def test_sensors_that_measure_only_noise_do_not_change_the_halves(silent):
     fault = Window((), 0.05)
     apart = [
-        halves_apart(Evidence(fault.correct_part(part, x), x), fault, 0.0)
+        compare_band_halves(Evidence(fault.correct_part(part, x), x), fault, 0.0)
         for part in silent
         for x in [part.coordinates.home]
     ]
@@ -262,7 +264,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_halves(silent):
 
 def test_a_spring_is_named_in_data_without_noise(chain12, chain12_true, unknowns):
     """The halves of the band contradict each other there by the last steps of the fit alone."""
-    element = Element("stiffness", ("7:X",), False, 200.0, 0.02)
+    element = AddedElement("stiffness", ("7:X",), False, 200.0, 0.02)
     frf = updyn.response(with_element(chain12_true, element), LINES, SENSORS, FORCES)
     (found,) = updyn.diagnose(chain12, frf, unknowns)
     assert (found.kind, found.channels) == ("missing-spring", ("7:X",))
@@ -273,8 +275,8 @@ def test_places_share_the_odds_of_a_kind():
     """Ten places at least: one is no likelier than a fault of one sensor, 1e-3."""
     assert divide_odds(1e-2, 4) == pytest.approx(1e-3)
     assert divide_odds(1e-2, 50) == pytest.approx(2e-4)
-    assert MissingSpring(("2:X",), 1.0, places=50).prior == pytest.approx(2e-4)
-    assert ProportionalDamping(("a.mass_damping",), 1.0, places=50).prior == pytest.approx(2e-4)
+    assert MissingSpring(("2:X",), 1.0, n_places=50).prior == pytest.approx(2e-4)
+    assert ProportionalDamping(("a.mass_damping",), 1.0, n_places=50).prior == pytest.approx(2e-4)
 
 
 def test_damping_in_place_of_a_window_shares_the_odds_of_its_kind(chain12, unknowns):
@@ -285,11 +287,11 @@ def test_damping_in_place_of_a_window_shares_the_odds_of_its_kind(chain12, unkno
 
 
 def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unknowns, add_noise):
-    element = Element("stiffness", ("2:X", "10:X"), True, 900.0, 0.02)
+    element = AddedElement("stiffness", ("2:X", "10:X"), True, 900.0, 0.02)
     frf = measured(with_element(chain12_true, element), add_noise)
     frf = replace(frf, variance=choose_noise(None, frf).beforehand(frf))
     part = Part.build(chain12_true, frf, unknowns)
-    every = [Element("stiffness", *at, 0.0, 0.02) for at in MissingSpring.places_in(part.frf)]
+    every = [AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.places_in(part.frf)]
     assert len(every) == 5 + 10
     best = best_elements(Evidence(part, part.coordinates.home), every, 3)
     assert best[0].labels == element.labels

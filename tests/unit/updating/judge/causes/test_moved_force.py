@@ -9,7 +9,7 @@ import updyn
 from updyn.errors import OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.drive_point import DrivePoint
-from updyn.updating.judge.causes.evidence import Evidence, spread_of, stacked
+from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
 from updyn.updating.problem.problem import Part
 
 SENSORS = ["2:X", "5:X", "7:X", "10:-X", "12:X"]
@@ -58,12 +58,15 @@ def test_a_force_elsewhere_exchanges_its_columns(chain12, chain12_true):
     there = part.with_data(moved)
     blocks = [there.block(evidence.x, lines) for lines in there.partition()]
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
-    np.testing.assert_allclose(evidence.answer(moved), H, rtol=1e-12)
-    np.testing.assert_allclose(evidence.slopes(moved), dH, rtol=1e-9, atol=1e-20)
-    changes = np.stack([stacked(evidence.weight * d / H) for d in dH], axis=1) / evidence.unit
-    Q = np.linalg.qr(np.vstack([changes, np.diag(1.0 / spread_of(part))]))[0]
+    np.testing.assert_allclose(evidence.model_response(moved), H, rtol=1e-12)
+    np.testing.assert_allclose(evidence.model_slopes(moved), dH, rtol=1e-9, atol=1e-20)
+    changes = (
+        np.stack([stack_real_imag(evidence.weight * d / H) for d in dH], axis=1)
+        / evidence.rms_misfit
+    )
+    Q = np.linalg.qr(np.vstack([changes, np.diag(1.0 / compute_spread(part))]))[0]
     b = np.random.default_rng(0).standard_normal(len(Q))
-    assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
+    assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from updyn.model import Group, Model
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.holding import ground_springs, is_free
+from updyn.updating.judge.causes.holding import is_free, list_ground_springs
 from updyn.updating.judge.causes.missing_mode import MissingMode
 from updyn.updating.judge.causes.other_test import OtherTest
 from updyn.updating.judge.causes.trial import damped, tried, widened
@@ -273,7 +273,7 @@ def test_the_suspension_is_that_of_springs_in_proportion_to_the_mass(chain12_tru
     held = Model.from_groups({**chain12_true.groups, "springs": springs}, chain12_true.dofs)
     hung = updyn.response(held, FREQ, SENSORS, ["5:X", "12:X"])
     part = Part.build(chain12_true, clean, all_unknowns(chain12_true))
-    ratio = Evidence(part, part.coordinates.home).lifted(1.5)
+    ratio = Evidence(part, part.coordinates.home).log_ratio_on_suspension(1.5)
     assert np.exp(ratio) == pytest.approx(hung.values / clean.values, rel=1e-8)
 
 
@@ -295,9 +295,9 @@ def test_what_holds_a_model_is_told_by_a_rigid_translation(chain12, clean):
     stood = on_springs(without_ground(chain12), "stand", ["7:X"], 1.0)
     part, _ = widened(Part.build(stood, clean, all_unknowns(chain12)))
     assert not is_free(part)
-    assert ground_springs(part) == ["stand"]
+    assert list_ground_springs(part) == ["stand"]
     known, _ = widened(Part.build(stood, clean, all_unknowns(stood)))
-    assert ground_springs(known) == []
+    assert list_ground_springs(known) == []
 
 
 def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(tmp_path):

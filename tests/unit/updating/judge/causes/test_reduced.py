@@ -12,8 +12,8 @@ from cantilever import cantilever
 from updyn.model import Group, Model
 from updyn.updating.judge.causes import reduced
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.holding import ground_springs, is_free
-from updyn.updating.judge.causes.places import mistaken
+from updyn.updating.judge.causes.holding import is_free, list_ground_springs
+from updyn.updating.judge.causes.places import iter_sensor_places
 from updyn.updating.judge.causes.reduced import Reduced
 from updyn.updating.judge.causes.trial import widened
 from updyn.updating.problem.noise import Stated
@@ -73,7 +73,7 @@ def test_the_model_is_reduced(part, stage, true):
 
 def test_it_knows_the_same_places(part, stage):
     here = stage.near(part, [])
-    assert list(mistaken(here)) == list(mistaken(part))
+    assert list(iter_sensor_places(here)) == list(iter_sensor_places(part))
 
 
 def test_it_gives_the_same_evidence(part, stage):
@@ -84,22 +84,22 @@ def test_it_gives_the_same_evidence(part, stage):
     here = replace(stage.near(part, [x]), frf=part.frf)
     found, wanted = Evidence(here, x), Evidence(part, x)
     for own, whole in (
-        (found._elsewhere, wanted._elsewhere),
-        (found._forced_elsewhere, wanted._forced_elsewhere),
+        (found._responses_elsewhere, wanted._responses_elsewhere),
+        (found._responses_to_moved_forces, wanted._responses_to_moved_forces),
     ):
         assert (own.labels, own.references) == (whole.labels, whole.references)
         level = np.abs(whole.H).max(axis=(1, 2), keepdims=True)
         assert np.abs(own.H - whole.H).max() < 2e-3 * level.max()
-    level = np.abs(wanted._elsewhere.H).max(axis=(1, 2), keepdims=True)
-    clear = np.abs(wanted.answer(part.frf)) > 0.01 * level
+    level = np.abs(wanted._responses_elsewhere.H).max(axis=(1, 2), keepdims=True)
+    clear = np.abs(wanted.model_response(part.frf)) > 0.01 * level
     for own, whole in (
-        (found.answer(part.frf), wanted.answer(part.frf)),
-        (found.by_frequency, wanted.by_frequency),
-        (found.damped(3.0), wanted.damped(3.0)),
+        (found.model_response(part.frf), wanted.model_response(part.frf)),
+        (found.slope_by_frequency, wanted.slope_by_frequency),
+        (found.log_ratio_with_decay(3.0), wanted.log_ratio_with_decay(3.0)),
     ):
         assert own[clear] == pytest.approx(whole[clear], rel=0.02, abs=0.02 * np.abs(whole).max())
-    assert found.apparent == pytest.approx(
-        wanted.apparent, rel=0.02, abs=5e-3 * np.abs(wanted.apparent).max()
+    assert found.drive_point_response == pytest.approx(
+        wanted.drive_point_response, rel=0.02, abs=5e-3 * np.abs(wanted.drive_point_response).max()
     )
 
 
@@ -176,10 +176,10 @@ def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
     for whole, springs in ((held, ["stand"]), (free_part(free), [])):
         here = Reduced(whole).near(whole, [])
         assert here.solver.tier == "reduced"
-        assert ground_springs(here) == ground_springs(whole) == springs
+        assert list_ground_springs(here) == list_ground_springs(whole) == springs
         assert is_free(here) == is_free(whole) == (not springs)
         sent = replace(here, solver=pickle.loads(pickle.dumps(here.solver)))  # noqa: S301
-        assert ground_springs(sent) == springs
+        assert list_ground_springs(sent) == springs
         assert is_free(sent) == is_free(whole)
 
 

@@ -118,7 +118,7 @@ def test_the_slope_is_that_of_a_small_turn(clean):
     part = Part.build(two_chains(), frf, updyn.parameters(two_chains(), stiffness="X*"))
     evidence = Evidence(part, part.coordinates.home)
     fault = CAUSES["turned"](("3:Z",), 20.0)
-    model = replace(frf, values=evidence.answer(frf))
+    model = replace(frf, values=evidence.model_response(frf))
     step = 1e-4
     there, back = (turned(model, degrees).values for degrees in (step, -step))
     expected = (np.log(there / model.values) - np.log(back / model.values)) / (2.0 * step)
