@@ -110,10 +110,10 @@ class AxisExchange:
         ModelError
             If the elements cannot be computed.
         """
-        own = self.recipe.matrices()
+        computed = self.recipe.matrices()
         return StiffnessAndMass(
-            self._transform_matrix(own.stiffness, self.stiffness),
-            self._transform_matrix(own.mass, self.mass),
+            self._transform_matrix(computed.stiffness, self.stiffness),
+            self._transform_matrix(computed.mass, self.mass),
         )
 
     def _transform_matrix(self, matrix: Any | None, factor: float) -> Any | None:

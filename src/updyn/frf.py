@@ -635,15 +635,17 @@ class FRF:
                 )
         if quantity is not None:  # an invalid quantity is reported as such
             check_quantity(quantity)
-        said = data.attrs.get("quantity", _quantity_of(data))
-        if said is None and quantity is None:
+        quantity_label = data.attrs.get("quantity", _quantity_of(data))
+        if quantity_label is None and quantity is None:
             raise DataError(
                 "the dataset does not say what it measured: give quantity='receptance', 'mobility'"
                 " or 'accelerance'"
             )
-        if said is not None and quantity is not None and said != quantity:
-            raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
-        _check_units(data, str(said or quantity))
+        if quantity_label is not None and quantity is not None and quantity_label != quantity:
+            raise DataError(
+                f"quantity {quantity!r} contradicts the dataset, which says {quantity_label!r}"
+            )
+        _check_units(data, str(quantity_label or quantity))
         arrays: dict[str, Any] = {}
         for name in ("frf", "coherence", "variance"):
             if name in data.variables:
@@ -660,7 +662,7 @@ class FRF:
             values=arrays.pop("frf"),
             responses=map(str, data["response"].values),
             references=map(str, data["reference"].values),
-            quantity=str(said or quantity),
+            quantity=str(quantity_label or quantity),
             averages=averages,
             geometry=_geometry(data),
             source=str(data.attrs.get("source", "")),
@@ -675,7 +677,7 @@ def _format_labels(dofs: DofSet) -> str:
     return text if len(dofs) <= _DRAWN else f"{text}, ... ({len(dofs)} in all)"
 
 
-def _select_dofs(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
+def _select_dofs(given: Any, existing: DofSet, what: str) -> list[str | Dof] | None:
     """Return the DOFs that match labels and patterns; None for all."""
     if isinstance(given, slice):
         if given != slice(None):
@@ -684,8 +686,8 @@ def _select_dofs(given: Any, there: DofSet, what: str) -> list[str | Dof] | None
     items = [given] if isinstance(given, str | Dof) else given
     if not isinstance(items, Iterable):
         raise DofError(
-            f"{what}s: expected a label such as {str(there[0])!r}, a pattern such as '*:Z', a list"
-            f" of them or ':', found {given!r}"
+            f"{what}s: expected a label such as {str(existing[0])!r}, a pattern such as '*:Z', a"
+            f" list of them or ':', found {given!r}"
         )
     found: dict[str | Dof, None] = {}
     for item in items:
@@ -694,9 +696,9 @@ def _select_dofs(given: Any, there: DofSet, what: str) -> list[str | Dof] | None
         if not isinstance(item, str) or not set("*?[") & set(item):
             found[item] = None
             continue
-        hits = [dof for dof in there if _matches(item, dof)]
+        hits = [dof for dof in existing if _matches(item, dof)]
         if not hits:
-            raise DofError(f"{what}s: no label like {item!r}; {suggest(item, there.labels)}")
+            raise DofError(f"{what}s: no label like {item!r}; {suggest(item, existing.labels)}")
         found |= dict.fromkeys(map(str, hits))
     return list(found)
 

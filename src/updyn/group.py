@@ -153,8 +153,8 @@ class Group:
     ) -> None:
         object.__setattr__(self, "loss_factor", _check_damping("loss factor", loss_factor))
         object.__setattr__(self, "mass_damping", _check_damping("mass_damping", mass_damping))
-        own = _check_damping("stiffness_damping", stiffness_damping)
-        object.__setattr__(self, "stiffness_damping", own)
+        stiffness_rate = _check_damping("stiffness_damping", stiffness_damping)
+        object.__setattr__(self, "stiffness_damping", stiffness_rate)
         for name in VALUES:
             value = getattr(self, name)
             if value and not self.has(name):
@@ -220,16 +220,16 @@ class Group:
     def damping_words(self) -> str:
         """The damping except the viscous matrix, as text."""
         units = {name: f" {unit}".rstrip() for name, unit in VALUES.items()}
-        said = [
+        parts = [
             f"{name.replace('_', ' ')} {value:g}{units[name]}"
             for name, value in self.damping.items()
             if name in VALUES
         ]
         if self.loss_table is not None:
-            said[0] += (
+            parts[0] += (
                 f" by a table from {self.loss_table.freq[0]:g} to {self.loss_table.freq[-1]:g} Hz"
             )
-        return ", ".join(said)
+        return ", ".join(parts)
 
     def has(self, quantity: str) -> bool:
         """Return whether the group has the matrix that a quantity acts on.

@@ -425,14 +425,15 @@ class Model:
                 f"damping: expected a mapping of group to damping, found {type(damping).__name__}"
             )
         groups = dict(self.groups)
-        for name, own in damping.items():
+        for name, group_damping in damping.items():
             group = self.group(name)
-            if not isinstance(own, Mapping):
+            if not isinstance(group_damping, Mapping):
                 raise ModelError(
-                    f"group {name!r}: expected a mapping of damping by name, found {own!r}"
+                    f"group {name!r}: expected a mapping of damping by name, found"
+                    f" {group_damping!r}"
                 )
             try:
-                groups[name] = group.with_damping(own)
+                groups[name] = group.with_damping(group_damping)
             except ModelError as error:
                 raise ModelError(f"group {name!r}: {error}", key=error.key) from error
         return Model(groups, self.dofs, self.geometry, self.title)
@@ -468,11 +469,11 @@ def _negative(matrix: Matrix) -> str | None:
     Up to 600 DOFs, the eigenvalues decide. For more DOFs, only the diagonal and the 2 x 2 minors
     are checked, which finds wrong signs but not every indefinite matrix.
     """
-    own = np.unique(matrix.indices)
-    if own.size == 0:
+    used = np.unique(matrix.indices)
+    if used.size == 0:
         return None
-    if own.size <= _DENSE_CHECK:
-        values = np.linalg.eigvalsh(matrix[own][:, own].toarray())
+    if used.size <= _DENSE_CHECK:
+        values = np.linalg.eigvalsh(matrix[used][:, used].toarray())
         low, high = float(values[0]), float(np.abs(values).max())
         if low < -ROUNDING * high:
             return f"smallest eigenvalue {low:.3g}, largest {high:.3g}"

@@ -286,16 +286,16 @@ class _Comparison:
 
     def compare(self) -> LabelCheck:
         """Return the first system in which the pairs agree, or the contradiction."""
-        here = CoordinateSystem()
-        if not self.far_pairs(here).any():
+        current = CoordinateSystem()
+        if not self.far_pairs(current).any():
             return LabelCheck()
         if len(self.nodes) > 1 and self.n_places == 1:
             return LabelCheck(
                 warning=f"all {len(self.nodes)} nodes of the test have one position,"
                 " so that labels and positions were not compared"
             )
-        if self.fits_coordinates(here):
-            return self.report_contradiction(here, {"by": "coordinates"})
+        if self.fits_coordinates(current):
+            return self.report_contradiction(current, {"by": "coordinates"})
         agreeing = [unit for unit in _other_units() if self.fits_labels(unit)]
         if agreeing:
             return _in_unit(min(agreeing, key=lambda unit: _rms(self.pair_vectors(unit))))
@@ -303,14 +303,14 @@ class _Comparison:
         if elsewhere:
             best = min(elsewhere, key=lambda unit: _rms(self.nearest(unit)[0]))
             return self.report_contradiction(best, {"by": "coordinates", "unit": best.unit})
-        moved = [self.align_rigidly(unit) for unit in (here, *_other_units())]
+        moved = [self.align_rigidly(unit) for unit in (current, *_other_units())]
         agreeing = [system for system in moved if self.fits_rigidly(system)]
         if agreeing:
             return self.report_motion(min(agreeing, key=lambda one: one.residual or 0.0))
         # Distances above the size mean nothing, because the test is in another system.
-        if _rms(self.pair_vectors(here)) > self.size:
-            here = min(moved, key=lambda one: abs(math.log(self.size_ratio(one))))
-        return self.report_contradiction(here, {})
+        if _rms(self.pair_vectors(current)) > self.size:
+            current = min(moved, key=lambda one: abs(math.log(self.size_ratio(one))))
+        return self.report_contradiction(current, {})
 
     # -- distances
     @cached_property
@@ -343,8 +343,8 @@ class _Comparison:
     def size_ratio(self, system: CoordinateSystem) -> float:
         """Return the size of the test relative to that of the nodes of the model."""
         points = system.apply(self.x)
-        own = _rms(points - points.mean(axis=0))
-        return own / self.radius if own > 0 and self.radius > 0 else math.inf
+        test_radius = _rms(points - points.mean(axis=0))
+        return test_radius / self.radius if test_radius > 0 and self.radius > 0 else math.inf
 
     # -- systems
     def fits_labels(self, unit: CoordinateSystem) -> bool:

@@ -173,9 +173,9 @@ class StageClock:
             self._first = 0 if restarted else progress.lines_done
         self._last = progress.lines_done
         self._reached = max(self._reached, found)
-        share, left = self._estimate(progress, found)
+        share, remaining = self._estimate(progress, found)
         return RunPosition(
-            self._reached + 1, len(self._stages), _short(progress.stage), share, left
+            self._reached + 1, len(self._stages), _short(progress.stage), share, remaining
         )
 
     def _find(self, text: str) -> int:

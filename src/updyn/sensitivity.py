@@ -277,8 +277,8 @@ def fields_along(
             own: Any = system.terms[family[0][0]].own
             u = U[own]
             for t, drives in family:
-                moved = system.terms[t].times(u)[:, :, None, :]
-                out[own] += along[drives, lines].sum(axis=0)[:, :, None] * moved
+                times_field = system.terms[t].times(u)[:, :, None, :]
+                out[own] += along[drives, lines].sum(axis=0)[:, :, None] * times_field
         return out.reshape(*U.shape[:2], -1)
 
     U, dU = solver.solve_twice(coefficients, columns, freq, forces)
@@ -333,9 +333,9 @@ def condensed_product(
     product = Z_red @ motion
     if not derivatives:
         return product, None
-    moved = (T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2)
+    reduced_motion = (T.transpose(1, 0, 2) @ motion).transpose(1, 0, 2)
     return product, contract(
-        system, unknowns, unknowns.slopes(system, state, values, omega), T, moved
+        system, unknowns, unknowns.slopes(system, state, values, omega), T, reduced_motion
     )
 
 
@@ -380,8 +380,8 @@ def contract(
     for family in _by_rows(system, unknowns.at):
         own: Any = system.terms[family[0][0]].own
         u = U[own]
-        moved = np.concatenate([system.terms[t].times(u) for t, _ in family], axis=2)
-        product = _product(V[own], moved)
+        times_field = np.concatenate([system.terms[t].times(u) for t, _ in family], axis=2)
+        product = _product(V[own], times_field)
         for i, (_, drives) in enumerate(family):
             part = product[:, :, i * n_u : (i + 1) * n_u]
             for d in drives:

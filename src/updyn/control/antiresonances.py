@@ -186,17 +186,17 @@ def shifts(
     `values` and `answer` are the responses of structure and plant at the lines; `zeros` are those
     of the plant, in rad/s.
     """
-    size, own = np.abs(values), np.abs(answer)
-    there = np.abs(zeros.imag[zeros.imag > 0]) / (2.0 * np.pi)
+    size, plant_size = np.abs(values), np.abs(answer)
+    zero_frequencies = np.abs(zeros.imag[zeros.imag > 0]) / (2.0 * np.pi)
     out = []
     for dip in find_antiresonances(freq, values):
         shift = np.nan
-        if len(there):
-            nearest = float(there[np.argmin(np.abs(there - dip.frequency))])
+        if len(zero_frequencies):
+            nearest = float(zero_frequencies[np.argmin(np.abs(zero_frequencies - dip.frequency))])
             if abs(nearest - dip.frequency) <= _LOST * dip.frequency:
                 shift = 100.0 * (nearest / dip.frequency - 1.0)
         depths = []
-        for part in (size, own):
+        for part in (size, plant_size):
             depths.append(_depth(part, np.abs(freq - dip.frequency) <= dip.width))
         out.append((dip.frequency, shift, depths[0], depths[1]))
     return out

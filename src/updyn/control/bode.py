@@ -73,24 +73,24 @@ def bode(
         )
     level = level or "log"
     if len(channels) == 1:
-        with canvas(ax, {"magnitude": 1.8, "phase": 1.0}, (960, 540)) as made:
-            _magnitude(made.first, nominal, lines, values, (0, 0), level, spread)
-            if "phase" in made.axes:
-                _phase(made.axes["phase"], lines, values[:, 0, 0])
-            _frequency_axes(made)
-            legend_above(made.first, channel_name(nominal, 0, 0))
-        return made.figure
+        with canvas(ax, {"magnitude": 1.8, "phase": 1.0}, (960, 540)) as figure:
+            _magnitude(figure.first, nominal, lines, values, (0, 0), level, spread)
+            if "phase" in figure.axes:
+                _phase(figure.axes["phase"], lines, values[:, 0, 0])
+            _frequency_axes(figure)
+            legend_above(figure.first, channel_name(nominal, 0, 0))
+        return figure.figure
     titles = [channel_name(nominal, i, j) for i, j in channels]
     columns = 2 if len(channels) <= 8 else 3
-    with grid_canvas(ax, titles, (1200 / columns, 280), columns) as made:
+    with grid_canvas(ax, titles, (1200 / columns, 280), columns) as figure:
         for (i, j), title in zip(channels, titles, strict=True):
-            axes = made.axes[title]
+            axes = figure.axes[title]
             _magnitude(axes, nominal, lines, values, (i, j), level, spread)
             axes.set_title(title)
             log_axis(axes)
             axes.set_xlabel(_FREQUENCY)
-        legend_outside(made)
-    return made.figure
+        legend_outside(figure)
+    return figure.figure
 
 
 def _lines(plant: Plant) -> NDArray[np.float64]:
@@ -163,8 +163,8 @@ def _degree_axis(axes: Axes, degrees: NDArray[np.float64]) -> None:
     axes.set_ylabel("phase (°)")
 
 
-def _frequency_axes(made: Canvas) -> None:
-    axes = list(made.axes.values())
+def _frequency_axes(figure: Canvas) -> None:
+    axes = list(figure.axes.values())
     axes[-1].set_xlabel(_FREQUENCY)
     for one in axes:
         log_axis(one)
@@ -173,34 +173,34 @@ def _frequency_axes(made: Canvas) -> None:
 # -- loops -----------------------------------------------------------------------------------------
 def _loop(loop: Loop, level: str, ax: WhichAxes | None) -> Figure:
     """Draw a loop function, its family and its margins."""
-    with canvas(ax, {"magnitude": 1.6, "phase": 1.2}, (960, 600)) as made:
-        first, own = made.first, PAPER["after"]
+    with canvas(ax, {"magnitude": 1.6, "phase": 1.2}, (960, 600)) as figure:
+        first, colour = figure.first, PAPER["after"]
         for number, member in enumerate(loop.family):
             look: dict[str, Any] = {"color": PAPER["faint"], "linewidth": 0.8}
             label = f"family of {len(loop.family)}" if number == 0 else None
             first.plot(loop.freq, level_values(member, level), label=label, **look)
-        first.plot(loop.freq, level_values(loop.L, level), color=own, label=f"{loop.name} loop")
+        first.plot(loop.freq, level_values(loop.L, level), color=colour, label=f"{loop.name} loop")
         first.axhline(
             float(level_values([1.0], level)[0]), color=PAPER["muted"], linestyle=":", lw=1.0
         )
         level_axis(first, "loop gain", "–", level)
         if level == "dB":
             first.set_ylabel("loop gain (dB)")
-        if "phase" in made.axes:
-            axes = made.axes["phase"]
+        if "phase" in figure.axes:
+            axes = figure.axes["phase"]
             for member in loop.family_phase:
                 axes.plot(loop.freq, member, color=PAPER["faint"], linewidth=0.8)
-            axes.plot(loop.freq, loop.phase, color=own)
+            axes.plot(loop.freq, loop.phase, color=colour)
             axes.axhline(-180.0, color=PAPER["muted"], linestyle=":", linewidth=1.0)
             _degree_axis(axes, np.concatenate([loop.phase, loop.family_phase.ravel(), [-180.0]]))
-        _margins(made, loop, level)
-        _frequency_axes(made)
+        _margins(figure, loop, level)
+        _frequency_axes(figure)
         state = "" if loop.margins.stable else "unstable: no margins"
         legend_above(first, state)
-    return made.figure
+    return figure.figure
 
 
-def _margins(made: Canvas, loop: Loop, level: str) -> None:
+def _margins(figure: Canvas, loop: Loop, level: str) -> None:
     """Draw gain and phase margin at their frequencies."""
     found = loop.margins
     if not found.stable:
@@ -210,8 +210,8 @@ def _margins(made: Canvas, loop: Loop, level: str) -> None:
         ends = level_values([gain, 1.0], level)
         colour, _ = category(1)
         text = f"gain margin {found.gain_margin_db:.3g} dB at {at:.3g} Hz"
-        made.first.plot([at, at], ends, color=colour, linewidth=2.4, label=text)
-    if "phase" in made.axes and found.phase_margin_at is not None:
+        figure.first.plot([at, at], ends, color=colour, linewidth=2.4, label=text)
+    if "phase" in figure.axes and found.phase_margin_at is not None:
         at = found.phase_margin_at
         assert found.phase_margin is not None
         # The plotted phase continues beyond -180 degrees; the margin refers to the nearest turn.
@@ -220,5 +220,5 @@ def _margins(made: Canvas, loop: Loop, level: str) -> None:
         text = f"phase margin {found.phase_margin:.3g}° at {at:.3g} Hz"
         base = 360.0 * round((drawn - found.phase_margin + 180.0) / 360.0) - 180.0
         turn = [base, base + found.phase_margin]
-        made.axes["phase"].plot([at, at], turn, color=colour, linewidth=2.4)
-        made.first.plot([], [], color=colour, linewidth=2.4, label=text)
+        figure.axes["phase"].plot([at, at], turn, color=colour, linewidth=2.4)
+        figure.first.plot([], [], color=colour, linewidth=2.4, label=text)

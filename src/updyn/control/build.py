@@ -129,13 +129,13 @@ def plant(
                 " 'rational' with error 'relative'"
             )
         return _plant_of_measurement(model, ports, band, tolerance, quantity)
-    own = CompiledStructure.of(model)
+    structure = CompiledStructure.of(model)
     check_error(error)
-    task, quantities = task_of(own, *ports, band, quantity, tier, backend, error)
+    task, quantities = task_of(structure, *ports, band, quantity, tier, backend, error)
     check_tolerance(tolerance)
     found = choose_route(task, check_route(route, task, error), tolerance)
-    made = realise(task, found, own.model.title, quantities, tolerance)
-    return replace(made, facts={**made.facts, "causal error": task.least(found)})
+    realised = realise(task, found, structure.model.title, quantities, tolerance)
+    return replace(realised, facts={**realised.facts, "causal error": task.least(found)})
 
 
 def _plant_of_measurement(
@@ -174,7 +174,7 @@ def _plant_of_measurement(
     A, B, C, D = found.conversion.matrices(found.mask)
     errors = float(found.errors[1]), float(found.errors[2])
     modes = np.sort(found.conversion.frequency)
-    made = Plant(
+    realised = Plant(
         A,
         B,
         C,
@@ -190,4 +190,4 @@ def _plant_of_measurement(
         modes,
         facts=facts,
     )
-    return with_errors(made, target)
+    return with_errors(realised, target)

@@ -202,13 +202,13 @@ def least_error(channel: ChannelDifference, band: tuple[float, float], known: fl
     wanted[places] = channel.difference(lines)
     wanted[mirrored] = wanted[places].conj()
     reference = channel.reference(lines)
-    own = np.zeros(circle.n)
-    own[places] = own[mirrored] = np.log(reference / np.abs(grown[places]))
+    log_size = np.zeros(circle.n)
+    log_size[places] = log_size[mirrored] = np.log(reference / np.abs(grown[places]))
     share, follows = _outer_inside(circle, (low, high))
     limit = np.log(np.where(size < low, channel.below, channel.above))
     if low > 0:  # in the margin at the lower end, use the limit below the band
         limit = np.where(size < circle.scale, np.log(channel.below), limit)
-    fixed = wanted / grown * np.exp(-circle.outer(share * own + (1.0 - share) * limit))
+    fixed = wanted / grown * np.exp(-circle.outer(share * log_size + (1.0 - share) * limit))
     reached = float(np.max(np.abs(wanted[places]) / reference))
 
     def excess(logarithm: float) -> float:
@@ -273,9 +273,9 @@ def differences(
             slower: _Real = np.abs(1.0 + band[0] / (1j * lines))
             grown = np.power(slower[:, None], growth)[:, :, None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            own = np.abs(outside.response(whole, lines)) / grown
+            structure_size = np.abs(outside.response(whole, lines)) / grown
             other = np.abs(found.conversion.response(found.mask, lines)) / grown
-            limit = GAIN * own.max(axis=0) + other.max(axis=0)
+            limit = GAIN * structure_size.max(axis=0) + other.max(axis=0)
         least = NOTHING**2 * level.max(axis=0)  # for a channel without coupling
         limits.append(np.maximum(np.where(limit < _UNLIMITED, limit, _UNLIMITED), least))
 

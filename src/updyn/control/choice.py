@@ -43,8 +43,8 @@ def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> 
     """
     reached: dict[str, CandidateSelection] = {}
     refused: dict[str, ModelError] = {}
-    own = tuple(route for route in routes if route != "rational")
-    best = _first_conversion(task, own, tolerance, reached, refused)
+    mode_routes = tuple(route for route in routes if route != "rational")
+    best = _first_conversion(task, mode_routes, tolerance, reached, refused)
     if "rational" in routes:
         largest = None if best is None else _states(best) - 1
         try:
@@ -61,13 +61,13 @@ def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> 
     if not reached:
         raise next(iter(refused.values()))
     others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
-    said = ", ".join(f"{kept.error:.3g} by route {route!r}" for route, kept in reached.items())
+    errors = ", ".join(f"{kept.error:.3g} by route {route!r}" for route, kept in reached.items())
     advice = "Allow a larger tolerance, narrow the band"
     if others:
         advice += f", or try route {others}"
     raise ToleranceError(
         f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
-        f" {task.band[1]:g} Hz; reached: {said}.{_why(task, reached, tolerance)} {advice}"
+        f" {task.band[1]:g} Hz; reached: {errors}.{_why(task, reached, tolerance)} {advice}"
     )
 
 
@@ -126,16 +126,16 @@ def like_another(
     task: PlantTask, like: CandidateSelection, tolerance: float
 ) -> CandidateSelection | None:
     """Return the selection of another state of the model for a task; None if it does not apply."""
-    own, target = like.conversion, task.target
-    if isinstance(own, Rational):
-        return with_poles_of(task.approximation(), own, tolerance)
-    terms = len(own.terms[0].b) if isinstance(own, Biot) and own.terms else 4
+    other, target = like.conversion, task.target
+    if isinstance(other, Rational):
+        return with_poles_of(task.approximation(), other, tolerance)
+    terms = len(other.terms[0].b) if isinstance(other, Biot) and other.terms else 4
     try:
-        conversion = task.conversion(own.name, terms)
+        conversion = task.conversion(other.name, terms)
     except ModelError:
         return None
-    if isinstance(own, FittedModes) and isinstance(conversion, ComplexModes):
-        conversion = fit_outputs(conversion, target, len(own.extra), at_rest=own.at_rest)
+    if isinstance(other, FittedModes) and isinstance(conversion, ComplexModes):
+        conversion = fit_outputs(conversion, target, len(other.extra), at_rest=other.at_rest)
     if len(conversion.frequency) != len(like.mask):
         return None
     return judge_selection(conversion, target, like.mask, target.limits(tolerance))

@@ -48,7 +48,7 @@ def plant(
     folder = check_plant_out(loaded, default_plant_out(loaded) if out is None else out)
     ready = prepare(loaded)
     with open_engine(workers, cluster) as where:
-        made = plant_job(
+        result = plant_job(
             loaded,
             folder,
             run=run,
@@ -56,17 +56,17 @@ def plant(
             engine=where,
             say=lambda text: print_note(text, "dim"),
         )
-    print_text(describe_plant_result(made))
+    print_text(describe_plant_result(result))
     table = loaded.table(PlantTable)
     assert table is not None
-    if not made.holds_tolerance:
+    if not result.holds_tolerance:
         print_text(
             f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
         )
         return NOT_DETERMINED
     files = [
         *table.files,
-        *(table.sampled_files if made.sampled is not None else ()),
+        *(table.sampled_files if result.sampled is not None else ()),
         CONTROL,
     ]
     print_text(f"\nPlant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}")

@@ -113,11 +113,11 @@ class ComplexModes:
         out = np.empty(len(self.poles))
         for j, pole in enumerate(self.poles):
             R = np.outer(self.at_outputs[:, j], self.at_inputs[:, j])
-            own = (
+            contribution = (
                 R / (s - pole)[:, None, None] + R.conj() / (s - pole.conj())[:, None, None]
             ) * rates(self.powers, s)
             static = np.where((self.powers == 0)[:, None], -2.0 * (R / pole).real, 0.0)
-            out[j] = (np.abs(own - static) / level).max()
+            out[j] = (np.abs(contribution - static) / level).max()
         return out
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
@@ -290,8 +290,10 @@ def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
 
 def _undamped_rigid(space: ModalSpace) -> NDArray[np.intp]:
     """Return rigid-body modes without a damper: double poles at 0."""
-    own = np.abs(space.viscous[: space.rigid]).max(axis=1, initial=0.0)
-    return np.flatnonzero(own <= 1e-12 * max(float(np.abs(space.viscous).max(initial=0.0)), 1e-300))
+    damping = np.abs(space.viscous[: space.rigid]).max(axis=1, initial=0.0)
+    return np.flatnonzero(
+        damping <= 1e-12 * max(float(np.abs(space.viscous).max(initial=0.0)), 1e-300)
+    )
 
 
 def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
@@ -352,8 +354,8 @@ class FittedModes:
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with a selection of modes."""
         rows, through = self._fit(kept)
-        moved = np.einsum("yk,fku->fyu", rows, self._states(kept, freq))
-        return np.asarray(self.base.slow_response(imaginary(freq)) + moved + through)
+        modal = np.einsum("yk,fku->fyu", rows, self._states(kept, freq))
+        return np.asarray(self.base.slow_response(imaginary(freq)) + modal + through)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
         """Return A, B, C, D: the slow part, a block per pair of poles, real poles."""
@@ -376,10 +378,11 @@ class FittedModes:
             )
             / 2.0
         )
-        own = self.extra / (s[:, None] + self.extra)
+        real_states = self.extra / (s[:, None] + self.extra)
         eye = np.eye(right.shape[1])
         return np.concatenate(
-            [pairs, (own[:, :, None, None] * eye).reshape(len(s), -1, right.shape[1])], axis=1
+            [pairs, (real_states[:, :, None, None] * eye).reshape(len(s), -1, right.shape[1])],
+            axis=1,
         )
 
     def _fit(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:

@@ -94,10 +94,10 @@ def azimuth_plant(model: Model) -> Plant:
     return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, error="peak")
 
 
-def azimuth_servo(made: Plant, controller: Controller = CONTROLLER) -> Servo:
+def azimuth_servo(azimuth: Plant, controller: Controller = CONTROLLER) -> Servo:
     """Return the servo of a plant of `azimuth_plant`, without time responses."""
     return servo(
-        made,
+        azimuth,
         controller,
         torque="torque",
         velocity="speed",

@@ -87,10 +87,11 @@ class PlantFamily:
             raise ModelError("a family needs at least one member besides the nominal plant")
         for number, member in enumerate(self.members):
             for what in ("inputs", "outputs", "quantities", "dt", "delay"):
-                own, nominal = getattr(member, what), getattr(self.nominal, what)
-                if own != nominal:
+                member_value, nominal = getattr(member, what), getattr(self.nominal, what)
+                if member_value != nominal:
                     raise ModelError(
-                        f"member {number}: {what} {own!r}; the nominal plant has {nominal!r}"
+                        f"member {number}: {what} {member_value!r}; the nominal plant has"
+                        f" {nominal!r}"
                     )
         values = np.array(self.values, dtype=np.float64)
         if values.size == 0:
@@ -174,30 +175,30 @@ class PlantFamily:
 
     def summary(self) -> str:
         """Return source, errors and range of the natural frequencies as text."""
-        said = [
+        lines = [
             f"Family: {len(self)} members of {len(self.names)} unknowns,"
             f" {self.facts.get('source', 'given')}"
         ]
-        said += [
+        lines += [
             f"Largest error of a plant against its model: {self.error:.2g} (tolerance:"
             f" {self.nominal.tolerance:g})"
         ]
         modes = [p.modes for p in self.members]
         if len({len(m) for m in (self.nominal.modes, *modes)}) == 1 and len(self.nominal.modes):
             low, high = np.min(modes, axis=0), np.max(modes, axis=0)
-            said.append(f"{'mode':>6}{'nominal Hz':>14}{'lowest':>14}{'highest':>14}")
+            lines.append(f"{'mode':>6}{'nominal Hz':>14}{'lowest':>14}{'highest':>14}")
             rows = enumerate(zip(self.nominal.modes, low, high, strict=True), 1)
-            said += [f"{i:>6}{f:>14.6g}{a:>14.6g}{b:>14.6g}" for i, (f, a, b) in rows]
+            lines += [f"{i:>6}{f:>14.6g}{a:>14.6g}{b:>14.6g}" for i, (f, a, b) in rows]
         else:
             counts = [p.n_states for p in (self.nominal, *self.members)]
             text = str(min(counts))
             if max(counts) > min(counts):
                 text += f" to {max(counts)}"
-            said.append(f"The plants have {text} states.")
+            lines.append(f"The plants have {text} states.")
         cut = self.facts.get("cut", {})
         for name, share in cut.items():
-            said.append(f"{100 * share:.0f} % of the draws of {name} lie on its bound.")
-        return "\n".join([*said, *filter(None, [self.facts.get("note", "")])])
+            lines.append(f"{100 * share:.0f} % of the draws of {name} lie on its bound.")
+        return "\n".join([*lines, *filter(None, [self.facts.get("note", "")])])
 
     def channel(self, output: str, input: str) -> PlantFamily:
         """Return the family between one input and one output.
@@ -317,27 +318,29 @@ def plant_family(
         raise OptionError(f"plant_family: n = {n}; expected at most {_MOST:,} members")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
-    own = _check_ended(result_of_test(result, test))
+    test_result = _check_ended(result_of_test(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if draws is None:
-        drawn = _from_covariance(own, int(n), seed)
+        drawn = _from_covariance(test_result, int(n), seed)
     else:
         drawn = _from_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
-    making = _PlantMaker(own.start, own.parameters, *ports, band, tolerance, options)
-    shared = None if tier is not None else _share_basis(own, making, drawn)
-    with opened_engine(engine) as made:
-        nominal, members = making.plants(own.model, shared, drawn.values, route, made)
+    making = _PlantMaker(
+        test_result.start, test_result.parameters, *ports, band, tolerance, options
+    )
+    shared = None if tier is not None else _share_basis(test_result, making, drawn)
+    with opened_engine(engine) as opened:
+        nominal, members = making.plants(test_result.model, shared, drawn.values, route, opened)
     facts = {
         "source": drawn.source,
         "n": int(n),
         "seed": seed,
         "route": nominal.route,
-        "status": own.status,
+        "status": test_result.status,
         "cut": drawn.cut,
         "note": drawn.note,
     }
-    return PlantFamily(nominal, members, tuple(own.parameters.names), drawn.values, facts)
+    return PlantFamily(nominal, members, tuple(test_result.parameters.names), drawn.values, facts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -373,10 +376,10 @@ class _FamilyBasis:
     holds: NDArray[np.bool_]
 
 
-def _share_basis(own: UpdateResult, making: _PlantMaker, drawn: _ParameterDraws) -> _FamilyBasis:
+def _share_basis(result: UpdateResult, making: _PlantMaker, drawn: _ParameterDraws) -> _FamilyBasis:
     """Return the basis of all members, and for which of them it is accurate."""
-    structure = CompiledStructure.of(own)
-    unknowns = Unknowns.find(structure.system, own.parameters)
+    structure = CompiledStructure.of(result)
+    unknowns = Unknowns.find(structure.system, result.parameters)
     states = [unknowns.state(structure.system, row) for row in drawn.values]
     training = [unknowns.state(structure.system, row) for row in drawn.training]
     plants, holds = SharedPlantBasis.of(
@@ -469,13 +472,14 @@ def _member(
         raise type(error)(f"member {number} of the family ({at}): {error}") from error
 
 
-def _check_ended(own: UpdateResult) -> UpdateResult:
+def _check_ended(result: UpdateResult) -> UpdateResult:
     """Return a result after a check that the fit ended at a minimum."""
-    if own.status not in _ENDED:
+    if result.status not in _ENDED:
         raise OptionError(
-            f"plant_family: the update ended as {own.status!r}, not at a minimum: {own.message}"
+            f"plant_family: the update ended as {result.status!r}, not at a minimum:"
+            f" {result.message}"
         )
-    return own
+    return result
 
 
 def _from_covariance(result: UpdateResult, n: int, seed: int) -> _ParameterDraws:

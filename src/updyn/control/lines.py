@@ -67,10 +67,15 @@ def dense_lines(
 
 def _about(roots: _Complex, offsets: _Real) -> _Real:
     size = np.abs(roots)
-    there = (roots.imag > 0) & (size > 0) & (np.abs(roots.real) < _DAMPED * size)
-    size, damping = size[there], np.maximum(np.abs(roots.real[there]) / size[there], _SHARPEST)
+    is_relevant = (roots.imag > 0) & (size > 0) & (np.abs(roots.real) < _DAMPED * size)
+    size, damping = (
+        size[is_relevant],
+        np.maximum(np.abs(roots.real[is_relevant]) / size[is_relevant], _SHARPEST),
+    )
     steps = np.concatenate([-offsets[::-1], [0.0], offsets])
     lines = size[:, None] * (1.0 + damping[:, None] * steps) / (2 * np.pi)
     # The peak of a damped resonance lies a little below |s|.
-    top = np.sqrt(np.maximum(size**2 - 2 * roots.real[there] ** 2, 0.0)) / (2 * np.pi)
-    return np.asarray(np.concatenate([lines.ravel(), top, np.abs(roots.imag[there]) / (2 * np.pi)]))
+    top = np.sqrt(np.maximum(size**2 - 2 * roots.real[is_relevant] ** 2, 0.0)) / (2 * np.pi)
+    return np.asarray(
+        np.concatenate([lines.ravel(), top, np.abs(roots.imag[is_relevant]) / (2 * np.pi)])
+    )

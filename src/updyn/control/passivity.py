@@ -154,18 +154,18 @@ def constrained_least_squares(A: _Real, b: _Real, G: _Real, h: _Real) -> _Real |
     U, sigma, Vt = np.linalg.svd(A / scale, full_matrices=False)
     kept = sigma > _RANK * sigma[0]
     back = (Vt[kept].T / sigma[kept]) / scale[:, None]  # x = back (z + U^T b)
-    own = U[:, kept].T @ b
+    projected = U[:, kept].T @ b
     rows = G @ back
     size = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
-    bound = (h - rows @ own) / size
+    bound = (h - rows @ projected) / size
     if (bound <= 0.0).all():
-        return np.asarray(back @ own)
-    unit = max(float(np.linalg.norm(own)), float(bound.max()))
+        return np.asarray(back @ projected)
+    unit = max(float(np.linalg.norm(projected)), float(bound.max()))
     E = np.vstack([(rows / size[:, None]).T, bound / unit])
     f = np.zeros(len(E))
     f[-1] = 1.0
-    u, left = nnls(E, f, maxiter=30 * E.shape[1])
-    if left <= 1e-12:
+    u, residual = nnls(E, f, maxiter=30 * E.shape[1])
+    if residual <= 1e-12:
         return None
     r = E @ u - f
-    return np.asarray(back @ (own - unit * r[:-1] / r[-1]))
+    return np.asarray(back @ (projected - unit * r[:-1] / r[-1]))

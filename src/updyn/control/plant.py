@@ -207,8 +207,8 @@ class Plant:
         """Return the magnitudes over the band as a picture, limited to a number of channels."""
         top = self.band[1] if self.dt is None else min(self.band[1], 0.5 / self.dt)
         low = max(self.band[0], 1e-3 * top)
-        own = self.modes[(self.modes > low) & (self.modes < top)]
-        freq = np.unique(np.concatenate([np.geomspace(low, top, _DRAWN_LINES), own]))
+        in_band = self.modes[(self.modes > low) & (self.modes < top)]
+        freq = np.unique(np.concatenate([np.geomspace(low, top, _DRAWN_LINES), in_band]))
         try:
             values = self.response(freq).values
         except DataError:  # a pole on a line

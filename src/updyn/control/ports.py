@@ -180,10 +180,10 @@ def port_matrix(
         try:
             matches.append(model.dofs.match(DofSet(port.weights), what))
         except DofError as error:
-            said = str(error)
-            if port.name not in said:
-                said = f"port {port.name!r}: {said}"
-            raise DofError(said) from error
+            message = str(error)
+            if port.name not in message:
+                message = f"port {port.name!r}: {message}"
+            raise DofError(message) from error
     index = np.unique(np.concatenate([m.index for m in matches]))
     weights = np.zeros((len(ports), len(index)))
     for row, (port, match) in enumerate(zip(ports, matches, strict=True)):

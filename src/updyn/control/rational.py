@@ -133,12 +133,14 @@ class Rational:
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response."""
         s = imaginary(freq)
-        own = np.einsum(
+        pole_response = np.einsum(
             "yk,fku->fyu", self.rows, states_of_poles(s, self.pairs, self.rates, self.right)
         )
         if len(self.slow.velocities):  # without them the band may start at s = 0
-            own = own + (self.drift @ self.slow.B[self.slow.velocities]) / s[:, None, None]
-        return np.asarray(self.slow.response(s, self.powers) + own + self.through)
+            pole_response = (
+                pole_response + (self.drift @ self.slow.B[self.slow.velocities]) / s[:, None, None]
+            )
+        return np.asarray(self.slow.response(s, self.powers) + pole_response + self.through)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
         """Return A, B, C, D: the slow part, blocks [[a, b], [-b, a]] of pairs, real poles."""

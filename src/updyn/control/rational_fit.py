@@ -158,8 +158,8 @@ class Approximation:
         if not len(self.poles):
             return pairs
         for j in np.flatnonzero(np.isfinite(like.structure)):
-            there = like.structure[j]
-            pairs[j] += self.poles[np.argmin(np.abs(self.poles - there))] - there
+            pole = like.structure[j]
+            pairs[j] += self.poles[np.argmin(np.abs(self.poles - pole))] - pole
         return np.where(pairs.real < 0.0, pairs, like.pairs)
 
     def _next_to(self, pairs: _Complex) -> _Complex:
@@ -237,27 +237,27 @@ class Approximation:
         steps: int = _STEPS,
     ) -> tuple[_Complex, _Real, _Complex]:
         """Return poles and vectors b after damped Gauss-Newton steps, outputs eliminated."""
-        here = self._linear(pairs, rates, right, weight)
-        cost, damping = self._cost(here, weight), 1e-3
+        current = self._linear(pairs, rates, right, weight)
+        cost, damping = self._cost(current, weight), 1e-3
         for _ in range(steps):
-            J, r = self._jacobian(here, weight)
+            J, r = self._jacobian(current, weight)
             scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
             J = J / scale
             normal, gradient = J.T @ J, J.T @ r
             for _ in range(4):
                 step = np.linalg.solve(normal + damping * np.eye(len(normal)), gradient) / scale
-                there = self._take_step(here, step, weight)
-                new = self._cost(there, weight)
+                candidate = self._take_step(current, step, weight)
+                new = self._cost(candidate, weight)
                 if new < cost:
                     break
                 damping *= 10.0
             else:
                 break
             gained = cost - new
-            here, cost, damping = there, new, 0.2 * damping
+            current, cost, damping = candidate, new, 0.2 * damping
             if gained < 1e-4 * cost:
                 break
-        return here.pairs, here.rates, here.right
+        return current.pairs, current.rates, current.right
 
     def _cost(self, found: Rational, weight: _Real) -> float:
         G = found.response(found.always, self.target.freq)
@@ -272,15 +272,18 @@ class Approximation:
         columns: list[_Complex] = []
         b: NDArray[Any]
         for j in range(m):
-            p, b, own = found.pairs[j], found.right[:, j], c[:, j]
+            p, b, output_vector = found.pairs[j], found.right[:, j], c[:, j]
             up = np.asarray(1.0 / (s - p), dtype=np.complex128)
             down = np.asarray(1.0 / (s - p.conj()), dtype=np.complex128)
-            R = np.outer(own, b)
+            R = np.outer(output_vector, b)
             a = np.multiply.outer(up**2, R), np.multiply.outer(down**2, R.conj())
             columns += [p.real * (a[0] + a[1]), abs(p) * 1j * (a[0] - a[1])]
             for u in range(n_u):
                 one = np.zeros((2, n_f, n_y, n_u), dtype=np.complex128)
-                one[0, :, :, u], one[1, :, :, u] = np.outer(up, own), np.outer(down, own.conj())
+                one[0, :, :, u], one[1, :, :, u] = (
+                    np.outer(up, output_vector),
+                    np.outer(down, output_vector.conj()),
+                )
                 columns += [abs(p) * (one[0] + one[1]), abs(p) * 1j * (one[0] - one[1])]
         for j in range(k):
             rate, b, row = found.rates[j], found.right[:, m + j].real, found.rows[:, 2 * m + j]
@@ -309,14 +312,14 @@ class Approximation:
         """Return the approximation after a step of poles and vectors b, with fitted outputs."""
         m, n_u = len(found.pairs), len(found.right)
         width = 2 + 2 * n_u
-        own = step[: width * m].reshape(m, width)
+        pole_steps = step[: width * m].reshape(m, width)
         size = np.abs(found.pairs)
-        decay = np.clip(own[:, 0], -1.0, 1.0)
+        decay = np.clip(pole_steps[:, 0], -1.0, 1.0)
         pairs = found.pairs.real * np.exp(decay) + 1j * np.maximum(
-            found.pairs.imag + size * np.clip(own[:, 1], -0.1, 0.1), 1e-6 * size
+            found.pairs.imag + size * np.clip(pole_steps[:, 1], -0.1, 0.1), 1e-6 * size
         )
         right = found.right.copy()
-        right[:, :m] += (size[:, None] * (own[:, 2::2] + 1j * own[:, 3::2])).T
+        right[:, :m] += (size[:, None] * (pole_steps[:, 2::2] + 1j * pole_steps[:, 3::2])).T
         real = step[width * m :].reshape(len(found.rates), 1 + n_u)
         rates = found.rates * np.exp(np.clip(real[:, 0], -1.0, 1.0))
         right[:, m:] += (found.rates[:, None] * real[:, 1:]).T
@@ -395,9 +398,9 @@ class Approximation:
                 continue
             at = np.asarray(1j * passive_at, dtype=np.complex128)
             base = self.slow.response(at, self.powers)[:, o, u]
-            own = self._columns(at, pairs, rates, right, o)
-            size = np.maximum(np.abs(own[:, :, u]).max(axis=1), 1e-300)
-            part = active_part(own[:, :, u], int(power))
+            passive_columns = self._columns(at, pairs, rates, right, o)
+            size = np.maximum(np.abs(passive_columns[:, :, u]).max(axis=1), 1e-300)
+            part = active_part(passive_columns[:, :, u], int(power))
             rows.append(part @ free / size[:, None])
             level = np.abs(base) + np.interp(
                 passive_at, _TWO_PI * self.target.freq, np.abs(self.target.values[:, o, u])

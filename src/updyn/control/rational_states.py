@@ -66,27 +66,27 @@ def with_poles_of(
     n = 2 * len(like.pairs) + len(like.rates)
     single = min(approximation.target.values.shape[1:]) == 1
     for steps in _FEW[:1] if single else _FEW:
-        made = approximation.refit(like, tolerance, steps)
-        found = _judge_approximation(approximation, made, tolerance)
+        rational = approximation.refit(like, tolerance, steps)
+        found = _judge_approximation(approximation, rational, tolerance)
         if found.holds:
             return found
     return _with_states(approximation, n, tolerance)
 
 
 def _judge_approximation(
-    approximation: Approximation, made: Rational, tolerance: float
+    approximation: Approximation, rational: Rational, tolerance: float
 ) -> CandidateSelection:
     """Return an approximation with its errors, infinite if it is not passive."""
-    target, mask = approximation.target, ~made.always
-    errors = target.all_errors(made.response(mask, target.freq))
-    if _active(approximation, made):
+    target, mask = approximation.target, ~rational.always
+    errors = target.all_errors(rational.response(mask, target.freq))
+    if _active(approximation, rational):
         errors = np.full(5, np.inf)
-    return CandidateSelection(made, mask, errors, target.limits(tolerance))
+    return CandidateSelection(rational, mask, errors, target.limits(tolerance))
 
 
-def _active(approximation: Approximation, made: Rational) -> bool:
+def _active(approximation: Approximation, rational: Rational) -> bool:
     """Return whether a collocated channel generates power."""
-    A, B, C, D = made.matrices(~made.always)
+    A, B, C, D = rational.matrices(~rational.always)
     for i, u in approximation.collocated:
         one = A, B[:, [u]], C[[i]], D[[i]][:, [u]]
         if len(violations(one, int(approximation.powers[i]))):

@@ -77,16 +77,16 @@ class SecondOrder:
         space, s = self.space, imaginary(freq)
         square = np.where(self.always, 1.0, space.omega**2)
         with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping, on a line
-            own = 1.0 / (
+            receptance = 1.0 / (
                 square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2
             )  # (n_f, r)
         size = rates(self.powers, s)[:, :, 0]
         out = np.zeros(len(space))
         for i, power in enumerate(self.powers):
-            left = own
+            dynamic = receptance
             if power == 0:
-                left = own - 1.0 / square
-            change = np.abs(left * size[:, [i]])
+                dynamic = receptance - 1.0 / square
+            change = np.abs(dynamic * size[:, [i]])
             for j, shape in enumerate(space.inputs):
                 largest = (change / level[:, i, j, None]).max(axis=0)
                 out = np.maximum(out, largest * np.abs(space.outputs[i] * shape))
@@ -97,11 +97,14 @@ class SecondOrder:
         space, s = self.space, imaginary(freq)
         size = np.abs(rates(self.powers, s)[:, :, 0])
         with np.errstate(divide="ignore"):  # a mode without damping, on a line
-            own = np.abs(
+            receptance = np.abs(
                 1.0 / (space.omega**2 + s[:, None] * np.diag(self.damping) + s[:, None] ** 2)
             )
-        own = np.minimum(own, 1e150)
-        outputs, inputs = np.sqrt(own @ space.outputs.T**2), np.sqrt(own @ space.inputs.T**2)
+        receptance = np.minimum(receptance, 1e150)
+        outputs, inputs = (
+            np.sqrt(receptance @ space.outputs.T**2),
+            np.sqrt(receptance @ space.inputs.T**2),
+        )
         return np.asarray((size * outputs)[:, :, None] * inputs[:, None, :])
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
@@ -165,8 +168,10 @@ def _structural(space: ModalSpace) -> _Real:
     C = np.zeros((len(space), len(space)))
     for part in space.lossy:
         between = np.outer(root, root)
-        own = part.matrix[n:, n:] / between
-        C[n:, n:] += own * part.relative(between.ravel() / _TWO_PI).reshape(own.shape)
+        modal_damping = part.matrix[n:, n:] / between
+        C[n:, n:] += modal_damping * part.relative(between.ravel() / _TWO_PI).reshape(
+            modal_damping.shape
+        )
     return nonnegative(C)
 
 
@@ -208,9 +213,9 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
         else:
             b = np.sqrt(omega[[0]] * omega[[-1]])
         shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
-        a, left = nnls(shares, wanted)
-        if left < least:
-            best, least = Relaxation(a, b), left
+        a, residual = nnls(shares, wanted)
+        if residual < least:
+            best, least = Relaxation(a, b), residual
     assert best is not None
     return best
 
@@ -307,10 +312,10 @@ class Biot:
         A[: 2 * n, : 2 * n] = A0
         first = 2 * n
         for rate, L in relaxing:
-            own = slice(first, first + L.shape[1])
-            A[own, own] = -rate * np.eye(L.shape[1])
-            A[own, n : 2 * n], A[n : 2 * n, own] = L.T, -L
-            first = own.stop
+            states = slice(first, first + L.shape[1])
+            A[states, states] = -rate * np.eye(L.shape[1])
+            A[states, n : 2 * n], A[n : 2 * n, states] = L.T, -L
+            first = states.stop
         C = np.hstack([C0, np.zeros((len(C0), more))])
         if (self.base.powers == 2).any():
             C[self.base.powers == 2] = (self.base.space.outputs[:, kept] @ A[n : 2 * n])[

@@ -41,7 +41,7 @@ def realise(
         facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
         if not found.conversion.at_rest:
             facts["fitted"] += ", not 0 at rest"
-    made = Plant(
+    plant = Plant(
         A,
         B,
         C,
@@ -62,39 +62,39 @@ def realise(
         ),
         facts=facts,
     )
-    return with_errors(made, task.target)
+    return with_errors(plant, task.target)
 
 
 def _flexible(found: CandidateSelection) -> NDArray[np.bool_]:
     return ~found.conversion.always
 
 
-def with_errors(made: Plant, target: ResponseTarget) -> Plant:
+def with_errors(plant: Plant, target: ResponseTarget) -> Plant:
     """Return a plant with the errors of its matrices; raises ModelError for an unstable pole."""
-    G = sweep(made, target.freq)
-    scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
-    if (made.poles.real > 1e-9 * scale).any():
+    G = sweep(plant, target.freq)
+    scale = max(float(np.abs(plant.poles).max(initial=0.0)), 1e-300)
+    if (plant.poles.real > 1e-9 * scale).any():
         raise ModelError(
-            f"plant: route {made.route!r} gave an unstable pole,"
-            f" {made.poles[np.argmax(made.poles.real)]:.4g} rad/s; use another route"
+            f"plant: route {plant.route!r} gave an unstable pole,"
+            f" {plant.poles[np.argmax(plant.poles.real)]:.4g} rad/s; use another route"
         )
-    facts = dict(made.facts)
+    facts = dict(plant.facts)
     if target.slow:
         facts["peak error of accelerations"] = target.peak_error(G, strict=True)
     return replace(
-        made,
+        plant,
         error=target.error(G),
         peak_error=target.peak_error(G),
         facts=facts,
         relative_error=target.relative_error(G),
-        zero_shift=tuple(_shifts(made, target, G)),
+        zero_shift=tuple(_shifts(plant, target, G)),
     )
 
 
-def _shifts(made: Plant, target: ResponseTarget, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
+def _shifts(plant: Plant, target: ResponseTarget, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
     for i, j in np.ndindex(*target.level.shape):
-        matrices = StateSpace(made.A, made.B[:, [j]], made.C[[i]], made.D[[i]][:, [j]])
-        names = made.outputs[i], made.inputs[j]
+        matrices = StateSpace(plant.A, plant.B[:, [j]], plant.C[[i]], plant.D[[i]][:, [j]])
+        names = plant.outputs[i], plant.inputs[j]
 
         if target.level[i, j] > target.floor[i, j]:
             zeros = channel_zeros(matrices)

@@ -175,10 +175,10 @@ class ModalSpace:
         """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid bodies."""
         out = np.zeros(len(self))
         for i in range(self.rigid, len(self)):
-            own = sum(
+            lossy_energy = sum(
                 float(p.relative(self.omega[[i]] / _TWO_PI)[0]) * p.matrix[i, i] for p in self.lossy
             )
-            out[i] = own / self.omega[i] ** 2 + self.viscous[i, i] / self.omega[i]
+            out[i] = lossy_energy / self.omega[i] ** 2 + self.viscous[i, i] / self.omega[i]
         return out
 
 
@@ -245,11 +245,11 @@ class ModalProjection:
             self.system.terms, self.matrices, state.factor, state.loss, strict=True
         ):
             if loss:
-                own = shapes.T @ (factor * loss * matrix) @ shapes
+                damping = shapes.T @ (factor * loss * matrix) @ shapes
                 # A rigid-body motion has no strain: these entries are rounding.
-                own[:rigid] = 0.0
-                own[:, :rigid] = 0.0
-                lossy.append(Lossy(term.group, own, term.table))
+                damping[:rigid] = 0.0
+                damping[:, :rigid] = 0.0
+                lossy.append(Lossy(term.group, damping, term.table))
         viscous = nonnegative(shapes.T @ self.combine(state, "viscous") @ shapes)
         solver = self.solver
         if solver is not None:
@@ -325,8 +325,8 @@ def shared_projection(
     # An accurate basis is not enriched further.
     reduction.enrich(training[_AT_LEAST:], lines, allowed=0.5 * accuracy)
     holds = reduction.residual_errors(states, lines) <= accuracy
-    said = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
-    return making.of(reduction, said), holds
+    source = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
+    return making.of(reduction, source), holds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -349,8 +349,8 @@ class _Projector:
     def at_start(self, backend: str | None, accuracy: float) -> ModalProjection:
         if self.system.n <= _WHOLE:
             return self.whole()
-        reduction, said = self.reduce(backend, accuracy)
-        return self.of(reduction, said)
+        reduction, source = self.reduce(backend, accuracy)
+        return self.of(reduction, source)
 
     def whole(self) -> ModalProjection:
         """Return the projection onto all DOFs."""
@@ -363,9 +363,10 @@ class _Projector:
             )
             matrices.append(whole)
         eye = np.eye(self.system.n)
-        said, rigid = f"all {self.system.n} DOFs of the model", _rigid_motions(self.model).shape[1]
+        source = f"all {self.system.n} DOFs of the model"
+        rigid = _rigid_motions(self.model).shape[1]
         return self._build_projection(
-            self.system, matrices, lambda dofs: eye[dofs], rigid, said, None
+            self.system, matrices, lambda dofs: eye[dofs], rigid, source, None
         )
 
     def reduce(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
@@ -373,8 +374,8 @@ class _Projector:
         (into, _), (out, _) = self._ports
         system, band = self.system, self.band
         reduction = Reduction(system, out, into, band, check_backend(backend), accuracy)
-        lines, own = np.linspace(band[0], band[1], 400), self.structure
-        begin(reduction, own.source, own.kept_basis, system.start, lines)
+        lines, structure = np.linspace(band[0], band[1], 400), self.structure
+        begin(reduction, structure.source, structure.kept_basis, system.start, lines)
         found = reduction.certify(system.start, lines)
         # Rounding affects the model, too: no basis is free of it.
         lacking = found.error - found.rounding
@@ -389,11 +390,11 @@ class _Projector:
             f"{found.size} basis vectors of a reduced model, error at most {found.error:.1g}",
         )
 
-    def of(self, reduction: Reduction, said: str) -> ModalProjection:
+    def of(self, reduction: Reduction, source: str) -> ModalProjection:
         """Return the projection onto a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
         return self._build_projection(
-            solver.system, basis.terms, basis.at, self._rigid_in(reduction), said, solver
+            solver.system, basis.terms, basis.at, self._rigid_in(reduction), source, solver
         )
 
     def _rigid_in(self, reduction: Reduction) -> int:
@@ -417,7 +418,7 @@ class _Projector:
         matrices: Sequence[_Real],
         at: Callable[[NDArray[np.intp]], _Real],
         rigid: int,
-        said: str,
+        source: str,
         solver: ReducedSolver | None,
     ) -> ModalProjection:
         (into, weights_in), (out, weights_out) = self._ports
@@ -428,7 +429,7 @@ class _Projector:
             weights_in @ at(into),
             rigid,
             self.band,
-            said,
+            source,
             solver,
         )
 

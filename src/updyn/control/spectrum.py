@@ -83,14 +83,14 @@ class SpectralDecomposition:
         S = np.eye(len(X)) + 1j * (X.T @ D @ X)
         mu, V = np.linalg.eig(np.linalg.solve(S, np.diag(share).astype(np.complex128)))
         dampers = _dampers(X.T @ projection.combine(state, "viscous") @ X)
-        seen = np.vstack([projection.outputs @ X, dampers.T])
+        observed = np.vstack([projection.outputs @ X, dampers.T])
         forced = np.vstack([projection.inputs @ X, dampers.T])
         try:
             right = np.linalg.solve(S @ V, forced.T).T
         except np.linalg.LinAlgError:  # vectors of a multiple eigenvalue
             right = np.full((len(forced), len(mu)), np.nan, dtype=np.complex128)
         poles = _poles(mu, V, share, dampers, top)
-        found = cls(projection, state, poles, (mu, seen @ V, right))
+        found = cls(projection, state, poles, (mu, observed @ V, right))
         many = dampers.shape[1] > _MANY * len(X)
         tabled = any(t.table is not None for t in projection.system.terms)
         if many or tabled or not found._agrees():
@@ -103,8 +103,8 @@ class SpectralDecomposition:
             return self.solve_lines(freq)
         omega, (mu, left, right) = _TWO_PI * freq, self.modes
         top = (_TWO_PI * self.projection.band[1]) ** 2
-        own = 1.0 / (1.0 - (1.0 + omega[:, None] ** 2 / top) * mu)
-        whole = (left[None] * own[:, None, :]) @ right.T
+        factors = 1.0 / (1.0 - (1.0 + omega[:, None] ** 2 / top) * mu)
+        whole = (left[None] * factors[:, None, :]) @ right.T
         n_y, n_u = len(self.projection.outputs), len(self.projection.inputs)
         H = whole[:, :n_y, :n_u]
         if whole.shape[1] > n_y:

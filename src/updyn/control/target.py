@@ -206,11 +206,11 @@ class ResponseTarget:
         between the adjacent minima, so a slight shift has no effect. With `strict`, resonances and
         heights are those of the response times `lift`.
         """
-        own, size = self._magnitude(self.values, strict), self._magnitude(G, strict)
+        magnitude, size = self._magnitude(self.values, strict), self._magnitude(G, strict)
         worst = 0.0
         for i, j in np.ndindex(*self.level.shape):
             for first, last in self.resonances(i, j, strict=strict):
-                height = own[first:last, i, j].max()
+                height = magnitude[first:last, i, j].max()
                 worst = max(worst, abs(size[first:last, i, j].max() / height - 1.0))
         return float(worst)
 
@@ -221,12 +221,14 @@ class ResponseTarget:
         """Return the resonances of a channel, as ranges of lines from minimum to minimum."""
         if self.level[output, input] <= self.floor[output, input]:
             return []
-        seen = self._magnitude(self.values, strict)[:, output, input]
-        rises = np.diff(seen) > 0
+        magnitude = self._magnitude(self.values, strict)[:, output, input]
+        rises = np.diff(magnitude) > 0
         tops = np.flatnonzero(rises[:-1] & ~rises[1:]) + 1
-        lows = np.concatenate([[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(seen) - 1]])
+        lows = np.concatenate(
+            [[0], np.flatnonzero(~rises[:-1] & rises[1:]) + 1, [len(magnitude) - 1]]
+        )
         out = []
-        for top in tops[seen[tops] >= _COUNTS * seen.max()] if len(tops) else []:
+        for top in tops[magnitude[tops] >= _COUNTS * magnitude.max()] if len(tops) else []:
             out.append((int(lows[lows < top][-1]), int(lows[lows > top][0]) + 1))
         return out
 

@@ -363,24 +363,28 @@ def uncertainty_weight(
             level = np.log(np.maximum(radius[:, *at], floors[at]))
             if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _MISSED:
                 bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
-    made = {}
+    channel_weights = {}
     for i, j in channels:
-        own, floor = radius[:, i, j], float(floors[i, j])
+        channel_radius, floor = radius[:, i, j], float(floors[i, j])
         if (i, j) not in bounds:
-            made[i, j] = Weight(_NONE, _NONE, 0.0, note="All members equal the nominal plant here.")
+            channel_weights[i, j] = Weight(
+                _NONE, _NONE, 0.0, note="All members equal the nominal plant here."
+            )
             continue
         bound = bounds[i, j]
         notes = []
         if kind == "multiplicative":
-            notes.append(_about_peak(family, lines, own, (i, j)))
+            notes.append(_about_peak(family, lines, channel_radius, (i, j)))
         if given is None:
-            notes.append(_ends(lines, own, floor))
+            notes.append(_ends(lines, channel_radius, floor))
         if order is None and bound.mean > 1.0 + tolerance:
             notes.append(f"The mean excess at order {bound.order} is above {1.0 + tolerance:g}.")
-        made[i, j] = _weight(lines, own, floor, bound, " ".join(filter(None, notes)))
+        channel_weights[i, j] = _weight(
+            lines, channel_radius, floor, bound, " ".join(filter(None, notes))
+        )
     rows = []
     for i in range(len(family.outputs)):
-        rows.append(tuple(made[i, j] for j in range(len(family.inputs))))
+        rows.append(tuple(channel_weights[i, j] for j in range(len(family.inputs))))
     weights = tuple(rows)
     for array in (lines, radius, floors):
         array.flags.writeable = False
@@ -453,16 +457,16 @@ def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) 
 
 def _ends(lines: _Real, radius: _Real, floor: float) -> str:
     """Return a note if the radius still grows beyond the lines."""
-    said = []
-    for here, inside, what in ((0, 1, "below"), (-1, -2, "above")):
-        if radius[here] > floor and len(lines) > 1:
-            rise = np.log(radius[here] / radius[inside]) / abs(np.log(lines[here] / lines[inside]))
+    notes = []
+    for end, inside, what in ((0, 1, "below"), (-1, -2, "above")):
+        if radius[end] > floor and len(lines) > 1:
+            rise = np.log(radius[end] / radius[inside]) / abs(np.log(lines[end] / lines[inside]))
             if rise > 0.5:
-                said.append(
-                    f"The radius still grows {what} {lines[here]:.3g} Hz, where the weight does not"
+                notes.append(
+                    f"The radius still grows {what} {lines[end]:.3g} Hz, where the weight does not"
                     " bound it."
                 )
-    return " ".join(said)
+    return " ".join(notes)
 
 
 def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
@@ -470,14 +474,14 @@ def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int,
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:
         return ""
-    said = f"The radius reaches 1 at {lines[over[0]]:.4g} Hz: |T| must be below 1 / radius there."
+    note = f"The radius reaches 1 at {lines[over[0]]:.4g} Hz: |T| must be below 1 / radius there."
     top = 2j * np.pi * lines[int(np.argmax(radius))]
     zero = _nearest(channel_zeros(family.nominal, *at), top)
     pole = _nearest(np.concatenate([p.poles for p in (family.nominal, *family.members)]), top)
     roots = [x for x in (zero, pole) if x is not None]
     root = min(roots, key=lambda x: abs(x - top) / abs(x), default=None)
     if root is None or abs(root - top) > max(3.0 * abs(root.real), 0.02 * abs(root)):
-        return said
+        return note
     where = f"{abs(root) / (2 * np.pi):.4g} Hz (damping {-root.real / abs(root):.2g})"
     if root is zero:
         what = (
@@ -485,11 +489,11 @@ def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int,
             " that of members is not"
         )
         return (
-            f"{said} It reaches {radius.max():.3g} because of {what}; kind='additive' is not"
+            f"{note} It reaches {radius.max():.3g} because of {what}; kind='additive' is not"
             " affected."
         )
     what = f"the resonance at {where}, which moves by more than its width"
-    return f"{said} It reaches {radius.max():.3g} because of {what}."
+    return f"{note} It reaches {radius.max():.3g} because of {what}."
 
 
 def _nearest(roots: _Complex, s: complex) -> complex | None:

@@ -148,9 +148,9 @@ def _geometry_with_drives(geometry: Geometry) -> Geometry:
     nodes = [*geometry.nodes.tolist()]
     lines = [*geometry.lines.tolist()]
     for train, ring in ((AZIMUTH, NODES["turntable"]), (ELEVATION, NODES["tube"] + 6)):
-        own = [train[name] for name in names]
-        nodes += own
-        lines += pairwise([*own, ring])
+        drive_nodes = [train[name] for name in names]
+        nodes += drive_nodes
+        lines += pairwise([*drive_nodes, ring])
     axes = np.tile(np.eye(3), (len(nodes), 1, 1))
     # The shafts of the elevation drive rotate about Y, which is their RZ.
     axes[-len(elevation) :] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]

@@ -247,15 +247,15 @@ def _table_6(result: UpdateResult) -> str:
         f"Against the paper, Table 6, after {steps} steps (the paper: after 5). Loss factors:",
         f"{'unit':<6} {'paper':>10} {'here':>10} {'true':>6}",
     ]
-    for unit, (theirs, true) in enumerate(zip(paper, data["loss_factor"], strict=True), 1):
-        here = abs(result.values[f"unit {unit}.loss_factor"])
-        lines.append(f"{unit:<6} {theirs:>10.4g} {here:>10.4g} {true:>6g}")
+    for unit, (paper_value, true) in enumerate(zip(paper, data["loss_factor"], strict=True), 1):
+        loss_factor = abs(result.values[f"unit {unit}.loss_factor"])
+        lines.append(f"{unit:<6} {paper_value:>10.4g} {loss_factor:>10.4g} {true:>6g}")
     return "\n".join(lines)
 
 
 def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
     printed = paper_matrices()
-    here = _matrices_of(result.model)
+    values = _matrices_of(result.model)
     shifted = _matrices_of(moved.model)
     true = _matrices_of(true_model())
     lines = [
@@ -267,7 +267,7 @@ def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
     differing = []
     for name, x in printed.items():
         lines.append(
-            f"{name:<8} {x:>10.5g} {here[name]:>12.6g} {shifted[name]:>12.6g} {true[name]:>12.6g}"
+            f"{name:<8} {x:>10.5g} {values[name]:>12.6g} {shifted[name]:>12.6g} {true[name]:>12.6g}"
         )
         if abs(shifted[name] - x) > 0.5 * 10.0 ** -decimals(x):
             differing.append(f"; {name} is {shifted[name]:.8g}")
@@ -320,11 +320,11 @@ def on_the_family(result: UpdateResult) -> UpdateResult:
     from updyn.updating.update import update
 
     wanted = paper_matrices()["K(6,6)"]
-    own = table()["stiffness_units_1e6"][5][0][0]
+    paper_stiffness = table()["stiffness_units_1e6"][5][0][0]
     others = [name for name in unit_names() if name != "unit 6"]
     moved = result
     for _ in range(3):  # the share of unit 5 in K(6,6) changes, too
-        change = (wanted - _matrices_of(moved.model)["K(6,6)"]) / own
+        change = (wanted - _matrices_of(moved.model)["K(6,6)"]) / paper_stiffness
         start = moved.model.scaled({"unit 6": {"stiffness": 1.0 + change / _share(moved)}})
         unknowns = parameters(start, stiffness=others, mass="all", loss_factor="all")
         moved = update(start, result.frf, unknowns, method="equation-error")

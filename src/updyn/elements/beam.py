@@ -336,7 +336,7 @@ class _SegmentRecipe:
     def section(self, segment: Segment) -> tuple[float, float]:
         """Return width and height of a segment."""
         width, height = (
-            own if (own := getattr(segment, key)) is not None else self.common[key]
+            size if (size := getattr(segment, key)) is not None else self.common[key]
             for key in ("width", "height")
         )
         return width, height
@@ -375,25 +375,25 @@ def _segment_group(
     loss_factor: float,
 ) -> Group:
     what = f"segment {segment.name!r}"
-    own = dict(common)
+    properties = dict(common)
     for name in common:
         value = getattr(segment, name)
         if value is not None:
-            own[name] = positive(what, name, value)
+            properties[name] = positive(what, name, value)
     if segment.loss_factor is not None:
         loss_factor = segment.loss_factor
     viscous = not_negative(what, "viscous", segment.viscous)
-    A = own["width"] * own["height"]
-    second_moment = own["width"] * own["height"] ** 3 / 12
-    mass_per_length = own["rho"] * A
+    A = properties["width"] * properties["height"]
+    second_moment = properties["width"] * properties["height"] ** 3 / 12
+    mass_per_length = properties["rho"] * A
     middle = (x[:-1] + x[1:]) / 2
     first = np.flatnonzero((middle > segment.start) & (middle < segment.end))
     # E I / (kappa G A) = (E / G) (I / A) / kappa
     K, M_w, M_t = element_matrices(
         np.diff(x)[first],
-        own["E"] * second_moment,
+        properties["E"] * second_moment,
         mass_per_length,
-        own["rho"] * second_moment,
+        properties["rho"] * second_moment,
         shear_ratio * second_moment / A,
     )
     n = 2 * len(x)

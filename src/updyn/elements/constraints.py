@@ -65,7 +65,7 @@ class Equation:
 
     def __init__(self, dof: str | Dof, terms: Mapping[str, float] | Mapping[Dof, float]) -> None:
         signed = Dof.parse(dof)
-        own = abs(signed)
+        dependent = abs(signed)
         read: dict[Dof, float] = {}
         for label, coefficient in terms.items():
             signed_other = Dof.parse(label)
@@ -74,18 +74,18 @@ class Equation:
                 coefficient, bool
             ):
                 raise ModelError(
-                    f"equation of {own}: coefficient {coefficient!r} of {signed_other}; expected a"
-                    " number"
+                    f"equation of {dependent}: coefficient {coefficient!r} of {signed_other};"
+                    " expected a number"
                 )
             if not abs(coefficient) <= _LARGEST:
                 raise ModelError(
-                    f"equation of {own}: coefficient {coefficient!r} of {signed_other} is not"
+                    f"equation of {dependent}: coefficient {coefficient!r} of {signed_other} is not"
                     " finite"
                 )
-            if other in read or other == own:
-                raise ModelError(f"equation of {own}: {other} stands twice")
+            if other in read or other == dependent:
+                raise ModelError(f"equation of {dependent}: {other} stands twice")
             read[other] = float(coefficient) * signed_other.sign * signed.sign
-        object.__setattr__(self, "dof", own)
+        object.__setattr__(self, "dof", dependent)
         object.__setattr__(self, "terms", read)
 
     def __str__(self) -> str:
@@ -195,11 +195,11 @@ def _index_by_dof(equations: Iterable[Equation]) -> dict[Dof, Equation]:
 def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDArray[np.intp]]:
     """Return T, shape (N, q), and the remaining DOFs, shape (q,)."""
     n = len(dofs)
-    own = dofs.match([tie.dof for tie in ties], "held or tied DOF").index
+    dependent = dofs.match([tie.dof for tie in ties], "held or tied DOF").index
     rows: list[int] = []
     terms: list[Dof] = []
     values: list[float] = []
-    for row, tie in zip(own.tolist(), ties, strict=True):
+    for row, tie in zip(dependent.tolist(), ties, strict=True):
         rows += [row] * len(tie.terms)
         terms += tie.terms.keys()
         values += tie.terms.values()
@@ -207,11 +207,11 @@ def _transformation(dofs: DofSet, ties: Sequence[Equation]) -> tuple[Matrix, NDA
     place = dict(zip(distinct, dofs.match(distinct, "DOF of an equation").index, strict=True))
     columns = np.array([place[dof] for dof in terms], dtype=np.intp)
     tied = np.zeros(n, dtype=np.bool_)
-    tied[own] = True
+    tied[dependent] = True
     free = np.flatnonzero(~tied)
     tie_matrix = sp.csr_array((values, (np.array(rows, dtype=np.intp), columns)), shape=(n, n))
     tie_matrix.eliminate_zeros()
-    _check_no_loop(tie_matrix[own][:, own], ties)
+    _check_no_loop(tie_matrix[dependent][:, dependent], ties)
     T = tie_matrix + sp.csr_array((np.ones(len(free)), (free, free)), shape=(n, n))
     while tied[T.indices].any():  # each product halves the length of the chains
         T = sp.csr_array(T @ T)

@@ -77,15 +77,15 @@ def _node(key: str | int | Dof) -> int:
 
 def _translations(model: Model, node: int) -> NDArray[np.intp]:
     """Return the positions of the translations of a node among the DOFs of the model."""
-    own = model.dofs.nodes == node
-    if not own.any():
+    at_node = model.dofs.nodes == node
+    if not at_node.any():
         nodes = np.unique(model.dofs.nodes)
         near = nodes[np.argsort(np.abs(nodes - node), kind="stable")[:3]]
         raise DofError(
             f"sensor at node {node}: the model has no such node;"
             f" {suggest(str(node), map(str, near.tolist()))}"
         )
-    at = np.flatnonzero(own & (model.dofs.axes < 3))
+    at = np.flatnonzero(at_node & (model.dofs.axes < 3))
     if not at.size:
         raise ModelError(
             f"sensor at node {node}: the model has no translation there that its mass could load"

@@ -376,10 +376,10 @@ def _groups(
             grouped[at] = True
             if len(at):
                 kinds = groups.setdefault(name, {})
-                own = numbers[np.asarray(cells.data)[at]]
+                cell_nodes = numbers[np.asarray(cells.data)[at]]
                 if cells.type in kinds:
-                    own = np.concatenate([kinds[cells.type], own])
-                kinds[cells.type] = own
+                    cell_nodes = np.concatenate([kinds[cells.type], cell_nodes])
+                kinds[cells.type] = cell_nodes
         free = int((~grouped).sum())
         if free:
             ungrouped[cells.type] = ungrouped.get(cells.type, 0) + free
@@ -426,8 +426,8 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
 
 
 def _physical_group_name(found: _MeshContent, tag: int, dim: int) -> str:
-    for name, (own, own_dim) in found.names.items():
-        if int(own) == tag and int(own_dim) == dim:
+    for name, (group_tag, group_dim) in found.names.items():
+        if int(group_tag) == tag and int(group_dim) == dim:
             return str(name)
     return f"{dim}-{tag}"
 
@@ -608,18 +608,18 @@ def _abaqus_numbers(path: Path, lines: list[str]) -> NDArray[np.int64]:
                     number,
                 )
         if keyword == "ELEMENT":
-            own = _ELSET.search(line)
-            if own is None:
+            element_set = _ELSET.search(line)
+            if element_set is None:
                 without_set = without_set or number
-            elif own[1] in set_lines:
+            elif element_set[1] in set_lines:
                 raise FormatError(
-                    f"*ELEMENT with ELSET={own[1]}, as on line {set_lines[own[1]]}, which would be"
-                    " lost; use two names",
+                    f"*ELEMENT with ELSET={element_set[1]}, as on line"
+                    f" {set_lines[element_set[1]]}, which would be lost; use two names",
                     path,
                     number,
                 )
             else:
-                set_lines[own[1]] = number
+                set_lines[element_set[1]] = number
     if set_lines and without_set is not None:
         raise FormatError(
             "*ELEMENT without ELSET beside others with one; give each block its own",

@@ -109,12 +109,12 @@ def _variables(elements: Iterable[bytes], path: str) -> dict[str, Any]:
         for name, value in _stored_5(element, path).items():
             if name.startswith("__"):
                 continue
-            own = name
+            variable_name = name
             if isinstance(value, MatlabOpaque) and value.size == 1:
-                own = _object_fields(value).get("s0") or name
-            if own in variables:
-                raise FormatError(f"variable {own!r} occurs twice", path)
-            variables[own] = _read_or_mark(_item_5, value, own, path)
+                variable_name = _object_fields(value).get("s0") or name
+            if variable_name in variables:
+                raise FormatError(f"variable {variable_name!r} occurs twice", path)
+            variables[variable_name] = _read_or_mark(_item_5, value, variable_name, path)
     return variables
 
 

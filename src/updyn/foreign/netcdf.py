@@ -47,8 +47,8 @@ def load(
         members = content.members(file)
         found["names"] = sorted(members)
         found["attributes"] = content.attributes(file)
-        said = found["attributes"].get("updyn_kind")
-        if said != kind and (said is not None or not set(wanted) & set(members)):
+        stored_kind = found["attributes"].get("updyn_kind")
+        if stored_kind != kind and (stored_kind is not None or not set(wanted) & set(members)):
             return found
         for item in members.values():
             if isinstance(item, h5py.Dataset) and not has_no_variable(item):

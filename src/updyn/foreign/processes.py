@@ -68,11 +68,11 @@ class _Server:
 
     def __init__(self, origin: tuple[Any, ...]) -> None:
         self.origin = origin
-        self.control, theirs = socket.socketpair()
-        with theirs:
+        self.control, child_socket = socket.socketpair()
+        with child_socket:
             # A separate process group: killed with its fork, and not reached by Ctrl-C.
             self.process = _python(
-                _SERVER, stdin=theirs, stdout=subprocess.DEVNULL, process_group=0
+                _SERVER, stdin=child_socket, stdout=subprocess.DEVNULL, process_group=0
             )
 
     def fork(self, request: str) -> Forked | None:

@@ -298,22 +298,22 @@ def _units(
     out: _Units = {}
     quantities: dict[str, str] = {}
     for column in columns:
-        own = _own_unit(column, path, line)
-        if own is not None and general is not None and not own.agrees(general):
+        column_unit = _own_unit(column, path, line)
+        if column_unit is not None and general is not None and not column_unit.agrees(general):
             raise FormatError(
                 f"header: column {column.name!r}: {column.unit!r} contradicts the comment, which"
                 f" states {general.label!r}",
                 path,
                 line,
             )
-        unit = own or general
+        unit = column_unit or general
         if unit is not None:
             unit.check(column.pair, path, line)
             quantities.setdefault(unit.motion.kind, column.name)
         out[column.pair, column.kind] = unit
     if len(quantities) > 1:
-        said = " and ".join(f"{name!r} of {kind}" for kind, name in quantities.items())
-        raise FormatError(f"header: columns of several quantities: {said}", path, line)
+        found_kinds = " and ".join(f"{name!r} of {kind}" for kind, name in quantities.items())
+        raise FormatError(f"header: columns of several quantities: {found_kinds}", path, line)
     return out
 
 
@@ -487,21 +487,21 @@ def _one(head: _Head, name: str, path: str | Path) -> str | None:
 
 def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -> str:
     """Return the quantity stated by the file, its units or the user."""
-    said = _one(head, "quantity", path)
+    comment_value = _one(head, "quantity", path)
     unit = next((unit for unit in units.values() if unit is not None), None)
     by_unit = None if unit is None else unit.motion.kind
-    if said is not None and given is not None and said != given:
+    if comment_value is not None and given is not None and comment_value != given:
         raise FormatError(
-            f"quantity {given!r} contradicts the file, which states {said!r}",
+            f"quantity {given!r} contradicts the file, which states {comment_value!r}",
             path,
             key=("quantity",),
         )
-    stated = given if said is None else said
+    stated = given if comment_value is None else comment_value
     if unit is not None and stated is not None and stated != by_unit:
         raise FormatError(
             f"quantity {stated!r} contradicts the unit {unit.label!r} of {by_unit}",
             path,
-            key=("quantity",) if said is None else (),
+            key=("quantity",) if comment_value is None else (),
         )
     stated = by_unit if stated is None else stated
     if stated is None:
@@ -514,22 +514,22 @@ def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -
 
 
 def _averages(head: _Head, path: str | Path) -> int | None:
-    said = _one(head, "averages", path)
-    if said is None:
+    stated = _one(head, "averages", path)
+    if stated is None:
         return None
-    if not re.fullmatch(r"[0-9]+", said):
-        raise FormatError(f"averages: {said!r}; expected a whole number of at least 1", path)
-    return int(said)
+    if not re.fullmatch(r"[0-9]+", stated):
+        raise FormatError(f"averages: {stated!r}; expected a whole number of at least 1", path)
+    return int(stated)
 
 
 def _decay(head: _Head, path: str | Path) -> float:
-    said = _one(head, "decay", path)
-    if said is None:
+    stated = _one(head, "decay", path)
+    if stated is None:
         return 0.0
     try:
-        return real_of(said)
+        return real_of(stated)
     except ValueError as error:
-        raise FormatError(f"decay: {said!r}; expected a number in 1/s", path) from error
+        raise FormatError(f"decay: {stated!r}; expected a number in 1/s", path) from error
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:

@@ -114,10 +114,10 @@ def _check_sum(
 ) -> None:
     if total is None:
         return
-    left = sp.csr_array(total)
+    remainder = sp.csr_array(total)
     for part in parts:
-        left = left - part
-    entry, scale = sp.coo_array(left), _scale(total)
+        remainder = remainder - part
+    entry, scale = sp.coo_array(remainder), _scale(total)
     allowed = tolerance * np.maximum(scale[entry.row], scale[entry.col])
     beyond = np.abs(entry.data) - allowed
     if beyond.size and beyond.max() > 0.0:

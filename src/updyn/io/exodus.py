@@ -158,9 +158,9 @@ def _corners_by_shape(
         if shape is not None:
             drawn.append((shape, elements - 1))
     if unknown:
-        said = ", ".join(f"{number} of type {kind!r}" for kind, number in unknown.items())
+        found_kinds = ", ".join(f"{number} of type {kind!r}" for kind, number in unknown.items())
         warnings.warn(
-            f"{path}: elements of unknown types are not drawn: {said}",
+            f"{path}: elements of unknown types are not drawn: {found_kinds}",
             UpdynWarning,
             stacklevel=3,
         )

@@ -365,8 +365,8 @@ def guard_reader(path: str | Path, reader: str) -> Iterator[None]:
     except MemoryError as error:
         raise FormatError(f"cannot be read (reader {reader!r}): out of memory", path) from error
     except Exception as error:
-        said = str(error).strip().splitlines()
-        reason = f": {said[0][:200]}" if said else ""
+        message_lines = str(error).strip().splitlines()
+        reason = f": {message_lines[0][:200]}" if message_lines else ""
         raise FormatError(
             f"cannot be read (reader {reader!r}): {type(error).__name__}{reason}", path
         ) from error

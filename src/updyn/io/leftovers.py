@@ -97,8 +97,8 @@ def _where() -> str | None:
         _state(os.getpid())
     except (OSError, ValueError, IndexError):
         return None
-    said = b"\n".join([boot, str(space).encode(), socket.gethostname().encode()])
-    return blake2b(said, digest_size=8).hexdigest()
+    identity = b"\n".join([boot, str(space).encode(), socket.gethostname().encode()])
+    return blake2b(identity, digest_size=8).hexdigest()
 
 
 def _state(number: int) -> tuple[str, int]:

@@ -383,10 +383,10 @@ def _packets(
     titles = [title.strip() for title in names.split(head.separator)]
     if titles[:1] != [_NAMES_FROM]:
         raise format_error(f"expected a line of names from {_NAMES_FROM}", of_names)
-    own = [title for title in titles if title and title not in (_NAMES_FROM, _NAMES_TO)]
-    if len(own) != n:
-        raise format_error(f"{len(own)} names for {n} channels", of_names)
-    channels = tuple(own[i] for i in axis.kept)
+    channel_names = [title for title in titles if title and title not in (_NAMES_FROM, _NAMES_TO)]
+    if len(channel_names) != n:
+        raise format_error(f"{len(channel_names)} names for {n} channels", of_names)
+    channels = tuple(channel_names[i] for i in axis.kept)
     for name in channels:
         if _SPECTRA.search(name):
             raise format_error(
@@ -399,7 +399,7 @@ def _packets(
     rows = _without_comments(rows, titles, n + max(with_x, 1), head.separator)
     empty = sorted(set(range(n)).difference(axis.kept))
     if empty:
-        rows = _without_empty(rows, own, empty, head, path, of_names + 1)
+        rows = _without_empty(rows, channel_names, empty, head, path, of_names + 1)
     if head.decimal != "." and "." in rows:
         at = of_names + 1 + rows[: rows.index(".")].count("\n")
         raise format_error(f"a point in numbers with the decimal sign {head.decimal!r}", at)
@@ -423,7 +423,7 @@ def _packets(
     if len(table) % count:
         also = ", and their times are not continuous" if len(times) else ""
         raise format_error(f"{len(table)} rows are not packets of {count} (Samples){also}")
-    left_out = tuple(own[i] for i in empty)
+    left_out = tuple(channel_names[i] for i in empty)
     for start in range(0, len(table), count):
         part = slice(start, start + count)
         step = _step(times[:, part], axis)

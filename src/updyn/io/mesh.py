@@ -61,10 +61,15 @@ def read_model(
     ):
         raise OptionError(f"{path}: materials: expected a table for each group")
     with locate_errors(path):
-        own = {group: dict(material) for group, material in materials.items()}
-        for group, material in own.items():
+        group_materials = {group: dict(material) for group, material in materials.items()}
+        for group, material in group_materials.items():
             if isinstance(material.get("section"), Mapping):
                 material["section"] = section_from_table(group, material["section"])
         return structure_from_mesh(
-            path, own, unit=str(unit), leave_out=leave_out, ungrouped=ungrouped, grounded=grounded
+            path,
+            group_materials,
+            unit=str(unit),
+            leave_out=leave_out,
+            ungrouped=ungrouped,
+            grounded=grounded,
         )

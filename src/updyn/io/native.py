@@ -42,8 +42,8 @@ def write_native(content: io.BytesIO, path: str | Path) -> None:
     path : path
         File to write.
     """
-    with content.getbuffer() as made:
-        write_bytes(path, made, _MARK + hashlib.sha256(made).hexdigest().encode() + b"\n")
+    with content.getbuffer() as buffer:
+        write_bytes(path, buffer, _MARK + hashlib.sha256(buffer).hexdigest().encode() + b"\n")
 
 
 def load_native(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
@@ -80,18 +80,18 @@ def _is_verified(path: str | Path) -> bool:
     """Return whether a file has a digest; refuse a wrong one."""
     try:
         with Path(path).open("rb") as file:
-            left = file.seek(0, io.SEEK_END) - _LENGTH
-            if left < 0:
+            n_unread = file.seek(0, io.SEEK_END) - _LENGTH
+            if n_unread < 0:
                 return False
-            file.seek(left)
+            file.seek(n_unread)
             line = file.read()
             if not line.startswith(_MARK):
                 return False
             file.seek(0)
             digest = hashlib.sha256()
-            while left > 0 and (block := file.read(min(left, _BLOCK))):
+            while n_unread > 0 and (block := file.read(min(n_unread, _BLOCK))):
                 digest.update(block)
-                left -= len(block)
+                n_unread -= len(block)
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", path) from error
     if line != _MARK + digest.hexdigest().encode() + b"\n":

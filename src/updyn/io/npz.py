@@ -242,10 +242,10 @@ def _nest_items(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, 
     for name in names:
         if names.count(name) > 1:
             raise FormatError(f"groups: {name!r} occurs twice", path)
-    for lone in sorted(set(names) ^ set(groups)):
-        state = f"lacks {lone!r}"
-        if lone in names:
-            state = f"contains {lone!r}, which has no array"
+    for unpaired in sorted(set(names) ^ set(groups)):
+        state = f"lacks {unpaired!r}"
+        if unpaired in names:
+            state = f"contains {unpaired!r}, which has no array"
         raise FormatError(f"groups: {state}; found: {format_names(groups)}", path)
     return {**top, "groups": {name: _with_sparse(groups[name], name, path) for name in names}}
 

@@ -188,7 +188,7 @@ def _groups_of_masses(ops: Any, masses: Mapping[str, Iterable[int]] | None) -> d
 
 
 def _check_groups(
-    groups: Mapping[str, Iterable[int]], there: set[int], what: str
+    groups: Mapping[str, Iterable[int]], existing: set[int], what: str
 ) -> dict[str, list[int]]:
     if not isinstance(groups, Mapping):
         raise OptionError(
@@ -201,8 +201,8 @@ def _check_groups(
         if not part:
             raise OptionError(f"group {name!r} is empty; expected {what} tags")
         for tag in part:
-            if tag not in there:
-                near = sorted(there, key=lambda t: (abs(t - tag), t))[:3]
+            if tag not in existing:
+                near = sorted(existing, key=lambda t: (abs(t - tag), t))[:3]
                 raise OptionError(
                     f"group {name!r}: no {what} {tag}; nearest: {', '.join(map(str, near))}"
                 )
@@ -243,10 +243,10 @@ def _labels(ops: Any, size: int) -> DofSet:
                 f"node {node} has {count} degrees of freedom in {dimensions} dimensions; expected"
                 f" displacements and rotations: {known}"
             )
-        own = set(range(count))
+        free = set(range(count))
         if node in tied:  # its equations come first, then those of the nodes it is tied to
-            own -= {int(dof) - 1 for dof in ops.getConstrainedDOFs(node)}
-        for number, equation in zip(sorted(own), map(int, ops.nodeDOFs(node)), strict=False):
+            free -= {int(dof) - 1 for dof in ops.getConstrainedDOFs(node)}
+        for number, equation in zip(sorted(free), map(int, ops.nodeDOFs(node)), strict=False):
             if equation < 0:
                 continue
             if axes[equation] >= 0:
@@ -266,8 +266,8 @@ def _geometry(ops: Any, length: float) -> Geometry:
     nodes = list(map(int, ops.getNodeTags()))
     xyz = np.zeros((len(nodes), 3))
     for i, node in enumerate(nodes):
-        there = ops.nodeCoord(node)
-        xyz[i, : len(there)] = there
+        position = ops.nodeCoord(node)
+        xyz[i, : len(position)] = position
     lines: list[tuple[Shape, NDArray[np.int64]]] = []
     faces: list[tuple[Shape, NDArray[np.int64]]] = []
     for tag in ops.getEleTags():
@@ -421,9 +421,9 @@ def _undamped_group(
         by_type: dict[str, list[int]] = {}
         for tag in tags:
             by_type.setdefault(str(ops.eleType(tag)), []).append(tag)
-        for alike in by_type.values():
-            if not any(matrix.any() for matrix in _part(ops, assembly, total, alike).values()):
-                quiet.setdefault(name, []).extend(alike)
+        for same_type in by_type.values():
+            if not any(matrix.any() for matrix in _part(ops, assembly, total, same_type).values()):
+                quiet.setdefault(name, []).extend(same_type)
     if len(quiet) == 1:
         return next(iter(quiet))
     i, j = map(int, np.unravel_index(np.argmax(np.abs(difference)), difference.shape))

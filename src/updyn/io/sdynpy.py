@@ -130,9 +130,9 @@ def _coordinate_of_state(
     alone = (ones.sum(axis=1) == 1) & ((ones | zeros).all(axis=1))
     pure = ones & alone[:, None]
     if not pure.any(axis=0).all():
-        lone = int(np.argmin(pure.any(axis=0)))
+        unmatched = int(np.argmin(pure.any(axis=0)))
         raise FormatError(
-            f"SDynPy System: state {lone + 1} of {T.shape[1]} is not a coordinate but part"
+            f"SDynPy System: state {unmatched + 1} of {T.shape[1]} is not a coordinate but part"
             " of several (a modal or Craig-Bampton reduction); save the unreduced system, or a"
             " reduction that keeps coordinates (Guyan, dynamic)",
             path,

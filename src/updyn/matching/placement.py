@@ -160,8 +160,8 @@ def _fit_to_nearest(
     fits = []
     for words, start in starts:
         R, shift = _iterate_nearest(x, nearest, start)
-        moved = x @ R.T + shift
-        distances = np.linalg.norm(moved - nearest(moved), axis=1)
+        aligned = x @ R.T + shift
+        distances = np.linalg.norm(aligned - nearest(aligned), axis=1)
         residual = float(np.sqrt(np.mean(distances**2)))
         how = f"fitted to the nearest nodes, started {words}"
         fit = Alignment(how, R, shift, factor, unit, residual)
@@ -246,11 +246,11 @@ class _Candidates:
         """
         rows = np.zeros((len(points), n), dtype=np.intp)
         distances = np.full((len(points), n), np.inf)
-        for need, (own, tree) in self._trees.items():
+        for need, (candidate_rows, tree) in self._trees.items():
             at = [i for i, other in enumerate(self.needs) if other == need]
             distance, index = tree.query(points[at], k=list(range(1, n + 1)))
             distances[at] = distance
-            rows[at] = own[np.minimum(index, len(own) - 1)]
+            rows[at] = candidate_rows[np.minimum(index, len(candidate_rows) - 1)]
         return rows, distances
 
 
@@ -482,16 +482,16 @@ def _warn_of_far_fit(placement: _Placement, attempt: _Attempt) -> None:
     if not isinstance(placement.alignment, str):
         return
     start = attempt.alignment.factor * placement.raw
-    moved = np.linalg.norm(attempt.points - start, axis=1)
+    distances = np.linalg.norm(attempt.points - start, axis=1)
     used = placement.model_geometry.xyz[placement.candidates.used]
     if len(used) < 2:
         return
     spacing = float(np.median(KDTree(used).query(attempt.points, k=[2])[0]))
-    if moved.max() > spacing / 2.0:
+    if distances.max() > spacing / 2.0:
         warnings.warn(
-            f"the fit to the nearest nodes moved the sensors by up to {moved.max():.3g} m, where"
-            f" nodes of the model are about {spacing:.3g} m apart: it may have found the wrong"
-            " ones; confirm it with three pairs of nodes",
+            f"the fit to the nearest nodes moved the sensors by up to {distances.max():.3g} m,"
+            f" where nodes of the model are about {spacing:.3g} m apart: it may have found the"
+            " wrong ones; confirm it with three pairs of nodes",
             UpdynWarning,
             stacklevel=4,
         )

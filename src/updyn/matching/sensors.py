@@ -121,12 +121,12 @@ def match(
     """
     _check_options(by, tolerance, unit, alignment, angle)
     sensors = _roles(data)
-    own = data.geometry if isinstance(data, FRF) else None
+    data_geometry = data.geometry if isinstance(data, FRF) else None
     test = _UserInput(
         sensors,
         _read_table(table or {}, sensors),
         _read_directions(directions or {}, sensors),
-        own,
+        data_geometry,
         geometry,
     )
     aligned: Alignment | None = None
@@ -149,11 +149,11 @@ def match(
         wrong = test.table.places(map(Dof.parse, error.lost))
         error.key = error.key or (wrong[0] if wrong else ())
         raise
-    moved = by != "label" or changed is not model
+    is_moved = by != "label" or changed is not model
     if by == "label":
         aligned, remarks = test.compare_labels(model, tolerance)
         notes += remarks
-        moved = moved or aligned is not None or tolerance is not None
+        is_moved = is_moved or aligned is not None or tolerance is not None
         nodes = test.nodes_by_label(model, aligned)
     _warn_of_angles(targets, assigned)
     rows = []
@@ -164,7 +164,7 @@ def match(
     if isinstance(data, FRF):
         named = replace(
             _rename_dofs(data, new, test.table),
-            geometry=_geometry_in_model(test, targets, changed, aligned, moved),
+            geometry=_geometry_in_model(test, targets, changed, aligned, is_moved),
             source=_record(data.source, by, rows),
         )
     else:
@@ -511,8 +511,8 @@ class _UserInput:
         return out
 
     def _has_other_axes(self, node: int, axes: NDArray[np.float64]) -> bool:
-        own = self.axes(node)
-        return own is not None and bool(np.abs(own - axes).max() > _SAME_AXES)
+        test_axes = self.axes(node)
+        return test_axes is not None and bool(np.abs(test_axes - axes).max() > _SAME_AXES)
 
 
 def _distance(
@@ -620,20 +620,20 @@ def _geometry_in_model(
     targets: Sequence[SensorDirection],
     model: Model,
     aligned: Alignment | None,
-    moved: bool,
+    is_moved: bool,
 ) -> Geometry | None:
     """Return the measured nodes with numbers and positions of the model, and their lines."""
     nodes = {t.sensor.node: t.dof.node for t in reversed(targets)}
-    if not moved and all(a == b for a, b in nodes.items()):
+    if not is_moved and all(a == b for a, b in nodes.items()):
         return test.measured
     new = list(dict.fromkeys(nodes[t.sensor.node] for t in targets))
-    own = model.geometry
+    model_geometry = model.geometry
     axes = None
-    if own is not None and np.isin(new, own.nodes).all():
-        rows = np.array([np.flatnonzero(own.nodes == n)[0] for n in new])
-        xyz = own.xyz[rows]
-        if own.axes is not None:
-            axes = own.axes[rows]
+    if model_geometry is not None and np.isin(new, model_geometry.nodes).all():
+        rows = np.array([np.flatnonzero(model_geometry.nodes == n)[0] for n in new])
+        xyz = model_geometry.xyz[rows]
+        if model_geometry.axes is not None:
+            axes = model_geometry.axes[rows]
     elif test.geometry is not None and np.isin(list(nodes), test.geometry.nodes).all():
         first = {b: a for a, b in reversed(nodes.items())}
         xyz = test.geometry.position([first[n] for n in new])

@@ -442,10 +442,15 @@ def _scales(
     """Return the quantity of the FRF, and the factors from channel units to SI units."""
 
     def of(channel: str) -> Unit:
-        said = records.units[records.index(channel)]
+        stored_unit = records.units[records.index(channel)]
         with key_path("units", channel):
-            told = units.get(channel)
-            return parse_unit(said if told is None else merge_units(told, said, channel), channel)
+            given_unit = units.get(channel)
+            return parse_unit(
+                stored_unit
+                if given_unit is None
+                else merge_units(given_unit, stored_unit, channel),
+                channel,
+            )
 
     for name in units:
         with key_path("units", name):
@@ -464,9 +469,9 @@ def _scales(
             key=("responses", kinds["force"]),
         )
     if len(kinds) > 1:
-        said = " and ".join(f"{name!r} of {kind}" for kind, name in kinds.items())
+        found_kinds = " and ".join(f"{name!r} of {kind}" for kind, name in kinds.items())
         raise DataError(
-            f"responses of several quantities ({said}); estimate them one by one",
+            f"responses of several quantities ({found_kinds}); estimate them one by one",
             key=("responses",),
         )
     for name, label in forces.items():
@@ -568,5 +573,5 @@ def _independent(n: int, shape: _Real, overlap: float) -> float:
 
 
 def _source(records: Records, reject: Mapping[int, str]) -> str:
-    left = ", ".join(f"record {number} omitted: {why}" for number, why in sorted(reject.items()))
-    return "; ".join(filter(None, (records.source, left)))
+    omitted = ", ".join(f"record {number} omitted: {why}" for number, why in sorted(reject.items()))
+    return "; ".join(filter(None, (records.source, omitted)))

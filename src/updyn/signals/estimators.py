@@ -112,8 +112,8 @@ def _h2(spectra: Spectra) -> _Complex:
         )
     # S_xf = Q R: the pseudo-inverse of S_fx = R^H Q^H is Q R^-H.
     Q, R = np.linalg.qr(spectra.xf)
-    seen = np.einsum("nfi,fir->nfr", spectra.motion.conj(), Q)
-    xx_Q = np.einsum("nfi,nfr->fir", spectra.motion, seen) / len(spectra.motion)
+    cross = np.einsum("nfi,fir->nfr", spectra.motion.conj(), Q)
+    xx_Q = np.einsum("nfi,nfr->fir", spectra.motion, cross) / len(spectra.motion)
     back = np.linalg.solve(R, xx_Q.conj().transpose(0, 2, 1))
     return np.asarray(back.conj().transpose(0, 2, 1))
 

@@ -151,9 +151,12 @@ def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | No
         axes = geometry.axes
         if axes is None:
             axes = np.broadcast_to(np.eye(3), (len(geometry.nodes), 3, 3))
-        for node, xyz, own in zip(geometry.nodes.tolist(), geometry.xyz, axes, strict=True):
-            before, there, turned = nodes.setdefault(node, (name, xyz, own))
-            for what, one, other in (("position", xyz, there), ("directions", own, turned)):
+        for node, xyz, node_axes in zip(geometry.nodes.tolist(), geometry.xyz, axes, strict=True):
+            before, position, turned = nodes.setdefault(node, (name, xyz, node_axes))
+            for what, one, other in (
+                ("position", xyz, position),
+                ("directions", node_axes, turned),
+            ):
                 if not np.allclose(one, other, rtol=_SAME_PLACE, atol=_SAME_PLACE):
                     raise DataError(
                         f"{name} gives node {node} the {what} {one.tolist()}, {before}"
@@ -164,7 +167,7 @@ def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | No
         list(nodes),
         [xyz for _, xyz, _ in nodes.values()],
         np.unique(np.vstack([geometry.lines for _, geometry in known]), axis=0),
-        [own for _, _, own in nodes.values()] if has_axes else None,
+        [node_axes for _, _, node_axes in nodes.values()] if has_axes else None,
         np.unique(np.vstack([geometry.faces for _, geometry in known]), axis=0),
     )
 

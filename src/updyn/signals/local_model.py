@@ -144,8 +144,8 @@ class Windows:
         to its residual.
         """
         for step in range(_STEPS if self.model.poles else 0):
-            moved = fit.poles + fit.change(is_first=step == 0)
-            fit = fit.better(_FittedModels.of(self, moved))
+            refitted = fit.poles + fit.change(is_first=step == 0)
+            fit = fit.better(_FittedModels.of(self, refitted))
         return fit
 
 
@@ -359,11 +359,11 @@ class _Solution:
     @property
     def _variance(self) -> _Real:
         """E|dH|^2 from the noise of the response, and from that of all through the poles."""
-        own = np.sum(np.abs(self.rows) ** 2, axis=3)[:, :, None]
+        noise_factor = np.sum(np.abs(self.rows) ** 2, axis=3)[:, :, None]
         shared = np.sum(np.abs(self.of_poles) ** 2, axis=4)
         # The poles were weighted by residuals, which are the noise times the freedom.
         shared = shared / self.freedom.mean(axis=1)[:, None, None, None]
-        return np.asarray(self._noise[:, None, :, None] * own + shared)
+        return np.asarray(self._noise[:, None, :, None] * noise_factor + shared)
 
     @property
     def _left_out(self) -> _Real:

@@ -156,7 +156,7 @@ class Records:
         `units` are those after the factor; without a factor, one that contradicts the records is an
         error. A factor is the inverse of a sensitivity.
         """
-        told, multiplied = dict(units or {}), dict(factors or {})
+        given_units, multiplied = dict(units or {}), dict(factors or {})
         values, names = self.values, list(self.units)
         for name, factor in multiplied.items():
             with key_path("factors", name):
@@ -167,7 +167,7 @@ class Records:
             scale[at] = factor
             values = values * scale[:, None]
             names[at] = ""  # the unit in the file is that before the factor
-        for name, told_unit in told.items():
+        for name, told_unit in given_units.items():
             with key_path("units", name):
                 at = self.index(name)
                 names[at] = merge_units(told_unit, names[at], name)

@@ -108,12 +108,12 @@ class Spectra:
 
         Divided by the number of averages less that of the forces, it is the variance of H1.
         """
-        left = np.maximum(self.xx * (1.0 - self.multiple), 0.0)
+        residual_power = np.maximum(self.xx * (1.0 - self.multiple), 0.0)
         if self.ff.shape[1] == 1:
-            return np.asarray(left[:, :, None] / self.power[:, None, :])
+            return np.asarray(residual_power[:, :, None] / self.power[:, None, :])
         identity = np.broadcast_to(np.eye(self.ff.shape[1]), self.ff.shape)
         inverse = np.einsum("frr->fr", np.linalg.solve(self.ff, identity)).real
-        return np.asarray(left[:, :, None] * inverse[:, None, :])
+        return np.asarray(residual_power[:, :, None] * inverse[:, None, :])
 
     @property
     def _explained_power(self) -> _Real:

@@ -172,8 +172,8 @@ def _digest(items: Mapping[str, Any]) -> str:
     content = {}
     for name, value in items.items():
         if name != _DIGEST:
-            own = value if name == "facts" else _as_lists(value)
-            content[name] = json.loads(to_text(own, "a plant"))
+            plain_value = value if name == "facts" else _as_lists(value)
+            content[name] = json.loads(to_text(plain_value, "a plant"))
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 

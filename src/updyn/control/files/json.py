@@ -34,8 +34,8 @@ def read_plant(path: str | Path) -> Plant:
         text = Path(path).read_text(encoding="utf-8-sig")
         items = json.loads(text, object_pairs_hook=once)
     except json.JSONDecodeError as error:
-        said = f"not JSON: {error.msg} (column {error.colno}); truncated or damaged?"
-        raise FormatError(said, path, error.lineno) from error
+        message = f"not JSON: {error.msg} (column {error.colno}); truncated or damaged?"
+        raise FormatError(message, path, error.lineno) from error
     except (RecursionError, ValueError) as error:
         raise FormatError(f"not JSON as updyn writes it: {error}", path) from error
     if not isinstance(items, dict):

@@ -18,13 +18,13 @@ __all__ = ["describe_plant_result", "describe_request"]
 _MEASURES = {"relative": "relative error", "peak": "error as a share of the peak"}
 
 
-def describe_plant_result(made: PlantResult) -> str:
+def describe_plant_result(result: PlantResult) -> str:
     """Return order, errors, route and conversions of the damping as text."""
-    found = made.plant
-    low, high = made.band
-    lines = [f"{made.title}: plant from {low:g} to {high:g} Hz", made.source]
+    found = result.plant
+    low, high = result.band
+    lines = [f"{result.title}: plant from {low:g} to {high:g} Hz", result.source]
     if found is None:
-        lines.append(made.message)
+        lines.append(result.message)
     else:
         lines += [
             (
@@ -36,24 +36,24 @@ def describe_plant_result(made: PlantResult) -> str:
             (
                 f"relative error {_percent(found.relative_error)} at most; error"
                 f" {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)}"
-                f" of the height of a resonance; tolerance {_percent(made.tolerance)}, of the"
-                f" {_MEASURES[made.measure]}"
+                f" of the height of a resonance; tolerance {_percent(result.tolerance)}, of the"
+                f" {_MEASURES[result.measure]}"
             ),
             f"route: {route_of(found)}",
         ]
         if found.zero_shift:
             lines.append(_zeros(found))
-        if made.sampled is not None and made.sampled.dt is not None:
-            sampled = made.sampled
+        if result.sampled is not None and result.sampled.dt is not None:
+            sampled = result.sampled
             lines.append(f"sampled every {sampled.dt:g} s: {sampled.n_states} states")
             if sampled.delay:
                 lines[-1] += f", input late by {sampled.delay} intervals"
-        if made.family is not None:
-            lines.append(made.family.summary())
-            lines += [weight.summary() for weight in made.weights.values()]
-    lines += ["", _conversions(made)]
-    lines += [f"note: {note}" for note in made.notes]
-    for part in (made.servo, *made.nonlinear, made.drive):
+        if result.family is not None:
+            lines.append(result.family.summary())
+            lines += [weight.summary() for weight in result.weights.values()]
+    lines += ["", _conversions(result)]
+    lines += [f"note: {note}" for note in result.notes]
+    for part in (result.servo, *result.nonlinear, result.drive):
         if part is not None:
             lines.append(f"\n{part.summary()}")
     return "\n".join(lines)
@@ -74,17 +74,17 @@ def _zeros(plant: Plant) -> str:
     return text
 
 
-def _conversions(made: PlantResult) -> str:
+def _conversions(result: PlantResult) -> str:
     """Return a table of the conversions of the damping (with all modes) and of the plant."""
     rows = []
-    for c in made.conversions:
+    for c in result.conversions:
         cells = [_percent(c.relative_error), _percent(c.error), _percent(c.peak_error)]
-        rows.append([c.name, *cells, state_of(c.name, made.plant), c.note])
-    if made.plant is not None:
-        p = made.plant
+        rows.append([c.name, *cells, state_of(c.name, result.plant), c.note])
+    if result.plant is not None:
+        p = result.plant
         cells = [_percent(p.relative_error), _percent(p.error), _percent(p.peak_error)]
         rows.append(["the plant itself", *cells, route_of(p), ""])
-    note = "note" if any(c.note for c in made.conversions) else ""
+    note = "note" if any(c.note for c in result.conversions) else ""
     head = [
         "damping converted by",
         "relative error",

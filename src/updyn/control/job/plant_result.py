@@ -201,8 +201,8 @@ def make_plant(
             extra["sampled"] = _sample_plant(table.sampling, made)
         if table.family:
             stage("plant: family")
-            extra["family"], said = _family(table, one, given, draws, engine)
-            notes.append(said)
+            extra["family"], note = _family(table, one, given, draws, engine)
+            notes.append(note)
             if extra["family"] is not None:
                 stage("plant: weights of the family")
                 extra["weights"], missing = _weights(job, extra["family"])
@@ -210,9 +210,9 @@ def make_plant(
     if job.table(ServoTable) is not None:
         stage("plant: servo")
         plants = extra.get("family") or made, extra.get("sampled")
-        found, said = _servo(job, model, band, plants, strict)
+        found, note = _servo(job, model, band, plants, strict)
         extra |= found
-        notes.append(said)
+        notes.append(note)
     return replace(base, notes=tuple(filter(None, notes)), **extra)
 
 
@@ -259,11 +259,11 @@ def _test_note(ready: Prepared, number: int) -> str:
         "added masses": table.masses,
         "masses of sensors": table.sensor_masses,
     }
-    made = [name for name, value in changes.items() if value]
-    if not made:
+    present = [name for name, value in changes.items() if value]
+    if not present:
         return ""
     which = f"test {table.name!r}" if len(ready.tests) > 1 else "the test"
-    return f"The plant is of the structure in {which}, with its {' and '.join(made)}."
+    return f"The plant is of the structure in {which}, with its {' and '.join(present)}."
 
 
 # -- parts ----------------------------------------------------------------------------------------
@@ -307,10 +307,10 @@ def lines_of(plant: Plant) -> _Real:
     low, high = plant.band
     low = max(low, 1e-4 * high)
     poles = plant.poles[plant.poles.imag > 0]
-    own = np.abs(poles) / (2.0 * np.pi)
-    inside = np.flatnonzero((own > low) & (own < high))[:_MODES]
+    pole_frequencies = np.abs(poles) / (2.0 * np.pi)
+    inside = np.flatnonzero((pole_frequencies > low) & (pole_frequencies < high))[:_MODES]
     damping = np.maximum(-poles.real[inside] / np.abs(poles[inside]), 1e-6)
-    around = own[inside, None] * (1.0 + damping[:, None] * _AROUND)
+    around = pole_frequencies[inside, None] * (1.0 + damping[:, None] * _AROUND)
     spread = np.geomspace(low, high, _SPREAD)
     every = np.concatenate([spread, np.linspace(low, high, _SPREAD), around.ravel()])
     lines = np.unique(np.clip(every, low, high))

@@ -101,8 +101,8 @@ def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
     relative = result.channel_errors("relative")
     for (i, j), error in np.ndenumerate(result.channel_errors()):
         names = {"output": plant.outputs[i], "input": plant.inputs[j]}
-        own = {"error": plain(error), "relative_error": plain(relative[i, j])}
-        channels.append({**names, **own})
+        channel_errors = {"error": plain(error), "relative_error": plain(relative[i, j])}
+        channels.append({**names, **channel_errors})
     return {
         "relative_error": plain(plant.relative_error),
         "error": plain(plant.error),

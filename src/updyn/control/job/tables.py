@@ -321,12 +321,12 @@ class NonlinearTable(Table):
     def check(self) -> None:
         """Raise OptionError if a key of the kind is missing, or one belongs to the other kind."""
         if self.kind == "backlash":
-            own: tuple[str, ...] = ("mesh", "gap")
+            kind_keys: tuple[str, ...] = ("mesh", "gap")
             others: tuple[str, ...] = ("level", "breakaway")
         else:
-            own = ("level",)
+            kind_keys = ("level",)
             others = ("mesh", "gap", "frequency")
-        for key in own:
+        for key in kind_keys:
             if getattr(self, key) is None:
                 raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}", key=("kind",))
         for key in others:

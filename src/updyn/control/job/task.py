@@ -18,9 +18,10 @@ __all__ = ["PLANT"]
 
 
 def _plant(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
-    made = plant_job(load_job(job), out, say=reporter.say)
+    result = plant_job(load_job(job), out, say=reporter.say)
     return Ended(
-        "plant made" if made.holds_tolerance else "tolerance not met", describe_plant_result(made)
+        "plant made" if result.holds_tolerance else "tolerance not met",
+        describe_plant_result(result),
     )
 
 

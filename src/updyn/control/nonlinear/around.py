@@ -205,17 +205,17 @@ def _close_loop(
     plant: Plant, controller: Any, ends: tuple[str, str], names: Mapping[str, Any], pade: int
 ) -> tuple[StateSpace, tuple[str, ...]]:
     """Return plant and controller as one system with the reference as an input, and its outputs."""
-    own = StateSpace(plant.A, plant.B, plant.C, plant.D)
+    system = StateSpace(plant.A, plant.B, plant.C, plant.D)
     n_u, n_y = len(plant.inputs), len(plant.outputs)
     if controller is None:
         _refuse_options(
             names, ("torque", "velocity", "position", "measured"), "without a controller"
         )
         blank = StateSpace(
-            own.A,
-            np.hstack([own.B, np.zeros((len(own.A), 1))]),
-            own.C,
-            np.hstack([own.D, np.zeros((n_y, 1))]),
+            system.A,
+            np.hstack([system.B, np.zeros((len(system.A), 1))]),
+            system.C,
+            np.hstack([system.D, np.zeros((n_y, 1))]),
         )
         return blank, plant.outputs
     torque = _torque(plant, ends[1], names.get("torque"))
@@ -227,50 +227,53 @@ def _close_loop(
                 f"pade={pade!r}: expected an order from 1 to 12 for the dead time of the controller"
             )
         block = controller.state_space(pade)
-        own, rows, weights = _cascade(plant, own, controller, ends[0], names)
+        system, rows, weights = _cascade(plant, system, controller, ends[0], names)
         led = np.array([[1.0 if controller.kv is None else controller.position_gain]])
     else:
         _refuse_options(names, ("velocity", "position"), "of a linear controller; it has measured=")
         block, rows = _linear(plant, controller, names.get("measured"))
         weights, led = np.eye(len(rows)), np.zeros((len(rows), 1))
-    wires = np.zeros((n_u + block.B.shape[1], len(own.C) + 1))
+    wires = np.zeros((n_u + block.B.shape[1], len(system.C) + 1))
     wires[t, -1] = 1.0
     wires[n_u:, rows] = weights
     entries = np.zeros((len(wires), n_u + 1))
     entries[:n_u, :n_u] = np.eye(n_u)
     entries[n_u:, n_u:] = led
-    taps = np.zeros((n_y + 1, len(own.C) + 1))
+    taps = np.zeros((n_y + 1, len(system.C) + 1))
     taps[:n_y, :n_y] = np.eye(n_y)
     taps[n_y, -1] = 1.0
-    return connect([own, block], wires, entries, taps), (*plant.outputs, f"{torque} (controller)")
+    return connect([system, block], wires, entries, taps), (
+        *plant.outputs,
+        f"{torque} (controller)",
+    )
 
 
 def _cascade(
-    plant: Plant, own: StateSpace, controller: Controller, skip: str, names: Mapping[str, Any]
+    plant: Plant, system: StateSpace, controller: Controller, skip: str, names: Mapping[str, Any]
 ) -> tuple[StateSpace, list[int], _Real]:
     """Return the plant with velocity and position as last outputs, their rows and weights."""
     velocity = _select_output(plant, names.get("velocity"), "velocity", "mobility", skip)
     C, D = _velocity(plant, velocity)
-    own = StateSpace(own.A, own.B, np.vstack([own.C, C]), np.vstack([own.D, D]))
-    at = len(own.C) - 1
+    system = StateSpace(system.A, system.B, np.vstack([system.C, C]), np.vstack([system.D, D]))
+    at = len(system.C) - 1
     if controller.kv is None:
         _refuse_options(names, ("position",), "of a velocity loop alone (kv=None)")
-        return own, [at], np.array([[-1.0]])
+        return system, [at], np.array([[-1.0]])
     position = _select_output(plant, names.get("position"), "position", "receptance", skip)
     p = plant.outputs.index(position)
     if plant.quantities[p] == "receptance":
-        return own, [at, p], np.array([[-1.0, -controller.position_gain]])
+        return system, [at, p], np.array([[-1.0, -controller.position_gain]])
     if plant.quantities[p] != "mobility":
         raise OptionError(
             f"position {position!r} is an acceleration; expected a displacement or a velocity"
         )
     # The integral of a velocity is an additional state.
-    n = len(own.A)
-    A = np.block([[own.A, np.zeros((n, 1))], [plant.C[[p]], np.zeros((1, 1))]])
-    B = np.vstack([own.B, plant.D[[p]]])
-    C = np.block([[own.C, np.zeros((len(own.C), 1))], [np.zeros((1, n)), np.ones((1, 1))]])
-    own = StateSpace(A, B, C, np.vstack([own.D, np.zeros((1, own.D.shape[1]))]))
-    return own, [at, at + 1], np.array([[-1.0, -controller.position_gain]])
+    n = len(system.A)
+    A = np.block([[system.A, np.zeros((n, 1))], [plant.C[[p]], np.zeros((1, 1))]])
+    B = np.vstack([system.B, plant.D[[p]]])
+    C = np.block([[system.C, np.zeros((len(system.C), 1))], [np.zeros((1, n)), np.ones((1, 1))]])
+    system = StateSpace(A, B, C, np.vstack([system.D, np.zeros((1, system.D.shape[1]))]))
+    return system, [at, at + 1], np.array([[-1.0, -controller.position_gain]])
 
 
 def _velocity(plant: Plant, name: str) -> tuple[_Real, _Real]:
@@ -319,12 +322,12 @@ def _linear(plant: Plant, given: Any, measured: Any) -> tuple[StateSpace, list[i
 def _torque(plant: Plant, skip: str, name: Any) -> str:
     if name is not None:
         return plant.inputs[_find_index(name, plant.inputs, "input")]
-    left = [n for n in plant.inputs if n != skip]
-    if len(left) != 1:
+    inputs = [n for n in plant.inputs if n != skip]
+    if len(inputs) != 1:
         raise OptionError(
             f"expected torque=, the input of the controller; {suggest('', plant.inputs)}"
         )
-    return left[0]
+    return inputs[0]
 
 
 def _select_output(plant: Plant, name: Any, what: str, quantity: str, skip: str) -> str:

@@ -263,9 +263,11 @@ def _mismatch(system: LinearLoop, nonlinearity: Nonlinearity, omega: _Real) -> t
     S = system.at(omega)
     needed = -1.0 / np.where(S == 0.0, np.finfo(np.float64).tiny, S)
     A = nonlinearity.amplitude(np.abs(needed), omega)
-    there = np.isfinite(A)
+    is_defined = np.isfinite(A)
     phase = np.full(len(omega), np.nan)
-    phase[there] = np.angle(needed[there] / nonlinearity.describing(A[there], omega[there]))
+    phase[is_defined] = np.angle(
+        needed[is_defined] / nonlinearity.describing(A[is_defined], omega[is_defined])
+    )
     return phase, A
 
 

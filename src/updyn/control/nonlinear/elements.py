@@ -179,8 +179,8 @@ class Backlash:
             np.asarray(modulus, dtype=np.float64), np.asarray(omega, dtype=np.float64)
         )
         out = np.full(wanted.shape, np.nan)
-        there = (wanted > 0) & (wanted < np.abs(self.describing(self.half / _FAR, w)))
-        wanted, w = wanted[there], w[there]
+        is_reachable = (wanted > 0) & (wanted < np.abs(self.describing(self.half / _FAR, w)))
+        wanted, w = wanted[is_reachable], w[is_reachable]
         # |N| rises with A from 0 to |k + i c omega|: bisection in d = gap / (2 A) from 1 to nearly
         # 0.
         low, high = np.full(wanted.shape, _FAR), np.ones(wanted.shape)
@@ -188,7 +188,7 @@ class Backlash:
             mid = np.where(low < 1e-2 * high, np.sqrt(low * high), 0.5 * (low + high))
             more = np.abs(self.describing(self.half / mid, w)) > wanted
             low, high = np.where(more, mid, low), np.where(more, high, mid)
-        out[there] = self.half / (0.5 * (low + high))
+        out[is_reachable] = self.half / (0.5 * (low + high))
         return out
 
 
@@ -201,8 +201,8 @@ def _contact_phase(d: _Real, a: _Real, psi2: _Real) -> _Real:
     safe = np.where(a > 0, a, 1.0)
     for _ in range(_HALVINGS):
         mid = 0.5 * (low + high)
-        met = np.sin(mid) + twist * np.exp(-(mid - psi2 + np.pi) / safe) > d
-        low, high = np.where(met, low, mid), np.where(met, mid, high)
+        touches = np.sin(mid) + twist * np.exp(-(mid - psi2 + np.pi) / safe) > d
+        low, high = np.where(touches, low, mid), np.where(touches, mid, high)
     return np.asarray(0.5 * (low + high))
 
 

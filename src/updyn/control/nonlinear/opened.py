@@ -149,16 +149,17 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
         )
     group = given.group(mesh)
     match = given.dofs.match([Dof.parse(at)], "DOF of the twist")
-    here, sign = int(match.index[0]), float(match.sign[0])
+    position, sign = int(match.index[0]), float(match.sign[0])
     K = group.stiffness
     if K is None or K.nnz == 0:
         raise ModelError(f"group {mesh!r} has no stiffness to open")
-    k = float(K[here, here])
+    k = float(K[position, position])
     if not k > 0:
         raise ModelError(
-            f"group {mesh!r} does not act on {Dof.parse(at)}; expected one of {_own(given, K)}"
+            f"group {mesh!r} does not act on {Dof.parse(at)}; expected one of"
+            f" {_format_dofs(given, K)}"
         )
-    row = sp.csr_array(K[[here]]) * (sign / k)
+    row = sp.csr_array(K[[position]]) * (sign / k)
     _along(K, row, k, f"group {mesh!r} is not one spring: its stiffness")
     c = 0.0
     parts = [
@@ -168,7 +169,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     ]
     if parts:
         C = sum(parts[1:], parts[0])
-        c = float(C[here, here])
+        c = float(C[position, position])
         _along(C, row, c, f"group {mesh!r}: its viscous damping")
     entries = row.tocoo()
     weights = {
@@ -186,14 +187,16 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
 
 def _along(matrix: Any, row: Any, size: float, what: str) -> None:
     """Raise ModelError if a matrix is not `size` times the outer product of a row."""
-    left = matrix - size * (row.T @ row)
-    if abs(left).max() > _ONE * abs(matrix).max():
+    difference = matrix - size * (row.T @ row)
+    if abs(difference).max() > _ONE * abs(matrix).max():
         raise ModelError(
             f"{what} does more than twist one spring (its matrix does not have rank 1); put only"
             " the mesh into a group"
         )
 
 
-def _own(model: Model, K: Any) -> str:
-    own = np.flatnonzero(K.diagonal() > 0)
-    return ", ".join(str(model.dofs[int(i)]) for i in own[:6]) + (", ..." if len(own) > 6 else "")
+def _format_dofs(model: Model, K: Any) -> str:
+    positions = np.flatnonzero(K.diagonal() > 0)
+    return ", ".join(str(model.dofs[int(i)]) for i in positions[:6]) + (
+        ", ..." if len(positions) > 6 else ""
+    )

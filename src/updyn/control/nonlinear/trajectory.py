@@ -85,17 +85,17 @@ def _follow_pieces(
     now, X, t = rules.first(start), start, 0.0
     times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]
     switches: list[float] = []
-    while (left := min(int((duration - t) / step + 1e-9), _BLOCK)) > 0:
+    while (n_steps := min(int((duration - t) / step + 1e-9), _BLOCK)) > 0:
         at = exact[now]
-        ahead = at.powers[:left] @ X
+        ahead = at.powers[:n_steps] @ X
         crossed = (ahead @ at.piece.borders.T < 0.0).any(axis=1)
-        n = int(np.argmax(crossed)) if crossed.any() else left
+        n = int(np.argmax(crossed)) if crossed.any() else n_steps
         if n:
             times.append(t + step * np.arange(1, n + 1))
             states.append(ahead[:n])
             pieces.append(np.full(n, names.index(now)))
             t, X = t + n * step, ahead[n - 1]
-        if n < left:
+        if n < n_steps:
             share, X, border = at.find_crossing(X)
             t += share * step
             now, X = rules.after(now, border, X)

@@ -444,8 +444,8 @@ class Controller:
     @property
     def zeros(self) -> _Complex:
         """Zeros of torque over velocity error, in rad/s."""
-        own = np.array([] if self.ti is None else [-1.0 / self.ti], dtype=np.complex128)
-        return np.concatenate([own, *(n.zeros for n in self.notches)])
+        integrator_zero = np.array([] if self.ti is None else [-1.0 / self.ti], dtype=np.complex128)
+        return np.concatenate([integrator_zero, *(n.zeros for n in self.notches)])
 
     @property
     def rolls_off(self) -> bool:
@@ -517,9 +517,9 @@ def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
         points = radius * np.exp(2j * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
         mobility = points * (transfer.at(points)[:, 0, 0] * points**power)
         residue = float(mobility.mean().real)
-        own = abs(residue) / float(np.abs(mobility).mean())
-        if own > share:
-            best, share = 1.0 / residue, own
+        inertia = abs(residue) / float(np.abs(mobility).mean())
+        if inertia > share:
+            best, share = 1.0 / residue, inertia
     return best
 
 

@@ -210,8 +210,8 @@ def judge_sampled(
     """
     loops = cascade.velocity, cascade.position, cascade.torque
     return [
-        None if own is None else _judge_loop(cascade, loop, float(own.w[0]), position)
-        for loop, own, position in zip(loops, continuous, (False, True, True), strict=True)
+        None if judged is None else _judge_loop(cascade, loop, float(judged.w[0]), position)
+        for loop, judged, position in zip(loops, continuous, (False, True, True), strict=True)
     ]
 
 

@@ -336,13 +336,13 @@ def drive_figures(
     n = _stated_or_found(turning.ratio, ratio, notes, str(motor), str(load))
     stiffness = _stiffness(given, free.shapes[:, :rigid], ends.index, turning.note)
     pairs, hidden = _pairs(locked, free, separation, limits)
-    own = float(given.mass.diagonal()[ends.index[0]])
+    motor_mass = float(given.mass.diagonal()[ends.index[0]])
     first = rest = inertia_ratio = load_inertia = None
     if turning.inertia is None:
         first = _first(free, locked, separation, limits)
     else:
-        rest = turning.inertia - own
-        if own <= 0:
+        rest = turning.inertia - motor_mass
+        if motor_mass <= 0:
             notes.append(
                 f"The motor's DOF {motor} carries no inertia: the inertia ratio is undefined."
             )
@@ -350,7 +350,7 @@ def drive_figures(
             notes.append("The motor turns against a body that is itself free: no inertia ratio.")
             rest = None
         else:
-            inertia_ratio = rest / own
+            inertia_ratio = rest / motor_mass
     ratio_from = ""
     if n is not None:
         ratio_from = "stated" if turning.ratio is None else "rigid-body mode"
@@ -374,7 +374,7 @@ def drive_figures(
         ratio=n,
         ratio_from=ratio_from,
         inertia=turning.inertia,
-        motor_inertia=own,
+        motor_inertia=motor_mass,
         rest_inertia=rest,
         load_inertia=load_inertia,
         inertia_ratio=inertia_ratio,
@@ -421,35 +421,35 @@ def _hold_dofs(model: Model, at: Sequence[int]) -> Model:
     """Return the model with some DOFs held: their rows and columns are removed."""
     keep = np.ones(model.n_dofs, dtype=np.bool_)
     keep[list(at)] = False
-    left = np.flatnonzero(keep)
+    free_dofs = np.flatnonzero(keep)
 
     def submatrix(matrix: Any) -> Any:
         if matrix is None:
             return None
-        return matrix[left][:, left]
+        return matrix[free_dofs][:, free_dofs]
 
     groups = {}
     for name, g in model.groups.items():
         groups[name] = g.with_matrices(
             submatrix(g.stiffness), submatrix(g.mass), submatrix(g.viscous)
         )
-    return Model(groups, model.dofs[left], model.geometry, model.title)
+    return Model(groups, model.dofs[free_dofs], model.geometry, model.title)
 
 
 # -- frequencies ----------------------------------------------------------------------------------
 def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
     """Return the modes up to a frequency and the next one, at least `at_least` of them."""
-    there = mass_rank(model.mass)
-    if there == 0:
+    rank = mass_rank(model.mass)
+    if rank == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
-    n = min(there, max(at_least, _COUNT))
+    n = min(rank, max(at_least, _COUNT))
     tabled = [name for name, group in model.groups.items() if group.loss_table is not None]
     plain = model
     if tabled:
         plain = model.with_damping({name: {"loss_table": None} for name in tabled})
     found = modes(plain, n)
-    while np.isfinite(top) and n < there and found.frequency[-1] <= top:
-        n = min(there, 2 * n)
+    while np.isfinite(top) and n < rank and found.frequency[-1] <= top:
+        n = min(rank, 2 * n)
         found = modes(plain, n)
     if tabled:
         return _by_table(model, found, top)
@@ -560,24 +560,24 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
 # -- rigid-body motion and stiffness --------------------------------------------------------------
 def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) -> _RigidMotion:
     shapes = free.shapes[:, :rigid]
-    here = shapes[at] * sign[:, None]
+    ends_motion = shapes[at] * sign[:, None]
     size = np.abs(shapes).max(initial=0.0)
-    if rigid == 0 or np.abs(here[0]).max() <= _STILL * size:
+    if rigid == 0 or np.abs(ends_motion[0]).max() <= _STILL * size:
         which = "No rigid-body motion of the model turns the motor"
         if rigid == 0:
             which = "The model has no rigid-body motion"
         return _RigidMotion(
             None, None, f"{which}: inertias at the motor and gear ratio are undetermined."
         )
-    inertia = 1.0 / float(here[0] @ here[0])
-    if np.abs(here[1]).max() <= _STILL * size:
+    inertia = 1.0 / float(ends_motion[0] @ ends_motion[0])
+    if np.abs(ends_motion[1]).max() <= _STILL * size:
         return _RigidMotion(
             inertia,
             None,
             "Rigid-body motion of the motor leaves the load at rest: the gear ratio is undefined.",
         )
-    n = float(here[0] @ here[1]) / float(here[1] @ here[1])
-    if np.abs(here[0] - n * here[1]).max() > 1e-6 * np.abs(here[0]).max():
+    n = float(ends_motion[0] @ ends_motion[1]) / float(ends_motion[1] @ ends_motion[1])
+    if np.abs(ends_motion[0] - n * ends_motion[1]).max() > 1e-6 * np.abs(ends_motion[0]).max():
         return _RigidMotion(
             inertia,
             None,

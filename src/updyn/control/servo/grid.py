@@ -97,8 +97,8 @@ def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Compl
             near = np.abs(np.mod(measure, 2.0 * np.pi) - np.pi) < _TURN
 
         def of(x: _Real, base: _Complex, sign: float, gain: bool = gain) -> _Real:
-            here = loop(1j * x)
-            return -sign * (np.log(np.abs(here)) if gain else np.angle(here / base))
+            values = loop(1j * x)
+            return -sign * (np.log(np.abs(values)) if gain else np.angle(values / base))
 
         found = [np.zeros(0)]
         for sign in (1.0, -1.0):
@@ -209,5 +209,5 @@ def _roots(
             function, (w[at], w[ends]), tolerances=_TOLERANCES, maxiter=200
         )
         x = np.sort(np.asarray(found.x))
-        left = np.abs(function(x))
-    return x[left < _RESOLVED], x
+        magnitudes = np.abs(function(x))
+    return x[magnitudes < _RESOLVED], x

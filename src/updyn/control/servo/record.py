@@ -321,8 +321,8 @@ class Servo:
     @property
     def stable(self) -> bool:
         """Whether every loop is stable, including all members of a family and the sampled loops."""
-        own = all(m.stable for loop in self.loops for m in (loop.margins, *loop.members))
-        return own and (self.sampled is None or self.sampled.stable)
+        loops_stable = all(m.stable for loop in self.loops for m in (loop.margins, *loop.members))
+        return loops_stable and (self.sampled is None or self.sampled.stable)
 
     @property
     def loops(self) -> tuple[Loop, ...]:

@@ -60,9 +60,9 @@ def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascad
     margin, at = _margin(judged, deviation, w)
     least, number = np.inf, None
     for k, member in enumerate(members):
-        own = _along(cascade, judged, member, w, least)
-        if own < least:
-            least, number = own, k
+        member_margin = _along(cascade, judged, member, w, least)
+        if member_margin < least:
+            least, number = member_margin, k
     return RobustMargin("family", margin, at, least, number)
 
 
@@ -87,10 +87,10 @@ def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, f
 
     def bound(w: _Real) -> tuple[float, float]:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            seen = -feedback(w) / (1.0 + judged.loop(1j * w))[:, None]
-        good = np.isfinite(seen).all(axis=1)
-        M = np.repeat(seen[good][:, :, None], seen.shape[1], axis=2)
-        largest, k = largest_bound(M, (1,) * seen.shape[1])
+            response = -feedback(w) / (1.0 + judged.loop(1j * w))[:, None]
+        good = np.isfinite(response).all(axis=1)
+        M = np.repeat(response[good][:, :, None], response.shape[1], axis=2)
+        largest, k = largest_bound(M, (1,) * response.shape[1])
         return largest, float(w[good][k])
 
     largest, place = bound(w)
@@ -98,9 +98,9 @@ def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, f
         k = int(np.searchsorted(w, place))
         near = w[max(k - 1, 0) : k + 2]
         closer = np.unique(np.linspace(near[:-1], near[1:], _CLOSER + 1))
-        more, there = bound(closer)
+        more, frequency = bound(closer)
         if more > largest:
-            largest, place = more, there
+            largest, place = more, frequency
         w = closer
     if largest <= _NOTHING:
         return np.inf, None

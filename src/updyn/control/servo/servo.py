@@ -135,10 +135,10 @@ def servo(
     lines = _lines(freq, judged, members)
     loops = []
     for k, name in enumerate(("velocity", "position", "torque")):
-        own = judged[k]
-        if own is not None:
-            made = _loop(name, own, lines, [_one(m[k]) for m in members])
-            loops.append(replace(made, modulus_range=_modulus_range(cascade, own, name)))
+        loop = judged[k]
+        if loop is not None:
+            record = _loop(name, loop, lines, [_one(m[k]) for m in members])
+            loops.append(replace(record, modulus_range=_modulus_range(cascade, loop, name)))
     outer = judged[1] or judged[0]
     s = 1j * _TWO_PI * lines
     over_time = TimeResponses()
@@ -146,7 +146,7 @@ def servo(
         over_time = time_responses(cascade, outer, step, disturbance_step, wind, duration)
     steps: tuple[StepResponse | None, ...] = ()
     if family_steps and step is not None:
-        steps = tuple(_step_of(own, m[1] or m[0], step, duration) for own, m in family)
+        steps = tuple(_step_of(loop, m[1] or m[0], step, duration) for loop, m in family)
     return Servo(
         controller=controller,
         torque=torque,
@@ -175,7 +175,7 @@ def servo(
         sampled=None
         if sampled is None
         else _judge_sampled_loops(sampled, controller, wiring, judged),
-        robust=_robust(cascade, judged, [own for own, _ in family]),
+        robust=_robust(cascade, judged, [loop for loop, _ in family]),
     )
 
 
@@ -187,14 +187,14 @@ def _judge_sampled_loops(
         raise OptionError(f"sampled: expected a Plant, found {type(plant).__name__}")
     cascade = SampledCascade(plant, controller, wiring)
     loops: list[Loop | None] = []
-    for name, own in zip(
+    for name, judged_loop in zip(
         ("velocity", "position", "torque"), judge_sampled(cascade, judged), strict=True
     ):
-        if own is None:
+        if judged_loop is None:
             loops.append(None)
             continue
-        lines = own.w / _TWO_PI
-        loops.append(_loop(name, own, lines[_drawable(lines, [own], [])], []))
+        lines = judged_loop.w / _TWO_PI
+        loops.append(_loop(name, judged_loop, lines[_drawable(lines, [judged_loop], [])], []))
     velocity = loops[0]
     assert velocity is not None
     return SampledLoops(
@@ -267,11 +267,11 @@ def _lines(
                 " it"
             )
         return given
-    own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
+    loop_lines = np.unique(np.concatenate([j.w for j in judged if j is not None]))
     peaks = [np.abs(j.poles.imag) for m in members for j in m if j is not None]
     more = np.concatenate([np.zeros(0), *peaks])
-    more = more[(more > own[0]) & (more < own[-1])]
-    lines = np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
+    more = more[(more > loop_lines[0]) & (more < loop_lines[-1])]
+    lines = np.asarray(np.unique(np.concatenate([loop_lines, more])) / _TWO_PI)
     return lines[_drawable(lines, judged, members)]
 
 
@@ -293,9 +293,9 @@ def _loop(name: str, judged: JudgedLoop, lines: _Real, members: Sequence[JudgedL
     L, phase = _drawn(judged, lines)
     family = np.zeros((len(members), len(lines)), dtype=np.complex128)
     family_phase = np.zeros(family.shape)
-    for i, own in enumerate(members):
-        family[i], family_phase[i] = _drawn(own, lines)
-    margins = tuple(own.margins for own in members)
+    for i, member in enumerate(members):
+        family[i], family_phase[i] = _drawn(member, lines)
+    margins = tuple(member.margins for member in members)
     return Loop(
         name=name,
         freq=lines,

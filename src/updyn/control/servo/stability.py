@@ -75,12 +75,12 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
         )
     # Rounding moves poles away from 0: a double pole appears as a pair around it, whose phases have
     # the same sum.
-    own = np.angle(1j * lines[:, None] - open_poles).sum(axis=1)
-    total = np.unwrap(own + np.angle(values))
+    pole_phase = np.angle(1j * lines[:, None] - open_poles).sum(axis=1)
+    total = np.unwrap(pole_phase + np.angle(values))
     n = len(open_poles)
     start = total[0] - drifting * np.pi / 2.0
     before = start - np.pi * np.round(start / np.pi)  # phase change below the first line
-    after = n * np.pi / 2.0 - own[-1] - float(np.angle(values[-1]))
+    after = n * np.pi / 2.0 - pole_phase[-1] - float(np.angle(values[-1]))
     turned = total[-1] - total[0] + before + after
     found = float(0.5 * (n - drifting) - turned / np.pi)
     if abs(found - round(found)) > 0.2:

@@ -175,12 +175,16 @@ class Transfer:
         )
         parts = []
         for k in range(n_parts):
-            own = np.flatnonzero(part == k)
-            A = system.A[np.ix_(own, own)]
+            columns = np.flatnonzero(part == k)
+            A = system.A[np.ix_(columns, columns)]
             even, scale = balance(A)
             T, Z = scipy.linalg.schur(even, output="complex")
             parts.append(
-                (T, Z.conj().T @ (system.B[own] / scale[:, None]), (system.C[:, own] * scale) @ Z)
+                (
+                    T,
+                    Z.conj().T @ (system.B[columns] / scale[:, None]),
+                    (system.C[:, columns] * scale) @ Z,
+                )
             )
         return cls(tuple(parts), system.D)
 

@@ -63,9 +63,9 @@ def largest_bound(M: _Complex, sizes: Sequence[int]) -> tuple[float, int]:
     for k in np.argsort(-rough, kind="stable"):
         if rough[k] <= best:  # the remaining ones are smaller
             break
-        own = upper_bound(M[k], sizes)
-        if own > best:
-            best, at = own, int(k)
+        bound = upper_bound(M[k], sizes)
+        if bound > best:
+            best, at = bound, int(k)
     return best, at
 
 
@@ -103,6 +103,6 @@ def _value(
     if np.isfinite(power):
         value += np.log(share.mean()) / (2.0 * power)
     share = share / share.sum()
-    own = np.abs(U) ** 2 @ share - (np.abs(Vh) ** 2).T @ share
-    slope = np.bincount(block, weights=own, minlength=len(scales))
+    contributions = np.abs(U) ** 2 @ share - (np.abs(Vh) ** 2).T @ share
+    slope = np.bincount(block, weights=contributions, minlength=len(scales))
     return float(value), np.asarray(slope, dtype=np.float64)

@@ -71,15 +71,15 @@ def linear_response(
     hold: exponential of the matrix augmented with the input and its slope (Van Loan 1978, IEEE
     Trans. Autom. Control 23, p. 395), with balanced states.
     """
-    own, held, sloped = held_and_sloped(system.A, system.B, dt)
-    own = np.ascontiguousarray(own.T)
+    transition, held, sloped = held_and_sloped(system.A, system.B, dt)
+    transition = np.ascontiguousarray(transition.T)
     forced = u[:-1] @ held.T + np.diff(u, axis=0) @ sloped.T
     states = np.empty((len(u), system.n_states))
     states[0] = 0.0
     if start is not None:
         states[0] = start
     for k in range(len(u) - 1):
-        states[k + 1] = states[k] @ own + forced[k]
+        states[k + 1] = states[k] @ transition + forced[k]
     return states, states @ system.C.T + u @ system.D.T
 
 
@@ -118,13 +118,13 @@ def delayed_response(
     jumps at multiples of the dead time are kept.
     """
     late = round(delay / dt)
-    own, held, sloped = held_and_sloped(opened.A, opened.B, dt)
+    transition, held, sloped = held_and_sloped(opened.A, opened.B, dt)
     constant = held[:, 1:] @ w
     first, pushed = held[:, 0], sloped[:, 0]
     c = opened.C[0]
     d = opened.D[0, 0]
     direct = float(opened.D[0, 1:] @ w)
-    states = np.empty((n_t, len(own)))
+    states = np.empty((n_t, len(transition)))
     states[0] = x = start
     # The delayed input just before and just after each sample, 0 during the first dead time.
     before = np.zeros(n_t + late)
@@ -133,7 +133,7 @@ def delayed_response(
     for k in range(n_t - 1):
         begins = after[k]
         ends = before[k + 1]
-        x = own @ x + first * begins + pushed * (ends - begins) + constant
+        x = transition @ x + first * begins + pushed * (ends - begins) + constant
         states[k + 1] = x
         fed_back = c @ x + direct
         before[k + 1 + late] = fed_back + d * ends
@@ -184,14 +184,14 @@ def schedule(
     end = float(settled.max()) if duration is None else duration
     gone = np.log(share / (_SHOWS * largest)) / rate
     parts: list[tuple[int, float]] = []
-    now, left = 0.0, _MOST
+    now, n_left = 0.0, _MOST
     for i in np.argsort(-size):
         until = end if i == np.argmin(size) else min(float(gone[i]), end)
         dt = min(1.0 / (_PER_RADIAN * float(size[i])), end / _FEWEST)
-        n = min(int(np.ceil((until - now) / dt - 1e-9)), left)
+        n = min(int(np.ceil((until - now) / dt - 1e-9)), n_left)
         if n > 0:
             parts.append((n, dt))
-            now, left = now + n * dt, left - n
+            now, n_left = now + n * dt, n_left - n
     return parts
 
 

@@ -120,15 +120,15 @@ def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band |
     if band is None:
         low, high = PLAUSIBLE
         outside = _format_frequencies(_outside_plausible(found))
-        said = f"the train has natural frequencies outside {low:g} to {high:g} Hz: {outside}"
+        finding = f"the train has natural frequencies outside {low:g} to {high:g} Hz: {outside}"
     else:
         low, high = band
-        said = (
+        finding = (
             "no natural frequency of the train lies within an octave of the band of the test,"
             f" {low:g} to {high:g} Hz: {_format_frequencies(found)}"
         )
     return (
-        f"{names}: {ask}? As stated, {', '.join(meant)}, and {said}; with {they} they are"
+        f"{names}: {ask}? As stated, {', '.join(meant)}, and {finding}; with {they} they are"
         f" {_format_frequencies(instead)}"
     )
 

@@ -171,12 +171,12 @@ def _inertia(mass: InertiaMatrix, speeds: Mapping[int, float]) -> float:
 
 def _mass_row(mass: InertiaMatrix, speeds: Mapping[int, float], total: float) -> ReflectedPart:
     value = _inertia(mass, speeds)
-    own = float(np.trace(mass.matrix))
+    inertia = float(np.trace(mass.matrix))
     if len(mass.nodes) < 3:
-        own = float(mass.matrix.sum())
+        inertia = float(mass.matrix.sum())
     ratio = speeds[mass.nodes[0]]
     share = value / total if total else None
-    return ReflectedPart(mass.group, "inertia", mass.nodes, own, "kg m2", ratio, value, share)
+    return ReflectedPart(mass.group, "inertia", mass.nodes, inertia, "kg m2", ratio, value, share)
 
 
 def _spring_row(
@@ -240,8 +240,8 @@ class _RigidTrain:
             if np.abs(motions[self._place[node]]).max() > _RIGID:
                 rigid.append(self._unit(node))
                 motions = self._null_space(rigid)
-        here = motions[self._place[to]]
-        if motions.shape[1] == 0 or np.abs(here).max() < _RIGID:
+        motion_at_node = motions[self._place[to]]
+        if motions.shape[1] == 0 or np.abs(motion_at_node).max() < _RIGID:
             raise ModelError(f"reflected: node {to} cannot turn; reflect to one that can")
         if motions.shape[1] > 1:
             raise ModelError(
@@ -249,7 +249,7 @@ class _RigidTrain:
                 " motions, so that its ratios are not determined; hold the fixed member of each"
                 " planetary stage and reflect one train at a time"
             )
-        ratios = motions[:, 0] / here[0]
+        ratios = motions[:, 0] / motion_at_node[0]
         ratios[np.abs(ratios) < _RIGID * np.abs(ratios).max()] = 0.0
         return dict(zip(self.nodes, ratios.tolist(), strict=True))
 

@@ -250,9 +250,9 @@ def _check_elements(elements: Sequence[Element]) -> None:
 def _mark_used(element: Element, table: _Nodes, used: NDArray[np.bool_]) -> None:
     """Mark the DOFs that an element uses in `used`, shape (n, 6)."""
     at = table.find(element.label, element.node_numbers)
-    own = element.used_dofs(table.xyz[at])
+    used_dofs = element.used_dofs(table.xyz[at])
     for position, direction in enumerate(element.directions):
-        used[at[own[:, :, position]], direction] = True
+        used[at[used_dofs[:, :, position]], direction] = True
 
 
 def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
@@ -304,15 +304,15 @@ def _link_equations(
 ) -> list[Equation]:
     what = f"rigid link of node {link.master}"
     table.find(what, np.array([link.master]))
-    own = used[table.find(what, link.slaves)]
-    unused = link.slaves[~own.any(axis=1)]
+    used_directions = used[table.find(what, link.slaves)]
+    unused = link.slaves[~used_directions.any(axis=1)]
     if unused.size:
         raise ModelError(f"{what}: no part uses node {unused[0]}, so that it has no DOF to tie")
     if link.directions is not None:
         return rigid_link(geometry, link.master, link.slaves.tolist(), link.directions)
     out = []
-    for pattern in np.unique(own, axis=0):
-        slaves = link.slaves[(own == pattern).all(axis=1)].tolist()
+    for pattern in np.unique(used_directions, axis=0):
+        slaves = link.slaves[(used_directions == pattern).all(axis=1)].tolist()
         directions = [DIRECTIONS[i] for i in np.flatnonzero(pattern)]
         out += rigid_link(geometry, link.master, slaves, directions)
     return out
@@ -363,10 +363,10 @@ def _groups(
     for element in elements:
         by_name.setdefault(element.name, []).append(element)
     groups: dict[str, Group] = {}
-    for name, own in by_name.items():
-        K, M, C = assembly.sums(own)
+    for name, group_elements in by_name.items():
+        K, M, C = assembly.sums(group_elements)
         group = Group(K, M, loss.get(name, 0.0), C)
-        groups[name] = group.with_exchanged(_exchange_axes(own, assembly))
+        groups[name] = group.with_exchanged(_exchange_axes(group_elements, assembly))
     return groups
 
 
@@ -404,20 +404,26 @@ class _ElementRecipe:
         return StiffnessAndMass(K, M)
 
 
-def _exchange_axes(own: Sequence[Element], assembly: _StructureAssembly) -> AxisExchange | None:
+def _exchange_axes(
+    group_elements: Sequence[Element], assembly: _StructureAssembly
+) -> AxisExchange | None:
     """Return a group with exchanged section axes; None if this changes none of its elements."""
-    turned = {i: new for i, one in enumerate(own) if (new := one.with_exchanged_axes()) is not None}
+    turned = {
+        i: new
+        for i, one in enumerate(group_elements)
+        if (new := one.with_exchanged_axes()) is not None
+    }
     if not turned:
         return None
     table = assembly.table
     turns = []
     for i in turned:
-        at = table.find(own[i].label, own[i].node_numbers)
-        turns.append(own[i].orientation_turned(table.xyz[at]))
+        at = table.find(group_elements[i].label, group_elements[i].node_numbers)
+        turns.append(group_elements[i].orientation_turned(table.xyz[at]))
     label = next(iter(turned.values())).label
     what = f"Iyy and Izz in the section of {label} (of a rectangle, height and width)"
     turn = turns[0] if len(set(turns)) == 1 else "its orientations by 90 degrees about the beams"
-    elements = tuple(turned.get(i, one) for i, one in enumerate(own))
+    elements = tuple(turned.get(i, one) for i, one in enumerate(group_elements))
     return AxisExchange(_ElementRecipe(elements, assembly), what, turn)
 
 
@@ -442,11 +448,11 @@ def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp]
 def _loss_factors(elements: Sequence[Element]) -> dict[str, float]:
     loss: dict[str, float] = {}
     for element in elements:
-        own = getattr(element, "loss_factor", None)  # masses have none
-        if own is not None and loss.setdefault(element.name, own) != own:
+        loss_factor = getattr(element, "loss_factor", None)  # masses have none
+        if loss_factor is not None and loss.setdefault(element.name, loss_factor) != loss_factor:
             raise ModelError(
-                f"group {element.name!r}: loss factors {loss[element.name]} and {own} in one"
-                " group; use two names"
+                f"group {element.name!r}: loss factors {loss[element.name]} and {loss_factor} in"
+                " one group; use two names"
             )
     return loss
 

@@ -104,8 +104,8 @@ def truss_matrices(
         element.update_probe_xe(x)
 
     K, M = _collect(element, prop, fe.TrussData(), place, len(ends), 12)
-    moved = np.array([0, 1, 2, 6, 7, 8])
-    return K[:, moved[:, None], moved], M[:, moved[:, None], moved]
+    translations = np.array([0, 1, 2, 6, 7, 8])
+    return K[:, translations[:, None], translations], M[:, translations[:, None], translations]
 
 
 def plate_matrices(

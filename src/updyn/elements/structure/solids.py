@@ -217,12 +217,14 @@ def _with_bending(
     slopes = np.zeros((shape.w.size, 3, 3))
     for i in range(3):
         slopes[:, i, i] = -4 * r[i]  # d(1 - r^2)/dx of x = (r + 1) / 2
-    own = np.linalg.solve(
+    bending_gradients = np.linalg.solve(
         np.broadcast_to(J, (len(xyz), len(slopes), 3, 3)),
         np.broadcast_to(slopes, (len(xyz), *slopes.shape)),
     )
-    own = own * (np.linalg.det(J) / (volume / shape.w))[:, :, None, None]
-    full = _elastic(np.concatenate([G, own], axis=3), volume, E, nu)
+    bending_gradients = (
+        bending_gradients * (np.linalg.det(J) / (volume / shape.w))[:, :, None, None]
+    )
+    full = _elastic(np.concatenate([G, bending_gradients], axis=3), volume, E, nu)
     return K - full[:, :24, 24:] @ np.linalg.solve(full[:, 24:, 24:], full[:, 24:, :24])
 
 
@@ -249,8 +251,8 @@ def _shape_at(k: int, points: NDArray[np.float64]) -> _Shape:
     slopes = np.empty((k, 3, q))
     for i, node in enumerate(nodes):
         # scikit-fem has another node order: the function is identified by its position.
-        own = int(np.argmin(np.abs(element.doflocs - node).sum(axis=1)))
-        N[i], slopes[i] = element.lbasis(points, own)
+        index = int(np.argmin(np.abs(element.doflocs - node).sum(axis=1)))
+        N[i], slopes[i] = element.lbasis(points, index)
     return _Shape(np.ones(q), N.T, slopes.transpose(2, 1, 0), points)
 
 

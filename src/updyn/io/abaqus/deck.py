@@ -79,13 +79,13 @@ class DeckFacts:
 
     def read_geometry(self, units: UnitSystem) -> Geometry | None:
         """Return the node positions in m, or None if the deck has none; refuse repeated nodes."""
-        own = [card for card in self.cards if card.name == "NODE"]
+        node_cards = [card for card in self.cards if card.name == "NODE"]
         materials = []
         for part in self.properties.values():
             if part.kind == "material":
                 materials.append((part.name, part.first("stiffness"), part.first("mass")))
         check_materials(materials, units, self.path)
-        if not own:
+        if not node_cards:
             return None
         if not self.is_flat:
             warnings.warn(
@@ -95,7 +95,7 @@ class DeckFacts:
                 stacklevel=3,
             )
             return None
-        numbers, places = zip(*(read_nodes(card) for card in own), strict=True)
+        numbers, places = zip(*(read_nodes(card) for card in node_cards), strict=True)
         with locate_errors(self.path):
             return Geometry(np.concatenate(numbers), np.concatenate(places) * units.length)
 

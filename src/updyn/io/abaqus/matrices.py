@@ -95,8 +95,10 @@ class AbaqusEntries:
     def of(self, elements: NDArray[np.int64]) -> AbaqusEntries:
         """Return the rows of some elements."""
         assert self.elements is not None
-        own = np.isin(self.elements, elements)
-        return AbaqusEntries(self.path, self.labels[own], self.values[own], self.elements[own])
+        chosen = np.isin(self.elements, elements)
+        return AbaqusEntries(
+            self.path, self.labels[chosen], self.values[chosen], self.elements[chosen]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,17 +211,17 @@ def entries_of(raw: bytes, path: Path, first_line: int = 1) -> AbaqusEntries:
     letters = "i" * (columns - 1) + "r"
     table = number_rows(raw, letters, _SHAPES[columns], path, first_line, commas=True, comment=b"*")
     labels = table[:, :-1].astype(np.int64)
-    own = labels[:, -4:]
+    row_labels = labels[:, -4:]
     if columns > 3:
-        nodes = own[:, [0, 2]]
-        directions = own[:, [1, 3]]
+        nodes = row_labels[:, [0, 2]]
+        directions = row_labels[:, [1, 3]]
         wrong = ((directions < 1) | (directions > 6)).any(axis=1) | (nodes == 0).any(axis=1)
     else:
-        wrong = (own < 1).any(axis=1)
+        wrong = (row_labels < 1).any(axis=1)
     if wrong.any():
         raise _bad_label(raw, int(np.flatnonzero(wrong)[0]), path, first_line)
     elements = labels[:, 0] if columns == 6 else None
-    return AbaqusEntries(path, own, table[:, -1], elements)
+    return AbaqusEntries(path, row_labels, table[:, -1], elements)
 
 
 def _rows(raw: bytes, first_line: int) -> Iterator[tuple[int, str]]:
@@ -391,19 +393,19 @@ def assemble(
     labels, known = _labels(parts, dofs, path)
     matrices: list[dict[str, Matrix]] = []
     for part in parts:
-        own = {}
+        part_matrices = {}
         for what, file in part.files.items():
             if labels is None:
-                own[what] = coordinate_matrix(file, known)
+                part_matrices[what] = coordinate_matrix(file, known)
             else:
-                own[what] = labels.matrix(file)
-        matrices.append(own)
+                part_matrices[what] = labels.matrix(file)
+        matrices.append(part_matrices)
     inner = np.zeros(len(known), dtype=np.bool_)
     if labels is not None:
         inner = labels.internal
     keep = _free(matrices, known, held, path)
     if internal == "condense" and (inner & keep).any():
-        matrices = [_restrict(own, keep) for own in matrices]
+        matrices = [_restrict(part_matrices, keep) for part_matrices in matrices]
         known = known[np.flatnonzero(keep)]
         inner = inner[keep]
         _condense(matrices, parts, known, inner, path)
@@ -412,10 +414,10 @@ def assemble(
         _warn_of_masses(matrices, inner & keep, path)
     known = known[np.flatnonzero(keep)]
     groups = {}
-    for part, own in zip(parts, matrices, strict=True):
+    for part, part_matrices in zip(parts, matrices, strict=True):
         if part.name in groups:
             raise FormatError(f"group name {part.name!r} occurs twice", path)
-        kept = _restrict(own, keep)
+        kept = _restrict(part_matrices, keep)
         si = {what: units.to_si(A, known) for what, A in kept.items()}
         groups[part.name] = _group(part, si, path)
     with locate_errors(path):
@@ -426,8 +428,8 @@ def _warn_of_masses(
     matrices: Sequence[Mapping[str, Matrix]], inner: NDArray[np.bool_], path: Path
 ) -> None:
     """Warn of internal degrees of freedom with mass, which count as translations of nodes."""
-    for own in matrices:
-        if "mass" in own and inner.any() and own["mass"][inner].count_nonzero():
+    for part_matrices in matrices:
+        if "mass" in part_matrices and inner.any() and part_matrices["mass"][inner].count_nonzero():
             warnings.warn(
                 f"{path}: internal degrees of freedom have mass, and no deck gives node positions:"
                 " the masses in updyn info count them as translations",
@@ -484,8 +486,8 @@ def _free(
     if supports is not None:
         codes = np.column_stack([dofs.nodes, dofs.axes + 1]) @ _CODE
         held = np.isin(codes, distinct(supports @ _CODE), assume_unique=True)
-    for own in matrices:
-        for what, A in own.items():
+    for part_matrices in matrices:
+        for what, A in part_matrices.items():
             if what == "stiffness":
                 held |= A.diagonal() >= HELD
             used[A.indices[A.data != 0.0]] = True
@@ -545,8 +547,8 @@ def _condense(
     proportional to the unknown of the group if they belong only to this group.
     """
     owners = np.zeros(len(dofs), dtype=np.int64)
-    for own, part in zip(matrices, parts, strict=True):
-        for what, A in own.items():
+    for part_matrices, part in zip(matrices, parts, strict=True):
+        for what, A in part_matrices.items():
             touched = np.zeros(len(dofs), dtype=np.bool_)
             touched[A.indices[A.data != 0.0]] = True
             if what in ("mass", "viscous") and (touched & inner).any():
@@ -564,8 +566,8 @@ def _condense(
             " internal = 'keep'",
             path,
         )
-    for own, part in zip(matrices, parts, strict=True):
-        K = own.get("stiffness")
+    for part_matrices, part in zip(matrices, parts, strict=True):
+        K = part_matrices.get("stiffness")
         if K is None:
             continue
         touched = np.zeros(len(dofs), dtype=np.bool_)
@@ -574,10 +576,14 @@ def _condense(
         r = np.flatnonzero(~inner)
         if i.size:
             # The structural matrix is checked for proportionality before the condensation.
-            gamma = _ratio(own["structural"], K, part, path) if "structural" in own else None
-            own["stiffness"] = _schur(sp.csc_array(K), r, i, part, dofs, path)
+            gamma = (
+                _ratio(part_matrices["structural"], K, part, path)
+                if "structural" in part_matrices
+                else None
+            )
+            part_matrices["stiffness"] = _schur(sp.csc_array(K), r, i, part, dofs, path)
             if gamma is not None:
-                own["structural"] = own["stiffness"] * gamma
+                part_matrices["structural"] = part_matrices["stiffness"] * gamma
 
 
 def _schur(

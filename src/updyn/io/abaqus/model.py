@@ -256,20 +256,20 @@ def _by_material(
         if elset in sets:
             members.setdefault(material, []).append(sets[elset])
     parts = []
-    seen = np.empty(0, dtype=np.int64)
+    assigned = np.empty(0, dtype=np.int64)
     for material, found in members.items():
-        own = np.unique(np.concatenate(found))
+        elements = np.unique(np.concatenate(found))
         chosen = {}
         for what, file in files.items():
-            of_material = file.of(own)
+            of_material = file.of(elements)
             if of_material.values.size:
                 chosen[what] = of_material
-        seen = np.union1d(seen, own)
+        assigned = np.union1d(assigned, elements)
         if chosen:
             parts.append(AbaqusGroup(facts.properties[material].name, chosen))
     for file in files.values():
         assert file.elements is not None
-        lost = np.setdiff1d(file.elements, seen)
+        lost = np.setdiff1d(file.elements, assigned)
         if lost.size:
             raise FormatError(
                 f"element {lost[0]} has no section in the deck ({lost.size} such)", file.path
@@ -285,12 +285,12 @@ def _check_sum(what: str, total: AbaqusEntries, files: list[AbaqusEntries]) -> N
             total.path,
         )
     labels = Labels.union([total, *files])
-    left = labels.matrix(total)
-    free = np.flatnonzero(left.diagonal() < 1e35)
-    scale = abs(left[free][:, free])
+    remainder = labels.matrix(total)
+    free = np.flatnonzero(remainder.diagonal() < 1e35)
+    scale = abs(remainder[free][:, free])
     for file in files:
-        left = left - labels.matrix(file)
-    rest = left[free][:, free].tocoo()
+        remainder = remainder - labels.matrix(file)
+    rest = remainder[free][:, free].tocoo()
     largest = scale.max(axis=1).toarray().ravel()
     beyond = np.abs(rest.data) - _TOLERANCE * np.maximum(largest[rest.row], largest[rest.col])
     if beyond.size and beyond.max() > 0:

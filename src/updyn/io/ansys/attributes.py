@@ -208,12 +208,12 @@ def groups_of(
     if by == "component":
         if not attributes.components:
             raise FormatError("holds no component of elements (CM, ...,ELEM)", attributes.path)
-        there = {}
+        members = {}
         for name, part in attributes.components.items():
-            own = part[np.isin(part, elements)]
-            if own.size:
-                there[name] = own
-        return _assign_groups(elements, there, "components", path)
+            existing = part[np.isin(part, elements)]
+            if existing.size:
+                members[name] = existing
+        return _assign_groups(elements, members, "components", path)
     missing = elements[~np.isin(elements, attributes.elements)]
     if missing.size:
         raise FormatError(

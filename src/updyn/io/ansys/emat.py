@@ -127,8 +127,10 @@ def read_model(
         _check_sum(parts, system, kept, path)
     geometry = None if known is None else known.geometry(units.length)
     with locate_errors(path):
-        made = {name: _group(matrices, loss_factor) for name, matrices in parts.items() if matrices}
-        return Model.from_groups(made, kept, geometry=geometry)
+        built = {
+            name: _group(matrices, loss_factor) for name, matrices in parts.items() if matrices
+        }
+        return Model.from_groups(built, kept, geometry=geometry)
 
 
 def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None:
@@ -163,9 +165,13 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
         nodes_of = dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
     found: list[NDArray[np.int64]] = []
     for element in file:
-        own = nodes_of.get(element.number)
-        if known is not None and own is not None and not np.isin(element.nodes, own).all():
-            stray = element.nodes[~np.isin(element.nodes, own)][0]
+        node_dofs = nodes_of.get(element.number)
+        if (
+            known is not None
+            and node_dofs is not None
+            and not np.isin(element.nodes, node_dofs).all()
+        ):
+            stray = element.nodes[~np.isin(element.nodes, node_dofs)][0]
             raise FormatError(
                 f"element {element.number} acts on node {stray}, which it does not have in"
                 f" {known.path.name}: the files belong to different models",
@@ -303,11 +309,11 @@ def _free_dofs(
             UpdynWarning,
             stacklevel=3,
         )
-    lone = np.flatnonzero(keep & ~used)
-    if lone.size:
+    unused = np.flatnonzero(keep & ~used)
+    if unused.size:
         warnings.warn(
-            f"{path}: {lone.size} degrees of freedom without stiffness, mass and damping are"
-            f" removed; the first is {dofs[int(lone[0])]}",
+            f"{path}: {unused.size} degrees of freedom without stiffness, mass and damping are"
+            f" removed; the first is {dofs[int(unused[0])]}",
             UpdynWarning,
             stacklevel=3,
         )
@@ -324,11 +330,11 @@ def _check_sum(
         ("mass", system.mass),
         ("damping", system.viscous),
     ):
-        own = [p[what] for p in parts.values() if what in p]
+        matrices = [p[what] for p in parts.values() if what in p]
         if total is None:  # a static solution has no M, an undamped solution no C
             continue
         expected = sp.csr_array(total)[at][:, at]
-        difference = sp.coo_array(sum(own, -expected))
+        difference = sp.coo_array(sum(matrices, -expected))
         if not difference.nnz:
             continue
         scale = np.asarray(abs(expected).max(axis=1).toarray()).ravel()
@@ -510,9 +516,9 @@ class ElementFile:
                 K = element.matrices.get("stiffness")
                 if K is None or not np.any(K):
                     continue
-                moved = 0.0
+                residual_force = 0.0
                 for number in (1, 2, 3):
-                    moved += float(np.abs(K[:, element.dofs == number].sum(axis=1)).max())
-                rest += moved / float(np.abs(K).max())
+                    residual_force += float(np.abs(K[:, element.dofs == number].sum(axis=1)).max())
+                rest += residual_force / float(np.abs(K).max())
             difference.append(rest)
         return difference[0] <= difference[1]

@@ -274,28 +274,28 @@ class Rotations:
         FormatError
             If there are additional nodes that do not belong to a rigid body.
         """
-        made = np.setdiff1d(dofs.nodes, deck.nodes)
+        added_nodes = np.setdiff1d(dofs.nodes, deck.nodes)
         # C3D8I has three internal generalised displacements, which ccx keeps (with mass) as nodes.
         inner = 0
         for block in deck.elements:
             if block.type == "C3D8I":
                 inner += 3 * block.numbers.size
-        if len(made) != inner + len(self.unnamed) or (inner and self.unnamed):
+        if len(added_nodes) != inner + len(self.unnamed) or (inner and self.unnamed):
             raise FormatError(
-                f"ccx adds {len(made)} nodes to those of the deck, {inner} of them inside C3D8I,"
-                f" but there are {len(self.unnamed)} rigid bodies or couplings without a node for"
-                " their rotations: give each *RIGID BODY a ROT NODE",
+                f"ccx adds {len(added_nodes)} nodes to those of the deck, {inner} of them inside"
+                f" C3D8I, but there are {len(self.unnamed)} rigid bodies or couplings without a"
+                " node for their rotations: give each *RIGID BODY a ROT NODE",
                 self.path,
             )
         bodies = list(self.named)
         if not inner:
-            bodies += zip(made.tolist(), self.unnamed, strict=True)
+            bodies += zip(added_nodes.tolist(), self.unnamed, strict=True)
         nodes = dofs.nodes.copy()
         axes = dofs.axes.astype(np.int64)
         for rotation, reference in bodies:
-            own = dofs.nodes == rotation
-            nodes[own] = reference
-            axes[own] += 3
+            at_rotation = dofs.nodes == rotation
+            nodes[at_rotation] = reference
+            axes[at_rotation] += 3
         return DofSet.from_arrays(nodes, axes)
 
 

@@ -116,11 +116,11 @@ def _block(
     part: KeywordProperty, change: Mapping[str, float], cards: tuple[KeywordCard, ...]
 ) -> list[str]:
     """Return the lines of a part: its change and its old values as comments, its new cards."""
-    said = []
+    comments = []
     for quantity, value in change.items():
         sign = "=" if quantity == "loss_factor" else "x"
-        said.append(f"{quantity} {sign} {short_number(value)}")
-    out = ["**", f"** {part.kind} {part.name}: {', '.join(said) or 'unchanged'}"]
+        comments.append(f"{quantity} {sign} {short_number(value)}")
+    out = ["**", f"** {part.kind} {part.name}: {', '.join(comments) or 'unchanged'}"]
     for what, label in (("stiffness", "modulus"), ("mass", "density")):
         old = part.values(what)
         if old:

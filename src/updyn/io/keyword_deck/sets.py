@@ -137,14 +137,14 @@ class Sets:
             return row
         start, stop = np.searchsorted(self._known, [first, last + 1])
         self.count(int(stop - start), card, row)
-        there = self._known[start:stop]
-        there = there[(there - first) % step == 0]
-        self.add(name, there)
-        if not len(there):
+        members = self._known[start:stop]
+        members = members[(members - first) % step == 0]
+        self.add(name, members)
+        if not len(members):
             return None
-        if there[-1] + step > last:
+        if members[-1] + step > last:
             return row
-        return replace(row, text=f"{first}, {there[-1]}, {step}")
+        return replace(row, text=f"{first}, {members[-1]}, {step}")
 
 
 def _list_members(card: KeywordCard, members: _Numbers) -> KeywordCard:

@@ -128,8 +128,8 @@ class KeywordDeck:
 
     def elements_of(self, material: str) -> NDArray[np.int64]:
         """Return the numbers of the elements made of a material, ascending."""
-        own = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
-        return distinct(concatenate(own))
+        sets = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
+        return distinct(concatenate(sets))
 
 
 def split_steps(cards: Sequence[KeywordCard]) -> tuple[list[KeywordCard], list[list[KeywordCard]]]:
@@ -467,14 +467,14 @@ class KeywordProperty:
         if not values:
             return tuple(cards)
         texts = {name: short_number(value) for name, value in values.items()}
-        own = self.card("DAMPING")
-        if own is None:
+        damping_card = self.card("DAMPING")
+        if damping_card is None:
             last = cards[-1]
             return (
                 *cards,
                 KeywordCard("DAMPING", MappingProxyType(texts), (), last.path, last.line),
             )
-        both = MappingProxyType({**own.parameters, **texts})
+        both = MappingProxyType({**damping_card.parameters, **texts})
         out = []
         for card in cards:
             if card.name == "DAMPING":
@@ -485,10 +485,10 @@ class KeywordProperty:
     def _places(self, what: str) -> list[tuple[KeywordCard, int, int]]:
         """Return card, line and field of every number of a quantity."""
         if self.kind != "material":
-            own = self.cards[0]
+            first_card = self.cards[0]
             scaled = "mass" if self.kind == "mass" else "stiffness"
-            lines = range(self.start, len(own.rows)) if what == scaled else ()
-            return [(own, i, 0) for i in lines]
+            lines = range(self.start, len(first_card.rows)) if what == scaled else ()
+            return [(first_card, i, 0) for i in lines]
         card = self.card("ELASTIC" if what == "stiffness" else "DENSITY")
         if card is None:
             return []

@@ -338,8 +338,8 @@ class _MystranRuns:
         self, cards: list[NastranCard], links: int, sets: Mapping[str, int]
     ) -> MystranMatrices:
         path = self._deck.path
-        with tempfile.TemporaryDirectory(dir=self._folder) as own:
-            found = run(self._program, cards, Path(own), path, links=links, **sets)
+        with tempfile.TemporaryDirectory(dir=self._folder) as folder:
+            found = run(self._program, cards, Path(folder), path, links=links, **sets)
         return _own(self._deck, found)
 
 
@@ -391,9 +391,9 @@ class _Bars:
         deck = read_deck(self.path, self.ignore)
         if _digest(deck) != self.digest:
             raise ModelError(f"{self.path} has changed since the model was read")
-        own = deck.group(name)
+        group_card = deck.group(name)
         cards = [
-            (exchanged_bar(card) or card) if _is_same(card, own) else card
+            (exchanged_bar(card) or card) if _is_same(card, group_card) else card
             for card in _alone(deck, name, 1.0)
         ]
         with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
@@ -571,10 +571,10 @@ def _constraints(
     if not len(found.tied):
         return held, []
     ties = sp.csc_array(found.ties)
-    own = sp.csc_array(ties[:, found.tied])
+    coefficients = sp.csc_array(ties[:, found.tied])
     rest = np.setdiff1d(np.arange(len(labels)), found.tied)
     try:
-        factors = splu(own)
+        factors = splu(coefficients)
     except RuntimeError as error:
         raise FormatError(
             "the ties (MPC, RBE2, RBE3, ...) are dependent or contradict each other: their matrix"

@@ -227,16 +227,16 @@ def parse(lines: Iterable[NastranLine]) -> Iterator[NastranCard]:
                 f"{row.line.text.strip()[:40]!r}; expected the name of a card, or a continuation"
             )
         fields = list(row.fields)
-        own = [row.line]
+        card_lines = [row.line]
         while at in following:
             at = following[at]
             unused.discard(at)
             fields += [""] * (-len(fields) % len(rows[at].fields))
             fields += rows[at].fields
-            own.append(rows[at].line)
+            card_lines.append(rows[at].line)
         while fields and not fields[-1]:
             fields.pop()
-        yield NastranCard(name.upper(), tuple(fields), tuple(own))
+        yield NastranCard(name.upper(), tuple(fields), tuple(card_lines))
     for at in sorted(unused):
         raise rows[at].line.error(f"the continuation {rows[at].head!r} continues itself")
 
@@ -273,8 +273,8 @@ def _parents(rows: Sequence[NastranRow]) -> dict[int, int]:
         if row.tail:
             parents.setdefault(_mark(row.tail), []).append(at)
     found: dict[int, int] = {}
-    for mark, own in claims.items():
-        found |= _pair_by_mark(rows, parents.get(mark, []), own)
+    for mark, claimed in claims.items():
+        found |= _pair_by_mark(rows, parents.get(mark, []), claimed)
     return found
 
 

@@ -359,8 +359,8 @@ class NastranDeck:
         """Groups by name: the property card, or the element if it holds its properties itself."""
         found: dict[str, NastranCard] = {}
         for card in self.elements:
-            own = self.group_of(card)
-            found[f"{own.name} {own.integer(0)}"] = own
+            defining_card = self.group_of(card)
+            found[f"{defining_card.name} {defining_card.integer(0)}"] = defining_card
         return found
 
     def group_of(self, element: NastranCard) -> NastranCard:
@@ -724,13 +724,15 @@ class _NastranSystem:
         outward = np.array([cos, sin, 0.0])
         around = np.array([-sin, cos, 0.0])
         if self.kind == "C":
-            own = np.array([outward, around, [0.0, 0.0, 1.0]])
+            local_axes = np.array([outward, around, [0.0, 0.0, 1.0]])
         else:
             size = float(np.hypot(reach, z)) or 1.0
             up = z / size
             flat = reach / size
-            own = np.array([flat * outward + [0, 0, up], up * outward - [0, 0, flat], around])
-        return np.asarray(own @ self.axes)
+            local_axes = np.array(
+                [flat * outward + [0, 0, up], up * outward - [0, 0, flat], around]
+            )
+        return np.asarray(local_axes @ self.axes)
 
 
 _BASIC = _NastranSystem("R", np.zeros(3), np.eye(3))

@@ -242,8 +242,10 @@ def _expand_to_dofs(
             )
         return sp.csr_array(matrix.matrix)
     at = dofs.match(matrix.dofs).index
-    own = sp.coo_array(matrix.matrix)
-    return sp.csr_array(sp.coo_array((own.data, (at[own.row], at[own.col])), shape=(n, n)))
+    entries = sp.coo_array(matrix.matrix)
+    return sp.csr_array(
+        sp.coo_array((entries.data, (at[entries.row], at[entries.col])), shape=(n, n))
+    )
 
 
 class MatrixFiles:
@@ -277,14 +279,14 @@ class MatrixFiles:
             expected content. `AbsentError` for an OUTPUT2 file, which may hold other content.
         """
         path = Path(path)
-        beside = path.with_suffix(".toml")
-        if beside.is_file():
-            table = ModelFile.read_file(beside)
+        table_path = path.with_suffix(".toml")
+        if table_path.is_file():
+            table = ModelFile.read_file(table_path)
             if table.has_groups and names_nastran_files(table):
                 return read_table(table)
             raise FormatError(
                 f"no group refers to an OUTPUT4, OUTPUT2 or DMIG matrix ({', '.join(SUFFIXES)})",
-                beside,
+                table_path,
             )
         kind: type[FormatError] = FormatError
         if self._kind == "op2":
@@ -304,7 +306,7 @@ class MatrixFiles:
                 path,
             )
         raise kind(
-            f"matrices alone ({', '.join(names)}) are not a model: write {beside.name!r} in the"
+            f"matrices alone ({', '.join(names)}) are not a model: write {table_path.name!r} in the"
             ' same folder and read it. Content: dofs = "dofs.csv" or deck = "wing.bdf", and for'
             f' each part [[group]] with name = "...", stiffness = "{path.name}:{names[0]}",'
             ' mass = "...", loss_factor = 0.01',

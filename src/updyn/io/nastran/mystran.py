@@ -138,15 +138,15 @@ def _ground_spring(
 
 def _bar(card: NastranCard) -> NastranCard:
     """Return a rigid bar as an RBE2; all its independent components have to be at one end."""
-    own = card.text(3)
+    first_components = card.text(3)
     other = card.text(4)
-    if {own, other} != {"123456", ""}:
+    if {first_components, other} != {"123456", ""}:
         raise card.error(
-            f"RBAR {card.text(0)}: independent components {own or 'none'} and {other or 'none'};"
-            " expected 123456 at one end, because MYSTRAN supports only RBE2"
+            f"RBAR {card.text(0)}: independent components {first_components or 'none'} and"
+            f" {other or 'none'}; expected 123456 at one end, because MYSTRAN supports only RBE2"
         )
     first, second = card.text(1), card.text(2)
-    if own:
+    if first_components:
         fields = (card.text(0), first, card.text(6, "123456"), second)
     else:
         fields = (card.text(0), second, card.text(5, "123456"), first)

@@ -400,14 +400,14 @@ def _build_modes(file: OP2File, found: list[_OP2Mode], length: float, mass: floa
     shapes[:, kinds_kept == _SCALAR, 1:] = 0.0
     shapes[:, :, 3:] /= length
     shapes *= np.where(factors > 0, factors / mass, 1.0)[:, None, None]
-    seen = np.argwhere(shapes.any(axis=0))
-    if not len(seen):
+    used = np.argwhere(shapes.any(axis=0))
+    if not len(used):
         raise FormatError(f"the shape at {frequency[0]:g} Hz is zero at all points", file.path)
     with locate_errors(file.path):
         return ModeSet(
             frequency,
-            shapes[:, seen[:, 0], seen[:, 1]].T,
-            DofSet.from_arrays(nodes[seen[:, 0]], seen[:, 1]),
+            shapes[:, used[:, 0], used[:, 1]].T,
+            DofSet.from_arrays(nodes[used[:, 0]], used[:, 1]),
             loss,
             factors > 0,
             source=f"{file.path.name}, subcase {first.subcase}",
@@ -446,10 +446,10 @@ def _factors(file: OP2File, found: Sequence[_OP2Mode]) -> NDArray[np.float64]:
             real = file.words(raw, "f").reshape(-1, _LAMA_WIDTH).astype(np.float64)
             rows = dict(zip(whole[:, _LAMA_MODE].tolist(), real, strict=True))
             if _belongs_to(rows, found):
-                for own, mode in zip(masses, found, strict=True):
-                    own.add(float(rows[mode.number][_LAMA_MASS]))
+                for mode_masses, mode in zip(masses, found, strict=True):
+                    mode_masses.add(float(rows[mode.number][_LAMA_MASS]))
     # Two tables with equal eigenvalues but different masses belong to different normalizations.
-    known = [own.pop() if len(own) == 1 else 0.0 for own in masses]
+    known = [mode_masses.pop() if len(mode_masses) == 1 else 0.0 for mode_masses in masses]
     return np.array([mass**-0.5 if mass > 0 else 0.0 for mass in known])
 
 

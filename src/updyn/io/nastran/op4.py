@@ -463,10 +463,10 @@ def _text_values(lines: _OP4Lines, n: int, a_line: int, width: int) -> Any:
     out = np.empty(n)
     for first in range(0, n, a_line):
         line = lines.require("values")
-        here = min(a_line, n - first)
-        if line[here * width :].strip():
-            raise lines.error(f"more than {here} value(s) of {width} characters on the line")
-        for k in range(here):
+        n_values = min(a_line, n - first)
+        if line[n_values * width :].strip():
+            raise lines.error(f"more than {n_values} value(s) of {width} characters on the line")
+        for k in range(n_values):
             cell = line[k * width : (k + 1) * width].strip()
             try:
                 out[first + k] = real(cell)

@@ -273,10 +273,10 @@ def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
     head = (_head_of_2414 if layout is _2414 else _head_of_55)(texts, analysis, path, at)
     nodes, shape = _nodes(texts, layout, width, kind in _COMPLEX, path, at)
     is_scaled = specific not in _MOTION
-    said = _QUALITY.search(texts[layout.quality])
-    quality = float(said[1]) if said else np.nan
-    said = _STD.search(texts[layout.quality - 1])
-    std = (float(said[1]), float(said[2])) if said else (np.nan, np.nan)
+    match = _QUALITY.search(texts[layout.quality])
+    quality = float(match[1]) if match else np.nan
+    match = _STD.search(texts[layout.quality - 1])
+    std = (float(match[1]), float(match[2])) if match else (np.nan, np.nan)
     return _UFFMode(
         dataset.number,
         dataset.line,
@@ -568,10 +568,10 @@ def _build_modes(found: Sequence[_UFFMode], units: Units, path: str | Path) -> M
         if mode.std_shape is None:
             std[k] = np.nan
         if mode.nodes:
-            own = [row[n] for n in mode.nodes]
-            shapes[k, own] = mode.shape
+            rows_of_mode = [row[n] for n in mode.nodes]
+            shapes[k, rows_of_mode] = mode.shape
             if mode.std_shape is not None:
-                std[k, own] = mode.std_shape
+                std[k, rows_of_mode] = mode.std_shape
     shapes[:, :, :3] /= units.length
     std[:, :, :3] /= units.length
     # A modal mass has the unit of energy over the squared unit of the shape: force times length.
@@ -582,7 +582,7 @@ def _build_modes(found: Sequence[_UFFMode], units: Units, path: str | Path) -> M
             std[k] *= abs(mode.factor) * unit
         if mode.conjugate:
             shapes[k] = shapes[k].conj()
-    seen = np.argwhere(shapes.any(axis=0))
+    used = np.argwhere(shapes.any(axis=0))
     for mode, shape in zip(found, shapes, strict=True):
         if not shape.any():
             raise FormatError(
@@ -591,15 +591,15 @@ def _build_modes(found: Sequence[_UFFMode], units: Units, path: str | Path) -> M
     with locate_errors(path):
         return ModeSet(
             [m.frequency for m in found],
-            shapes[:, seen[:, 0], seen[:, 1]].T,
-            DofSet.from_arrays(np.array(nodes)[seen[:, 0]], seen[:, 1]),
+            shapes[:, used[:, 0], used[:, 1]].T,
+            DofSet.from_arrays(np.array(nodes)[used[:, 0]], used[:, 1]),
             [m.loss for m in found],
             [m.factor != 0 for m in found],
             [m.quality for m in found],
             Path(path).name,
             std_frequency=[m.std[0] for m in found],
             std_loss_factor=[m.std[1] for m in found],
-            std_shapes=std[:, seen[:, 0], seen[:, 1]].T,
+            std_shapes=std[:, used[:, 0], used[:, 1]].T,
         )
 
 
@@ -646,9 +646,9 @@ def _lines(modes: ModeSet, number: int) -> Iterator[str]:
 
 def _at_nodes(dofs: DofSet, values: NDArray[Any], width: int) -> Iterator[str]:
     for node in dict.fromkeys(dofs.nodes.tolist()):
-        own = np.flatnonzero(dofs.nodes == node)
+        at_node = np.flatnonzero(dofs.nodes == node)
         row = np.zeros(width, dtype=values.dtype)
-        row[dofs.axes[own]] = values[own]
+        row[dofs.axes[at_node]] = values[at_node]
         yield f"{node:10d}"
         flat = row.view(np.float64)
         for start in range(0, width * row.itemsize // 8, 6):

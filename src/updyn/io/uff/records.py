@@ -89,11 +89,11 @@ def read_records(path: str | Path) -> Records:
     values = np.empty((len(next(iter(channels.values()))), len(channels), chosen[0].points))
     units = []
     for at, (name, records) in enumerate(channels.items()):
-        said = {channel_unit(function, collector.units, path) for function in records}
-        if len(said) > 1:
-            texts = " and ".join(repr(unit) for unit, _ in sorted(said))
+        channel_units = {channel_unit(function, collector.units, path) for function in records}
+        if len(channel_units) > 1:
+            texts = " and ".join(repr(unit) for unit, _ in sorted(channel_units))
             raise FormatError(f"channel {name!r}: records in {texts}; expected one unit", path)
-        unit, factor = said.pop()
+        unit, factor = channel_units.pop()
         units.append(unit)
         for record, function in enumerate(records):
             values[record, at] = factor * function.y

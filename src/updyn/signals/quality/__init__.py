@@ -111,13 +111,13 @@ def check_records(
             if wrong is not None:
                 return (wrong,)  # all other findings depend on the force
     found: list[RecordFinding] = []
-    alike: list[RecordFinding] = []
+    equal_peaks: list[RecordFinding] = []
     if segment is None:
         for row, name in enumerate(given.channels):
-            alike += clipped_alike(given.values[:, row], name)
+            equal_peaks += clipped_alike(given.values[:, row], name)
     for number in range(1, len(given.values) + 1):
         if segment is None:
-            found += _of_hit(given, rows, number, band, alike)
+            found += _of_hit(given, rows, number, band, equal_peaks)
         else:
             found += _of_lasting(given, number)
     for row, name in enumerate(given.channels):
@@ -139,7 +139,7 @@ def _of_hit(
     rows: list[int],
     number: int,
     band: _Band | None,
-    alike: list[RecordFinding],
+    equal_peaks: list[RecordFinding],
 ) -> Iterator[RecordFinding]:
     """Yield the faults of one hit, including those in common with other hits."""
     record, step = records.values[number - 1], records.step
@@ -147,7 +147,7 @@ def _of_hit(
     begin = start_of_hit(force)
     for row, (name, channel) in enumerate(zip(records.channels, record, strict=True)):
         found = [*clipped_run(channel, name, number), *clipped_pair(channel, name, number)]
-        found += [one for one in alike if (one.record, one.channel) == (number, name)]
+        found += [one for one in equal_peaks if (one.record, one.channel) == (number, name)]
         if row in rows:
             found += second_hits(channel, step, name, number)
             if band is not None:

@@ -46,17 +46,17 @@ def drift(channel: _Real, begin: int | None, name: str, record: int) -> Iterator
     size = float(np.abs(channel - np.median(channel)).max())
     if begin is not None:
         offsets = offsets[_PIECES // 2 :]  # in the second half the response is small
-    moved = _trend(offsets)
+    change = _trend(offsets)
     if begin is not None and begin >= _BEFORE:
-        moved = max(moved, _offset_after(offsets, channel[:begin]))
-    if moved > _DRIFT * size:
+        change = max(change, _offset_after(offsets, channel[:begin]))
+    if change > _DRIFT * size:
         yield RecordFinding(
             "drift",
             name,
             record,
-            moved,
-            f"Record {record}, {name}: the offset drifts by {moved:.3g},"
-            f" {100.0 * moved / size:.2g} % of the largest value.",
+            change,
+            f"Record {record}, {name}: the offset drifts by {change:.3g},"
+            f" {100.0 * change / size:.2g} % of the largest value.",
             "Let sensor and amplifier settle, or use a high-pass filter; exclude the lowest lines"
             " from the band.",
         )
@@ -66,8 +66,8 @@ def _trend(offsets: _Real) -> float:
     """Return the change of a straight line through offsets in a record; 0 if insignificant."""
     at = np.arange(len(offsets)) - 0.5 * (len(offsets) - 1)
     slope = float(at @ offsets / (at @ at))
-    left = offsets - offsets.mean() - slope * at
-    error = float(np.sqrt(left @ left / (len(at) - 2) / (at @ at)))
+    residual = offsets - offsets.mean() - slope * at
+    error = float(np.sqrt(residual @ residual / (len(at) - 2) / (at @ at)))
     return abs(slope) * _PIECES if abs(slope) > _SLOPE * error else 0.0
 
 
@@ -153,10 +153,10 @@ def _line(half: _Real, step: float, f: float) -> tuple[float, float] | None:
     amplitude = float(spectrum[int(lines[0]) : int(np.ceil(lines[1])) + 1].max())
     apart = np.arange(_BESIDE[0], _BESIDE[1] + 1) * resolution
     places = np.round(_FINER * n * step * np.concatenate([f - apart, f + apart])).astype(int)
-    beside = float(np.median(spectrum[places] ** 2))
-    if amplitude**2 <= _ABOVE_BESIDE * beside:
+    surroundings = float(np.median(spectrum[places] ** 2))
+    if amplitude**2 <= _ABOVE_BESIDE * surroundings:
         return None
-    return amplitude, float(np.sqrt(beside))
+    return amplitude, float(np.sqrt(surroundings))
 
 
 def noise_floor(

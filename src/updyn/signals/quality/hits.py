@@ -65,9 +65,9 @@ def clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFindin
         longest = at if abs(extreme - rest) > _FINE * quantum else max(runs, key=len)
         if len(longest) < _FLAT or len(longest) == len(channel):
             continue
-        beside = np.setdiff1d(np.concatenate([longest - 1, longest + 1]), at)
-        beside = beside[(beside >= 0) & (beside < len(channel))]
-        jump = float(np.abs(channel[beside] - extreme).max(initial=0.0))
+        neighbours = np.setdiff1d(np.concatenate([longest - 1, longest + 1]), at)
+        neighbours = neighbours[(neighbours >= 0) & (neighbours < len(channel))]
+        jump = float(np.abs(channel[neighbours] - extreme).max(initial=0.0))
         if jump > _JUMP * quantum:
             yield RecordFinding(
                 "clipped",

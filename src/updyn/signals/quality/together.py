@@ -126,10 +126,10 @@ def _shape_change(H: _Complex, levels: _Real) -> tuple[float, float]:
     Q, R = np.linalg.qr(np.column_stack([levels, levels**2]))
     along = Q.T @ weighted
     explained = float(np.vdot(along[1], along[1]).real)
-    left = float(np.sum(np.abs(weighted - Q @ along) ** 2))
-    left = max(left, 1e-24 * power * float(np.sum(levels**2)))
+    residual_power = float(np.sum(np.abs(weighted - Q @ along) ** 2))
+    residual_power = max(residual_power, 1e-24 * power * float(np.sum(levels**2)))
     change = float(np.sqrt(explained / power)) / abs(float(R[1, 1])) * float(np.ptp(levels))
-    return change, explained / (left / (len(levels) - 2))
+    return change, explained / (residual_power / (len(levels) - 2))
 
 
 def leakage(
