@@ -10,7 +10,7 @@ import updyn
 from updyn.dynamics.response import response
 from updyn.frf import FRF
 from updyn.model import Group, Model
-from updyn.report.section import Content, sections_of
+from updyn.report.section import PageContent, select_sections
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Suspect, add_suspects, assess_residual
 from updyn.updating.judge.identifiability import Identifiability
@@ -21,9 +21,9 @@ from updyn.updating.result import UpdateResult
 
 def all_figures(result):
     """Every figure of a page."""
-    content = Content(result)
+    content = PageContent(result)
     out = {}
-    for section in sections_of(content):
+    for section in select_sections(content):
         out |= section.figures(content)
     return out
 

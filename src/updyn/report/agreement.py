@@ -16,7 +16,7 @@ from updyn.correlation.frfs import told_lines
 from updyn.frf import FRF
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
-from updyn.report.formats import figure_of_agreement, held_out, number, percentage, unit
+from updyn.report.formats import figure_of_agreement, number, percentage, unit, validation_words
 from updyn.report.plots import (
     DIVERGING,
     MODEL_COLOURS,
@@ -25,24 +25,24 @@ from updyn.report.plots import (
     Figure,
     categories,
     colour_bar,
-    existing,
-    label,
-    labels,
+    drop_missing,
+    encode_numbers,
+    escape_label,
+    escape_labels,
     linear_frequency,
-    numbers,
     rows_height,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.updating.result import UpdateResult
 
 __all__ = [
     "AGREEMENT",
     "VALIDATION",
     "agreement_figures",
+    "compute_agreement",
     "correlation_maps",
     "csac_lines",
     "csf_lines",
-    "drawn_agreement",
     "fdac_maps",
     "level_difference",
 ]
@@ -76,20 +76,21 @@ def _correlation_map(
     rows, hover = [], []
     for i, (response, held) in enumerate(zip(data.responses, data.held_out, strict=True)):
         rows.append(f"{response} ◆" if held else response)
-        first = f"response {label(response)}"
+        first = f"response {escape_label(response)}"
         if held:
             first += " (held out)"
         texts = []
         for j, reference in enumerate(data.references):
             texts.append(
-                f"{first}<br>reference {label(reference)}<br>correlation {correlation[i, j]:.4f}"
+                f"{first}<br>reference {escape_label(reference)}"
+                f"<br>correlation {correlation[i, j]:.4f}"
                 f"<br>FRAC {frac[i, j]:.4f}<br>relative residual {percentage(residual[i, j])}"
             )
         hover.append(texts)
     height = max(rows_height(len(rows), extra=110), 190)
     trace = {
         "type": "heatmap",
-        "z": numbers(correlation),
+        "z": encode_numbers(correlation),
         "x": list(range(len(data.references))),
         "y": list(range(len(rows))),
         "zmin": -1.0,
@@ -104,7 +105,7 @@ def _correlation_map(
     if correlation.size == 1:
         trace["showscale"] = False
     if correlation.size <= PRINTED_CELLS:
-        trace["text"] = [labels(map(figure_of_agreement, values)) for values in correlation]
+        trace["text"] = [escape_labels(map(figure_of_agreement, values)) for values in correlation]
         trace["texttemplate"] = "%{text}"
     return {
         "data": [trace],
@@ -118,16 +119,16 @@ def _correlation_map(
 
 def csac_lines(data: ReportData) -> Figure | None:
     """Return CSAC over frequency, before and after the update."""
-    return _by_line(data, "CSAC", data.csac_before, data.csac_after)
+    return _plot_by_line(data, "CSAC", data.csac_before, data.csac_after)
 
 
 def csf_lines(data: ReportData) -> Figure | None:
     """Return CSF over frequency, before and after the update."""
     found = [None if h is None else csf(data.measured, h) for h in (data.before, data.after)]
-    return _by_line(data, "CSF", *found)
+    return _plot_by_line(data, "CSF", *found)
 
 
-def _by_line(
+def _plot_by_line(
     data: ReportData,
     criterion: str,
     before: NDArray[np.float64] | None,
@@ -137,7 +138,7 @@ def _by_line(
     if before is None and after is None:
         return None
     traces: list[dict[str, Any]] = []
-    x = numbers(data.freq)
+    x = encode_numbers(data.freq)
     for name, found, computed, dash in (
         ("start", before, data.before, "dot"),
         ("updated", after, data.after, "solid"),
@@ -152,7 +153,7 @@ def _by_line(
                 "marker": {"size": 5, "color": MODEL_COLOURS[name]},
                 "name": name,
                 "x": x,
-                "y": numbers(values),
+                "y": encode_numbers(values),
                 "line": {"color": MODEL_COLOURS[name], "dash": dash, "width": 1.6},
                 "hovertemplate": f"%{{x:.5g}} Hz: {criterion} {name} %{{y:.3f}}<extra></extra>",
             }
@@ -171,7 +172,7 @@ def _by_line(
 def fdac_maps(data: ReportData) -> dict[str, Figure]:
     """Return FDAC maps before and after the update, by name of the figure."""
     made = {}
-    lines = _few_lines(data)
+    lines = _thin_lines(data)
     if len(data.responses) * len(data.references) >= _CHANNELS and len(lines) > 1:
         for when, values in (("before", data.before), ("after", data.after)):
             if values is not None:
@@ -180,7 +181,7 @@ def fdac_maps(data: ReportData) -> dict[str, Figure]:
     return made
 
 
-def _few_lines(data: ReportData) -> NDArray[np.intp]:
+def _thin_lines(data: ReportData) -> NDArray[np.intp]:
     """Return all compared lines, or the line with the highest level in each of `_LINES` bins."""
     compared = np.arange(len(data.freq))[data.compared]
     if len(compared) <= _LINES:
@@ -193,15 +194,15 @@ def _few_lines(data: ReportData) -> NDArray[np.intp]:
 
 def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
     """Return an FDAC map, measured lines across, computed lines up, with ridge and diagonal."""
-    x = numbers(freq, packed=False)
-    likest = np.argmax(found, axis=0)
-    sure = found[likest, np.arange(len(freq))] >= _RIDGE
+    x = encode_numbers(freq, packed=False)
+    best = np.argmax(found, axis=0)
+    matching = found[best, np.arange(len(freq))] >= _RIDGE
     ends = [float(freq[0]), float(freq[-1])]
     lines = "measured %{x:.5g} Hz, computed %{y:.5g} Hz"
     traces: list[dict[str, Any]] = [
         {
             "type": "heatmap",
-            "z": numbers(np.round(found, 3)),
+            "z": encode_numbers(np.round(found, 3)),
             "x": x,
             "y": x,
             "zmin": 0.0,
@@ -221,10 +222,10 @@ def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
         {
             "type": "scatter",
             "mode": "markers",
-            "x": numbers(freq[sure], packed=False),
-            "y": numbers(freq[likest[sure]], packed=False),
+            "x": encode_numbers(freq[matching], packed=False),
+            "y": encode_numbers(freq[best[matching]], packed=False),
             "marker": {"color": "@before", "size": 4},
-            "hovertemplate": f"most alike: {lines}<extra></extra>",
+            "hovertemplate": f"best match: {lines}<extra></extra>",
         },
     ]
     return {
@@ -243,8 +244,8 @@ def level_difference(
 ) -> NDArray[np.float64]:
     """Return 20 log10 abs(computed / measured) in dB as a flat array, omitting zeros."""
     a, b = np.abs(computed).ravel(), np.abs(measured).ravel()
-    there = (a > 0) & (b > 0)
-    return np.asarray(20.0 * np.log10(a[there] / b[there]))
+    nonzero = (a > 0) & (b > 0)
+    return np.asarray(20.0 * np.log10(a[nonzero] / b[nonzero]))
 
 
 def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[str, float]]:
@@ -256,11 +257,11 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
     computed = {"before": data.before, "after": data.after}
     out = {"validation": dict(validation.get("after") or {})}
     for when, values in computed.items():
-        out[when] = dict(result.correlation.get(when) or {}) or drawn_agreement(data, values)
+        out[when] = dict(result.correlation.get(when) or {}) or compute_agreement(data, values)
     return out
 
 
-def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
+def compute_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
     """Return `Correlation.figures` over the fitted responses of a page; empty without any."""
     fitted = ~np.array(data.held_out, dtype=np.bool_)
     if values is None or not fitted.any():
@@ -279,16 +280,16 @@ def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> 
     return correlate(computed, measured).figures()
 
 
-def _scores(
+def _list_scores(
     before: Mapping[str, float] | None, after: Mapping[str, float] | None
 ) -> list[tuple[str, str, str]]:
     """Return (name, value before, value after) of each figure of agreement."""
     before, after = before or {}, after or {}
     names = dict.fromkeys([*before, *after])
-    return [(name, _figure(name, before), _figure(name, after)) for name in names]
+    return [(name, _format_figure(name, before), _format_figure(name, after)) for name in names]
 
 
-def _figure(name: str, figures: Mapping[str, float]) -> str:
+def _format_figure(name: str, figures: Mapping[str, float]) -> str:
     """Return a figure of agreement as formatted in the terminal."""
     value = figures.get(name)
     if value is None or not math.isfinite(value) or not name.startswith(ONE_AT_BEST):
@@ -296,11 +297,11 @@ def _figure(name: str, figures: Mapping[str, float]) -> str:
     return figure_text(name, value).replace("-", "−")
 
 
-def _units(data: ReportData) -> set[str]:
+def _list_units(data: ReportData) -> set[str]:
     return {unit(data.quantity, i, j) for i in data.responses for j in data.references}
 
 
-class Agreement(Section):
+class AgreementSection(ReportSection):
     """FRF correlation before and after the update; CSAC and CSF over frequency; FDAC."""
 
     anchor = "agreement"
@@ -311,13 +312,13 @@ class Agreement(Section):
     needs_frfs = True
     of_start = True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the FRF correlation maps, CSAC and CSF over frequency, and FDAC maps."""
         data = content.data
-        curves = existing({"csac": csac_lines(data), "csf": csf_lines(data)})
+        curves = drop_missing({"csac": csac_lines(data), "csf": csf_lines(data)})
         return correlation_maps(data) | curves | fdac_maps(data)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the compared lines and the figures of agreement of the fit."""
         data = content.data
         correlation = content.result.correlation if data.fitted else {}
@@ -327,13 +328,13 @@ class Agreement(Section):
             "low": lines.min(initial=np.inf),
             "high": lines.max(initial=-np.inf),
             "held_out": any(data.held_out),
-            "scores": _scores(correlation.get("before"), correlation.get("after")),
+            "scores": _list_scores(correlation.get("before"), correlation.get("after")),
             "one_channel": len(data.responses) * len(data.references) == 1,
-            "several_units": len(_units(data)) > 1,
+            "several_units": len(_list_units(data)) > 1,
         }
 
 
-class Validation(Section):
+class ValidationSection(ReportSection):
     """Agreement with the validation set: the data held out of the fit."""
 
     anchor = "validation"
@@ -343,13 +344,13 @@ class Validation(Section):
     template = "updyn.report/validation.html"
     needs_frfs = True
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the held-out data and how well they are predicted."""
         result = content.result
         scores = result.correlation.get("validation") or {}
         return {
-            "held_out": held_out(result),
-            "scores": _scores(scores.get("before"), scores.get("after")),
+            "held_out": validation_words(result),
+            "scores": _list_scores(scores.get("before"), scores.get("after")),
             "channels": _validation_channels(content.data),
         }
 
@@ -372,5 +373,5 @@ def _validation_channels(data: ReportData) -> list[list[str]]:
     return out
 
 
-AGREEMENT = Agreement()
-VALIDATION = Validation()
+AGREEMENT = AgreementSection()
+VALIDATION = ValidationSection()

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from updyn import __version__
-from updyn.report.agreement import drawn_agreement
+from updyn.report.agreement import compute_agreement
 from updyn.report.data import ReportData
 from updyn.report.formats import counted, extent, number, percentage, quantity_words
-from updyn.report.head import Part, key_figure
+from updyn.report.head import VerdictPart, key_figure
 from updyn.report.page import assemble
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.start import Start
 from updyn.report.templates import render_template, write_page
 from updyn.updating.problem.parameters import Parameter
@@ -46,12 +46,12 @@ def write_start(start: Start, path: str | PathLike[str]) -> Path:
 
 def render(start: Start) -> str:
     """Return the page as HTML."""
-    content = Content(further={"start": start})
+    content = PageContent(further={"start": start})
     title = start.title or "Before the update"
     return assemble(content, _head(content, start), title, __version__, folds=True)
 
 
-def _head(content: Content, start: Start) -> str:
+def _head(content: PageContent, start: Start) -> str:
     """Return the head of the page: title, identifiability, faults, and figures of agreement."""
     complete = start.identifiability.complete
     badge, kind = ("Not all unknowns can be determined", "warn")
@@ -69,74 +69,74 @@ def _head(content: Content, start: Start) -> str:
         badge=badge,
         kind=kind,
         parts=[
-            _determined(start),
-            *_alike(start),
-            *_model_errors(start),
-            _sound(start, has_frfs=content.has_frfs),
+            _judge_identifiability(start),
+            *_judge_resemblance(start),
+            *_find_model_error(start),
+            _judge_data(start, has_frfs=content.has_frfs),
         ],
         cause=start.identifiability.advice,
         steps=[],
-        key_figures=_tiles(start, content.data) if content.has_frfs else [],
+        key_figures=_key_figures(start, content.data) if content.has_frfs else [],
     )
 
 
-def _determined(start: Start) -> Part:
+def _judge_identifiability(start: Start) -> VerdictPart:
     rank, n = start.identifiability.rank, start.identifiability.n_parameters
-    said = f"The data can determine all of {counted(n, 'unknown')}."
+    text = f"The data can determine all of {counted(n, 'unknown')}."
     if rank < n:
         combinations = counted(rank, "independent combination")
-        said = f"The data can determine {combinations} of {counted(n, 'unknown')}."
-    return Part("Determined", rank >= n, said)
+        text = f"The data can determine {combinations} of {counted(n, 'unknown')}."
+    return VerdictPart("Determined", rank >= n, text)
 
 
-def _alike(start: Start) -> list[Part]:
+def _judge_resemblance(start: Start) -> list[VerdictPart]:
     """Return whether model and test have modes in common; empty if that was not examined."""
     if start.counterparts is None:
         return []
     claim = start.counterparts.claim
-    return [Part("Resembles", claim.holds, claim.why, claim.asked)]
+    return [VerdictPart("Resembles", claim.holds, claim.why, claim.asked)]
 
 
-def _model_errors(start: Start) -> list[Part]:
+def _find_model_error(start: Start) -> list[VerdictPart]:
     """Return the likeliest error of the model as a part of the verdict."""
     of_model = [found for found in start.findings if found.concerns_model]
-    return [Part("Model sound", False, found.statement) for found in of_model[:1]]
+    return [VerdictPart("Model sound", False, found.statement) for found in of_model[:1]]
 
 
-def _sound(start: Start, *, has_frfs: bool) -> Part:
+def _judge_data(start: Start, *, has_frfs: bool) -> VerdictPart:
     if not has_frfs:
-        return Part("Data sound", None, "Faults are looked for in FRFs only.")
+        return VerdictPart("Data sound", None, "Faults are detected in FRFs only.")
     of_data = [found for found in start.findings if not found.concerns_model]
     if of_data:
-        return Part("Data sound", False, of_data[0].statement)
+        return VerdictPart("Data sound", False, of_data[0].statement)
     if start.counterparts is not None and start.counterparts.few:
-        return Part(
+        return VerdictPart(
             "Data sound",
             None,
             "No fault was found; most faults show only against a model of the tested structure.",
         )
-    return Part("Data sound", True, "No known fault was found before any fit.")
+    return VerdictPart("Data sound", True, "No known fault was found before any fit.")
 
 
-def _tiles(start: Start, data: ReportData) -> list[tuple[str, str, str]]:
+def _key_figures(start: Start, data: ReportData) -> list[tuple[str, str, str]]:
     """Return the figures of agreement of the start over the responses of the fit."""
-    figures = start.figures or drawn_agreement(data, data.before)
+    figures = start.figures or compute_agreement(data, data.before)
     names = ("frac_median", "correlation_min", "residual_median", "db_error_median")
     return [key_figure(name, figures[name]) for name in names if name in figures]
 
 
 # -- sections ------------------------------------------------------------------------------------
-class _OfStart(Section):
+class _StartSection(ReportSection):
     """A section shown only on a page before any fit."""
 
     of_start = True
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page is about a model and a test before any fit."""
         return content.start is not None
 
 
-class FindingsSection(_OfStart):
+class FindingsSection(_StartSection):
     """Suspected faults of data or model; omitted without findings."""
 
     anchor = "findings"
@@ -145,13 +145,13 @@ class FindingsSection(_OfStart):
     template = "updyn.report/start_findings.html"
     first_screen = True
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the findings, most likely first."""
         assert content.start is not None
         return {"findings": content.start.findings}
 
 
-class ExpectedSection(_OfStart):
+class StartUnknownsSection(_StartSection):
     """The unknowns with their expected standard deviations."""
 
     anchor = "unknowns"
@@ -160,19 +160,19 @@ class ExpectedSection(_OfStart):
     template = "updyn.report/start_unknowns.html"
     first_screen = True
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the rows of the table: start, bounds, expected standard deviation."""
         start = content.start
         assert start is not None
         std = np.sqrt(np.diag(start.covariance))
-        rows = [_row(p, float(s)) for p, s in zip(start.parameters, std, strict=True)]
+        rows = [_parameter_row(p, float(s)) for p, s in zip(start.parameters, std, strict=True)]
         return {
             "rows": rows,
             "head": ["group", "quantity", "start", "bounds", "expected std. dev."],
         }
 
 
-class MatchingSection(_OfStart):
+class MatchingSection(_StartSection):
     """The matching of sensors and forces to DOFs of the model."""
 
     anchor = "matching"
@@ -180,18 +180,18 @@ class MatchingSection(_OfStart):
     place = 350
     template = "updyn.report/start_matching.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the matching table as text."""
         assert content.start is not None
         return {"text": content.start.matching}
 
 
 FINDINGS = FindingsSection()
-EXPECTED = ExpectedSection()
+EXPECTED = StartUnknownsSection()
 MATCHING = MatchingSection()
 
 
-def _row(p: Parameter, std: float) -> tuple[list[str], str]:
+def _parameter_row(p: Parameter, std: float) -> tuple[list[str], str]:
     """Return the cells of an unknown and the CSS class of its row; factors are in percent."""
     known = bool(np.isfinite(std))
     shown = "not determined"

@@ -9,9 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from updyn.report.formats import change, interval, number, quantity_words, unknown
-from updyn.report.plots import Figure, error_bars, existing, label, labels, names_font, numbers
-from updyn.report.section import Content, Section
+from updyn.report.formats import change, interval, number, quantity_words, unknown_words
+from updyn.report.plots import (
+    Figure,
+    drop_missing,
+    encode_numbers,
+    error_bars,
+    escape_label,
+    escape_labels,
+    names_font,
+)
+from updyn.report.section import PageContent, ReportSection
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -22,13 +30,13 @@ MOST_ROWS = 40
 #: Limits of the axis, as ratios to the start; longer bars are clipped.
 _LEAST, _MOST = 0.02, 50.0
 #: Candidates for axis ticks, changes in percent.
-_MARKS = (
+_TICKS = (
     *(-98, -95, -90, -80, -70, -60, -50, -40, -30, -20, -10, -5, -2, -1, -0.5, -0.2, -0.1),
     *(0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 40, 50, 75, 100, 150, 200, 300, 400, 600, 900),
     *(1400, 1900, 2900, 3900, 4900),
 )
 #: Smallest distance between ticks, as a fraction of the axis length.
-_APART = 0.07
+_MIN_TICK_GAP = 0.07
 #: Order of the quantities; other quantities follow.
 _ORDER = ("stiffness", "mass", "viscous", "loss_factor")
 #: Legend entry, colour and symbol by outcome of an unknown.
@@ -57,7 +65,7 @@ def _interval(result: UpdateResult, p: Parameter) -> tuple[float, float] | None:
     return interval(p, result.values[p.name], result.std[p.name], freedom)
 
 
-class Changes(Section):
+class ChangesSection(ReportSection):
     """The changes of the unknowns from their start."""
 
     anchor = "changes"
@@ -67,15 +75,15 @@ class Changes(Section):
     template = "updyn.report/changes.html"
     first_screen = True
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update."""
         return content.update is not None
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the figure of the changes."""
-        return existing({"changes": changes_figure(content.result)})
+        return drop_missing({"changes": changes_figure(content.result)})
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the unknowns that the figure omits."""
         result = content.result
         percents = [p for p in result.parameters if _has_percent(result, p)]
@@ -83,13 +91,13 @@ class Changes(Section):
         grown, still = [], []
         for p in from_zero:
             if is_significant(result, p):
-                grown.append(f"{unknown(p.name)} now {_value_words(result, p)}")
+                grown.append(f"{unknown_words(p.name)} now {_value_words(result, p)}")
             else:
-                still.append(unknown(p.name))
+                still.append(unknown_words(p.name))
         return {"grown": grown, "still": still, "left_out": max(len(percents) - MOST_ROWS, 0)}
 
 
-CHANGES = Changes()
+CHANGES = ChangesSection()
 
 
 def _value_words(result: UpdateResult, p: Parameter) -> str:
@@ -108,7 +116,7 @@ def _has_percent(result: UpdateResult, p: Parameter) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _ChangeRow:
     """A row of the figure: place from the top, unknown, outcome, and ratios to the start."""
 
     place: int
@@ -120,10 +128,10 @@ class _Row:
 
     @property
     def name(self) -> str:
-        return label(f"{self.parameter.group}: {quantity_words(self.parameter.quantity)}")
+        return escape_label(f"{self.parameter.group}: {quantity_words(self.parameter.quantity)}")
 
 
-def _chosen(result: UpdateResult) -> list[Parameter]:
+def _select_parameters(result: UpdateResult) -> list[Parameter]:
     """Return the unknowns to show, in order; of too many, those that changed most."""
     shown = [p for p in result.parameters if _has_percent(result, p)]
     if len(shown) <= MOST_ROWS:
@@ -137,7 +145,7 @@ def _chosen(result: UpdateResult) -> list[Parameter]:
     return [p for p in shown if p.name in kept]
 
 
-def _outcome(result: UpdateResult, p: Parameter) -> str:
+def _classify_change(result: UpdateResult, p: Parameter) -> str:
     if p.name in result.at_bound:
         return "bound"
     if not math.isfinite(result.std[p.name]):
@@ -145,12 +153,12 @@ def _outcome(result: UpdateResult, p: Parameter) -> str:
     return "changed" if is_significant(result, p) else "insignificant"
 
 
-def _rows(result: UpdateResult) -> tuple[list[_Row], dict[int, str]]:
+def _arrange_rows(result: UpdateResult) -> tuple[list[_ChangeRow], dict[int, str]]:
     """Return the rows ordered by quantity, and the headings between them by place."""
     by_quantity: dict[str, list[Parameter]] = {quantity: [] for quantity in _ORDER}
-    for p in _chosen(result):
+    for p in _select_parameters(result):
         by_quantity.setdefault(p.quantity, []).append(p)
-    rows: list[_Row] = []
+    rows: list[_ChangeRow] = []
     headings = {}
     place = 0
     for quantity, members in by_quantity.items():
@@ -161,7 +169,7 @@ def _rows(result: UpdateResult) -> tuple[list[_Row], dict[int, str]]:
         for p in members:
             low, high = _interval(result, p) or (math.nan, math.nan)
             ratios = np.array([result.values[p.name], low, high]) / p.start
-            rows.append(_Row(place, p, _outcome(result, p), *ratios.tolist()))
+            rows.append(_ChangeRow(place, p, _classify_change(result, p), *ratios.tolist()))
             place += 1
     return rows, headings
 
@@ -172,25 +180,25 @@ def changes_figure(result: UpdateResult) -> Figure | None:
     The axis is logarithmic in the ratio to the start and labelled in percent, so half and double
     are equally far from no change. None if no unknown starts above zero.
     """
-    rows, headings = _rows(result)
+    rows, headings = _arrange_rows(result)
     if not rows:
         return None
-    view = _view(rows)
-    traces = [_bounds(rows, view)]
+    view = _find_range(rows)
+    traces = [_bounds_trace(rows, view)]
     for outcome, (name, colour, symbol) in _STYLES.items():
         chosen = [row for row in rows if row.outcome == outcome]
         if chosen:
-            traces.append(_estimates(result, chosen, view, name, colour, symbol))
+            traces.append(_estimates_trace(result, chosen, view, name, colour, symbol))
     ticks = [*headings, *(row.place for row in rows)]
-    names = [f"<b>{label(text)}</b>" for text in headings.values()]
-    names += labels(row.parameter.group for row in rows)
+    names = [f"<b>{escape_label(text)}</b>" for text in headings.values()]
+    names += escape_labels(row.parameter.group for row in rows)
     last = rows[-1].place
     height = 22 if len(rows) > 8 else 26
     right = [change(row.parameter, result.values[row.parameter.name]) for row in rows]
     common = {"range": [last + 0.7, -0.7], "zeroline": False, "showgrid": False}
     font = names_font(names)
-    traces.append(_invisible(rows))
-    marks = _marks(view)
+    traces.append(_invisible_trace(rows))
+    marks = _choose_ticks(view)
     return {
         "data": traces,
         "height": 110 + height * (last + 1),
@@ -210,7 +218,7 @@ def changes_figure(result: UpdateResult) -> Figure | None:
                 "overlaying": "y",
                 "side": "right",
                 "tickvals": [row.place for row in rows],
-                "ticktext": labels(right),
+                "ticktext": escape_labels(right),
                 "tickfont": font,
                 **common,
             },
@@ -220,7 +228,7 @@ def changes_figure(result: UpdateResult) -> Figure | None:
     }
 
 
-def _view(rows: Sequence[_Row]) -> tuple[float, float]:
+def _find_range(rows: Sequence[_ChangeRow]) -> tuple[float, float]:
     """Return the axis range that contains estimates, intervals and no change, with a margin."""
     shown = np.array([[row.ratio, row.low, row.high] for row in rows]).ravel()
     shown = np.append(shown[np.isfinite(shown)], 1.0)
@@ -230,12 +238,12 @@ def _view(rows: Sequence[_Row]) -> tuple[float, float]:
     return low / margin, high * margin
 
 
-def _marks(view: tuple[float, float]) -> list[float]:
+def _choose_ticks(view: tuple[float, float]) -> list[float]:
     """Return the changes in percent to label: 0 first, then the roundest values that fit."""
     low, high = np.log(view)
-    apart = _APART * (high - low)
+    apart = _MIN_TICK_GAP * (high - low)
     taken: list[float] = []
-    for mark in sorted(_MARKS, key=_roundness):
+    for mark in sorted(_TICKS, key=_roundness):
         at = math.log1p(mark / 100.0)
         if low <= at <= high and all(abs(at - math.log1p(t / 100.0)) >= apart for t in taken):
             taken.append(mark)
@@ -249,9 +257,9 @@ def _roundness(mark: float) -> tuple[bool, int]:
     return True, "152".find(f"{abs(mark):.0e}"[0]) % 10
 
 
-def _estimates(
+def _estimates_trace(
     result: UpdateResult,
-    rows: Sequence[_Row],
+    rows: Sequence[_ChangeRow],
     view: tuple[float, float],
     name: str,
     colour: str,
@@ -263,12 +271,12 @@ def _estimates(
     for row in rows:
         p = row.parameter
         shown = change(p, result.values[p.name])
-        texts.append(f"{row.name} {label(shown)}, {label(_value_words(result, p))}")
+        texts.append(f"{row.name} {escape_label(shown)}, {escape_label(_value_words(result, p))}")
     trace: dict[str, Any] = {
         "type": "scatter",
         "mode": "markers",
         "name": name,
-        "x": numbers(x),
+        "x": encode_numbers(x),
         "y": [row.place for row in rows],
         "text": texts,
         "marker": {
@@ -288,7 +296,7 @@ def _estimates(
     return trace
 
 
-def _bounds(rows: Sequence[_Row], view: tuple[float, float]) -> dict[str, Any]:
+def _bounds_trace(rows: Sequence[_ChangeRow], view: tuple[float, float]) -> dict[str, Any]:
     """Return the bounds inside the axis range."""
     x: list[float] = []
     y: list[int] = []
@@ -310,7 +318,7 @@ def _bounds(rows: Sequence[_Row], view: tuple[float, float]) -> dict[str, Any]:
     }
 
 
-def _invisible(rows: Sequence[_Row]) -> dict[str, Any]:
+def _invisible_trace(rows: Sequence[_ChangeRow]) -> dict[str, Any]:
     """Return a trace without visible markers, needed to draw the axis on the right."""
     return {
         "type": "scatter",

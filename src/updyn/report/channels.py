@@ -14,15 +14,15 @@ from updyn.report.plots import (
     Figure,
     Panel,
     curve,
-    existing,
+    drop_missing,
+    encode_numbers,
     linear_frequency,
     log_range,
-    numbers,
-    stacked,
-    with_peaks,
+    stack_panels,
+    thin_indices,
     wrapped_phase,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 
 __all__ = ["CHANNELS", "MOST_POINTS", "channel_curves", "worst_and_median"]
 
@@ -32,7 +32,7 @@ MOST_POINTS = 200
 _MOST_LINES = 3_000
 
 
-class Channels(Section):
+class ChannelsSection(ReportSection):
     """FRFs of the channel with the worst agreement and of the median channel."""
 
     anchor = "channels"
@@ -44,24 +44,26 @@ class Channels(Section):
     of_start = True
     first_screen = True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return magnitude and phase of both channels."""
         data = content.data
         made = {}
         for name, at in worst_and_median(data).items():
             made[f"{name}-channel"] = channel_curves(data, *at)
-        return existing(made)
+        return drop_missing(made)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return figure name, title and caption of each channel."""
         data = content.data
         shown = []
         for name, at in worst_and_median(data).items():
-            shown.append((f"{name}-channel", _title(data, name, *at), _caption(data, *at)))
+            shown.append(
+                (f"{name}-channel", _format_title(data, name, *at), _format_caption(data, *at))
+            )
         return {"channels": shown}
 
 
-CHANNELS = Channels()
+CHANNELS = ChannelsSection()
 
 
 def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
@@ -89,13 +91,13 @@ def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
     return {"worst": worst, "median": median}
 
 
-def _title(data: ReportData, name: str, i: int, j: int) -> str:
+def _format_title(data: ReportData, name: str, i: int, j: int) -> str:
     held = ", held out" if data.held_out[i] else ""
     where = f"response {data.responses[i]}, force {data.references[j]}{held}"
     return f"{name.capitalize()} channel: {where}"
 
 
-def _caption(data: ReportData, i: int, j: int) -> str:
+def _format_caption(data: ReportData, i: int, j: int) -> str:
     """Return the figures of agreement of a channel, before and after the update."""
     figures = (
         ("Relative residual", data.residual_before, data.residual_after, percentage),
@@ -107,11 +109,11 @@ def _caption(data: ReportData, i: int, j: int) -> str:
         ),
         ("FRAC", data.frac_before, data.frac_after, figure_of_agreement),
     )
-    said = []
+    texts = []
     for name, before, after, say in figures:
         shown = [say(float(values[i, j])) for values in (before, after) if values is not None]
-        said.append(f"{name} {' → '.join(shown)}")
-    return "; ".join(said) + "."
+        texts.append(f"{name} {' → '.join(shown)}")
+    return "; ".join(texts) + "."
 
 
 def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
@@ -120,8 +122,10 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
         return None
     unit_of = unit(data.quantity, data.responses[i], data.references[j])
     measured = data.measured[:, i, j]
-    level = [_measured(data.freq, np.abs(measured), f"%{{y:.4g}} {unit_of}")]
-    phase = [_measured(*wrapped_phase(data.freq, measured), "%{y:.0f}°") | {"showlegend": False}]
+    level = [_measured_trace(data.freq, np.abs(measured), f"%{{y:.4g}} {unit_of}")]
+    phase = [
+        _measured_trace(*wrapped_phase(data.freq, measured), "%{y:.0f}°") | {"showlegend": False}
+    ]
     drawn = [np.abs(measured)]
     for name, values, dash in (
         ("start", data.before_curve, "dot"),
@@ -129,7 +133,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
     ):
         if values is None:
             continue
-        at = _thinned(values[:, i, j])
+        at = _thin_curve(values[:, i, j])
         x, H = data.grid[at], values[at, i, j]
         colour = MODEL_COLOURS[name]
         level.append(curve(x, np.abs(H), name, colour, unit=unit_of, dash=dash, width=1.5))
@@ -142,10 +146,12 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
         Panel(f"{data.quantity} ({unit_of})", level, log_range(np.concatenate(drawn)), 2.2),
         Panel("phase (°)", phase, degrees),
     ]
-    return stacked(panels, linear_frequency(data.freq), height=430)
+    return stack_panels(panels, linear_frequency(data.freq), height=430)
 
 
-def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict[str, Any]:
+def _measured_trace(
+    x: NDArray[np.float64], y: NDArray[np.float64], value_format: str
+) -> dict[str, Any]:
     """Return the trace of measured values: points, or a wide line if there are many."""
     style: dict[str, Any] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
     if x.size > MOST_POINTS:
@@ -154,12 +160,12 @@ def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict
         "type": "scatter",
         "name": "measured",
         "legendgroup": "measured",
-        "x": numbers(x),
-        "y": numbers(y),
-        "hovertemplate": f"%{{x:.5g}} Hz: measured {said}<extra></extra>",
+        "x": encode_numbers(x),
+        "y": encode_numbers(y),
+        "hovertemplate": f"%{{x:.5g}} Hz: measured {value_format}<extra></extra>",
     } | style
 
 
-def _thinned(H: NDArray[np.complex128]) -> NDArray[np.intp]:
+def _thin_curve(H: NDArray[np.complex128]) -> NDArray[np.intp]:
     """Return the lines of a curve to draw; of many lines, a selection that keeps every peak."""
-    return with_peaks(np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny)), _MOST_LINES)
+    return thin_indices(np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny)), _MOST_LINES)

@@ -16,20 +16,20 @@ from updyn import __version__
 from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits, reason
 from updyn.frf import FRF
-from updyn.report.data import EVALUATION_BUDGET, computed, fine_grid, keep_lines
+from updyn.report.data import EVALUATION_BUDGET, compute_frfs, fine_grid, keep_lines
 from updyn.report.formats import counted, decibels, extent, number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import (
     MODEL_COLOURS,
     Figure,
-    existing,
-    label,
+    drop_missing,
+    encode_numbers,
+    escape_label,
     linear_frequency,
     log_bars,
     log_step,
-    numbers,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template, write_page
 from updyn.style import OTHERS
 from updyn.updating.problem.data import Test
@@ -75,13 +75,15 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
 
 def render(comparison: Comparison) -> str:
     """Return the page as HTML."""
-    content = Content(further={"comparison": Compared(comparison, gather_curves(comparison))})
+    content = PageContent(
+        further={"comparison": ComparisonContent(comparison, gather_curves(comparison))}
+    )
     title = comparison.title or "Comparison of methods"
     return assemble(content, _head(comparison), title, __version__)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Compared:
+class ComparisonContent:
     """A comparison and the FRFs drawn on its page.
 
     Attributes
@@ -108,33 +110,32 @@ def _head(comparison: Comparison) -> str:
         about += f"; {extent(comparison.tests[0].frf)}"
     stopped = ""
     if comparison.stopped:
-        stopped = "The user stopped the comparison; it holds what had been run."
+        stopped = "The user stopped the comparison; it holds the methods completed so far."
         if comparison.not_run:
             stopped += f" Not run: {', '.join(comparison.not_run)}."
     return render_template(
         "updyn.report/comparison_head.html",
         title=comparison.title or "Comparison of methods",
         about=about,
-        verdict=_verdict(comparison, run),
+        verdict=_format_verdict(comparison, run),
         stopped=stopped,
         key_figures=_key_figures(comparison, run),
     )
 
 
-def _verdict(comparison: Comparison, run: Sequence[Row]) -> str:
+def _format_verdict(comparison: Comparison, run: Sequence[Row]) -> str:
     """Return a sentence: how many methods apply, and which recover the unknowns or converged."""
     start = f"{len(run)} of {counted(len(comparison), 'method')} can be used on these data."
     if comparison.truth:
         within = f"{100 * comparison.tolerance:g} %"
-        near = [row.method for row in run if row.error_max <= comparison.tolerance]
-        if near:
-            return (
-                f"{start} Every unknown comes out within {within} of the truth by {_listed(near)}."
-            )
+        recovered = [row.method for row in run if row.error_max <= comparison.tolerance]
+        if recovered:
+            methods = _join_names(recovered)
+            return f"{start} Every unknown comes out within {within} of the truth by {methods}."
         return f"{start} None finds every unknown within {within} of the truth."
-    settled = [row.method for row in run if row.status == "converged"]
-    if settled:
-        return f"{start} {_listed(settled)} converged with all unknowns determined."
+    converged = [row.method for row in run if row.status == "converged"]
+    if converged:
+        return f"{start} {_join_names(converged)} converged with all unknowns determined."
     return f"{start} None converged with all unknowns determined."
 
 
@@ -144,24 +145,24 @@ def _key_figures(comparison: Comparison, run: Sequence[Row]) -> list[tuple[str, 
     misfits, errors, lines = {}, {}, {}
     for row in run:
         if row.status != "failed":
-            misfits[row.method] = _misfit(row)
+            misfits[row.method] = _median_misfit(row)
             errors[row.method] = row.error_max
         if row.fewest is not None and row.fewest.count:
             lines[row.method] = float(row.fewest.count)
     out = [("Misfit before", _decibels(before), "median level difference of the start")]
-    out += _best("Least misfit after", misfits, _decibels)
+    out += _find_best("Least misfit after", misfits, _decibels)
     if comparison.truth:
-        out += _best("Least error", errors, lambda v: number(v, 2))
-    out += _best("Fewest lines", lines, lambda v: f"{v:.0f}")
+        out += _find_best("Least error", errors, lambda v: number(v, 2))
+    out += _find_best("Fewest lines", lines, lambda v: f"{v:.0f}")
     return out
 
 
-def _misfit(row: Row) -> float:
+def _median_misfit(row: Row) -> float:
     """Return the median level difference after the update, in dB; NaN if unknown."""
     return float((row.fitted.get("after") or {}).get("db_error_median", math.nan))
 
 
-def _best(
+def _find_best(
     name: str, values: Mapping[str, float], say: Callable[[float], str]
 ) -> list[tuple[str, str, str]]:
     """Return the key figure of the least value, with the names of the methods that reach it."""
@@ -172,7 +173,7 @@ def _best(
     limit = max(least * (1.0 + 1e-9), 1e-9)  # differences within rounding count as equal
     shown = say(least)
     best = [method for method, v in known.items() if v <= limit or say(v) == shown]
-    return [(name, shown, _listed(best))]
+    return [(name, shown, _join_names(best))]
 
 
 def _decibels(value: float) -> str:
@@ -180,22 +181,22 @@ def _decibels(value: float) -> str:
     return "0 dB" if value < 1e-9 else decibels(value)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 # -- sections ------------------------------------------------------------------------------------
-class ComparisonSection(Section):
+class ComparisonSection(ReportSection):
     """A section of the page of a comparison."""
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page describes a comparison and not an update."""
         return content.update is None
 
 
-class Methods(ComparisonSection):
+class MethodsSection(ComparisonSection):
     """The table of the methods."""
 
     anchor = "table"
@@ -204,7 +205,7 @@ class Methods(ComparisonSection):
     place = 100
     template = "updyn.report/comparison_methods.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the table."""
         comparison: Comparison = content.further["comparison"].comparison
         shown = [column for column in columns(comparison) if column[0] != "limits"]
@@ -232,7 +233,7 @@ def _typeset(cell: str) -> str:
     return cell.replace("-", "−")
 
 
-class Frfs(ComparisonSection):
+class FrfsSection(ComparisonSection):
     """FRFs of one channel, measured, before, and after by each method."""
 
     anchor = "frfs"
@@ -241,17 +242,17 @@ class Frfs(ComparisonSection):
     place = 200
     template = "updyn.report/comparison_frfs.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether a model could be computed."""
         return content.update is None and content.further["comparison"].curves is not None
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the FRFs by method."""
         return frf_figures(content.further["comparison"].curves)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the channel, the methods that are drawn, and the methods without a result."""
-        shown: Compared = content.further["comparison"]
+        shown: ComparisonContent = content.further["comparison"]
         comparison, curves = shown.comparison, shown.curves
         assert curves is not None
         silent = [row for row in comparison if row.method not in curves.after]
@@ -263,7 +264,7 @@ class Frfs(ComparisonSection):
                     "method": name,
                     "figure": panel_name(k),
                     "status": row.status,
-                    "misfit": _decibels(_misfit(row)),
+                    "misfit": _decibels(_median_misfit(row)),
                 }
             )
         return {
@@ -275,7 +276,7 @@ class Frfs(ComparisonSection):
         }
 
 
-class Bars(ComparisonSection):
+class BarsSection(ComparisonSection):
     """Error, misfit, time and work by method."""
 
     anchor = "bars"
@@ -284,11 +285,11 @@ class Bars(ComparisonSection):
     place = 300
     template = "updyn.report/comparison_bars.html"
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the bars."""
         return bar_figures(content.further["comparison"].comparison)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return name, heading and caption of the figures."""
         comparison: Comparison = content.further["comparison"].comparison
         error = "Largest error of an unknown"
@@ -306,7 +307,7 @@ class Bars(ComparisonSection):
         }
 
 
-class FewestLines(ComparisonSection):
+class FewestLinesSection(ComparisonSection):
     """The fewest lines with which each method recovers the unknowns."""
 
     anchor = "lines"
@@ -315,7 +316,7 @@ class FewestLines(ComparisonSection):
     place = 400
     template = "updyn.report/comparison_lines.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the rule and the table of the methods for which the fewest lines were searched."""
         comparison: Comparison = content.further["comparison"].comparison
         counts = sorted({n for row in comparison if row.fewest for n, _ in row.fewest.tried})
@@ -332,13 +333,13 @@ class FewestLines(ComparisonSection):
             if row.fewest.note:
                 notes.append(f"{row.method}: {row.fewest.note}")
         caption = (
-            "How far the fit was from the method's own answer, in units in which the tolerance"
-            " stands for recovered."
+            "Distance of the fit from the method's own estimate; up to the tolerance, the unknowns"
+            " count as recovered."
         )
         if comparison.truth:
             caption = (
-                "How far the fit was off with so many lines, in units in which the tolerance stands"
-                " for recovered; ∞: no answer."
+                "Error of the fit with this number of lines; up to the tolerance, the unknowns"
+                " count as recovered; ∞: no result."
             )
         return {
             "rule": comparison.rule,
@@ -349,7 +350,7 @@ class FewestLines(ComparisonSection):
         }
 
 
-class Limits(ComparisonSection):
+class LimitsSection(ComparisonSection):
     """Limits and sources of the methods."""
 
     anchor = "limits"
@@ -358,24 +359,24 @@ class Limits(ComparisonSection):
     place = 500
     template = "updyn.report/comparison_limits.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the rows of the table."""
         rows = []
         for row in content.further["comparison"].comparison:
-            here = []
+            remarks = []
             if reason(row):
-                here.append(f"{row.status}: {reason(row)}")
+                remarks.append(f"{row.status}: {reason(row)}")
             if row.applies and row.left:
-                here.append(f"left at their start: {', '.join(row.left)}")
-            rows.append([row.method, _typeset(limits(row)), row.reference, "; ".join(here)])
+                remarks.append(f"kept at their start: {', '.join(row.left)}")
+            rows.append([row.method, _typeset(limits(row)), row.reference, "; ".join(remarks)])
         return {"rows": rows}
 
 
-METHODS = Methods()
-FRFS = Frfs()
-BARS = Bars()
-FEWEST_LINES = FewestLines()
-LIMITS = Limits()
+METHODS = MethodsSection()
+FRFS = FrfsSection()
+BARS = BarsSection()
+FEWEST_LINES = FewestLinesSection()
+LIMITS = LimitsSection()
 
 
 # -- data ----------------------------------------------------------------------------------------
@@ -426,7 +427,7 @@ def gather_curves(comparison: Comparison) -> Curves | None:
     if worst is None:
         return None
     misfit, test, i, j = worst
-    options = _options(comparison, test)
+    options = _find_options(comparison, test)
     channel = test.frf.select(
         responses=test.frf.responses[np.array([i])],
         references=test.frf.references[np.array([j])],
@@ -434,27 +435,27 @@ def gather_curves(comparison: Comparison) -> Curves | None:
     )
     results = {}
     for row in comparison:
-        result = _of_test(row, test)
+        result = _find_test_result(row, test)
         if result is not None and row.status != "failed":
             results[row.method] = result
     few = _few_lines(channel.freq, test.model.n_dofs)
     models = [test.model, *(result.model for result in results.values())]
     reduced = options.get("tier") == "reduced"
     for freq in (fine_grid(models, few, reduced=reduced), few):
-        refused: list[str] = []
-        before = computed(test.model, channel, freq, "start model", refused, options)
+        failures: list[str] = []
+        before = compute_frfs(test.model, channel, freq, "start model", failures, options)
         after = {}
         for name, result in results.items():
             what = f"model of {name}"
-            values = computed(result.model, channel, freq, what, refused, result.options)
+            values = compute_frfs(result.model, channel, freq, what, failures, result.options)
             if values is not None:
                 after[name] = values[:, 0, 0]
-        if not refused:  # else try the measured lines: a model may be singular at others
+        if not failures:  # else try the measured lines: a model may be singular at others
             break
-    notes += refused
+    notes += failures
     if before is None:
         return None
-    first = _first(comparison, test)
+    first = _find_first_result(comparison, test)
     fitted = np.ones(len(channel.freq), dtype=np.bool_)
     if first is not None:
         fitted = np.isin(channel.freq, first.lines)
@@ -478,9 +479,9 @@ def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Tes
     """Return the largest median level difference of the start, in dB, with its test and channel."""
     worst: tuple[float, Test, int, int] | None = None
     for test in comparison.tests:
-        frf = _thinned(test)
-        options = _options(comparison, test)
-        start = computed(test.model, frf, frf.freq, "start model", notes, options)
+        frf = _thin_data(test)
+        options = _find_options(comparison, test)
+        start = compute_frfs(test.model, frf, frf.freq, "start model", notes, options)
         if start is None:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -492,7 +493,7 @@ def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Tes
     return worst
 
 
-def _thinned(test: Test) -> FRF:
+def _thin_data(test: Test) -> FRF:
     """Return the data without 0 Hz, thinned to a number of lines that is affordable to compute."""
     frf = test.frf.select(lines=test.frf.freq[test.frf.freq > 0])
     limit = int(np.clip(EVALUATION_BUDGET // test.model.n_dofs, _FEWEST_POINTS, 1000))
@@ -520,24 +521,24 @@ def _unevenness(values: NDArray[np.float64]) -> float:
     return float(np.std(steps) / np.mean(steps))
 
 
-def _first(comparison: Comparison, test: Test) -> UpdateResult | None:
+def _find_first_result(comparison: Comparison, test: Test) -> UpdateResult | None:
     """Return the first result for a test, or None."""
     for row in comparison:
-        result = _of_test(row, test)
+        result = _find_test_result(row, test)
         if result is not None:
             return result
     return None
 
 
-def _options(comparison: Comparison, test: Test) -> Mapping[str, Any]:
+def _find_options(comparison: Comparison, test: Test) -> Mapping[str, Any]:
     """Return the options with which the fits solved the model."""
-    first = _first(comparison, test)
+    first = _find_first_result(comparison, test)
     if first is None:
         return {}
     return first.options
 
 
-def _of_test(row: Row, test: Test) -> UpdateResult | None:
+def _find_test_result(row: Row, test: Test) -> UpdateResult | None:
     if row.result is None:
         return None
     return row.result.results.get(test.name)
@@ -549,9 +550,9 @@ def frf_figures(curves: Curves) -> dict[str, Figure]:
     out: dict[str, Figure] = {}
     pair = [name for name in PAIR if name in curves.after]
     if pair:
-        out["pair"] = _overlay(curves, pair)
+        out["pair"] = _overlay_figure(curves, pair)
     for k, name in enumerate(curves.after):
-        out[panel_name(k)] = _panel(curves, name)
+        out[panel_name(k)] = _panel_figure(curves, name)
     return out
 
 
@@ -565,14 +566,14 @@ def bar_figures(comparison: Comparison) -> dict[str, Figure]:
         work[row.method] = float(row.lines_solved)
         if row.status != "failed":
             errors[row.method] = row.error_max
-            misfits[row.method] = _misfit(row)
+            misfits[row.method] = _median_misfit(row)
     made = {}
     if comparison.truth:
         made["error"] = log_bars(errors, "largest error of an unknown", comparison.tolerance)
     made["misfit"] = log_bars(misfits, "median misfit (dB)")
     made["seconds"] = log_bars(seconds, "seconds")
     made["work"] = log_bars(work, "lines solved")
-    return existing(made)
+    return drop_missing(made)
 
 
 def panel_name(number: int) -> str:
@@ -580,30 +581,30 @@ def panel_name(number: int) -> str:
     return f"panel-{number}"
 
 
-def _overlay(curves: Curves, names: Sequence[str]) -> Figure:
+def _overlay_figure(curves: Curves, names: Sequence[str]) -> Figure:
     """Return one figure with the FRF measured, before, and after by some methods."""
     colours = (MODEL_COLOURS["updated"], *(f"@{role}" for role in OTHERS))
-    traces = [_curve(curves, curves.before, "before", MODEL_COLOURS["start"], "dot")]
+    traces = [_curve_trace(curves, curves.before, "before", MODEL_COLOURS["start"], "dot")]
     for name, colour, dash in zip(names, colours, ("solid", "dash", "dashdot"), strict=False):
-        traces.append(_curve(curves, curves.after[name], f"after, {name}", colour, dash))
-    return _frame(curves, [_measured(curves), *traces], _PAIR_HEIGHT)
+        traces.append(_curve_trace(curves, curves.after[name], f"after, {name}", colour, dash))
+    return _make_figure(curves, [_measured_trace(curves), *traces], _PAIR_HEIGHT)
 
 
-def _panel(curves: Curves, name: str) -> Figure:
+def _panel_figure(curves: Curves, name: str) -> Figure:
     traces = [
-        _curve(curves, curves.before, "before", MODEL_COLOURS["start"], "dot"),
-        _curve(curves, curves.after[name], "after", MODEL_COLOURS["updated"], "solid"),
+        _curve_trace(curves, curves.before, "before", MODEL_COLOURS["start"], "dot"),
+        _curve_trace(curves, curves.after[name], "after", MODEL_COLOURS["updated"], "solid"),
     ]
-    return _frame(curves, [_measured(curves), *traces], _PANEL_HEIGHT)
+    return _make_figure(curves, [_measured_trace(curves), *traces], _PANEL_HEIGHT)
 
 
-def _measured(curves: Curves) -> dict[str, Any]:
+def _measured_trace(curves: Curves) -> dict[str, Any]:
     """Return the trace of the measured FRF, as points if there are few lines."""
     trace: dict[str, Any] = {
         "type": "scatter",
         "name": "measured",
-        "x": numbers(curves.lines),
-        "y": numbers(_size(curves.measured)),
+        "x": encode_numbers(curves.lines),
+        "y": encode_numbers(_magnitude(curves.measured)),
         "hovertemplate": "%{x:.5g} Hz: measured %{y:.4g}<extra></extra>",
         "mode": "lines",
         "line": {"color": "@measured", "width": 3},
@@ -615,31 +616,35 @@ def _measured(curves: Curves) -> dict[str, Any]:
     return trace
 
 
-def _curve(
+def _curve_trace(
     curves: Curves, values: NDArray[np.complex128], name: str, colour: str, dash: str
 ) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "lines",
-        "name": label(name),
-        "x": numbers(curves.freq),
-        "y": numbers(_size(values)),
+        "name": escape_label(name),
+        "x": encode_numbers(curves.freq),
+        "y": encode_numbers(_magnitude(values)),
         "line": {"color": colour, "width": 1.8, "dash": dash},
-        "hovertemplate": f"%{{x:.5g}} Hz: {label(name)} %{{y:.4g}}<extra></extra>",
+        "hovertemplate": f"%{{x:.5g}} Hz: {escape_label(name)} %{{y:.4g}}<extra></extra>",
     }
 
 
-def _size(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _magnitude(values: NDArray[np.complex128]) -> NDArray[np.float64]:
     size = np.abs(values)
     return np.where(size > 0, size, np.nan)
 
 
-def _frame(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
+def _make_figure(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
     x = linear_frequency(curves.lines)
     if is_geometric(curves.lines):
         x = {"title": x["title"], "type": "log", "dtick": log_step(curves.lines)}
     both = np.concatenate(
-        [_size(curves.measured), _size(curves.before), *map(_size, curves.after.values())]
+        [
+            _magnitude(curves.measured),
+            _magnitude(curves.before),
+            *map(_magnitude, curves.after.values()),
+        ]
     )
     measured = f"|H| ({unit(curves.quantity, curves.response, curves.reference)})"
     return {
@@ -650,27 +655,27 @@ def _frame(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
             "yaxis": {
                 "title": {"text": measured},
                 "type": "log",
-                "dtick": _step(log_step(both), height),
+                "dtick": _tick_step(log_step(both), height),
                 "exponentformat": "power",
-                "range": _range(both),
+                "range": _axis_range(both),
             },
             "showlegend": True,
         },
     }
 
 
-def _step(step: int | str, height: int) -> int | str:
+def _tick_step(step: int | str, height: int) -> int | str:
     """Return the tick step, doubled for a low figure."""
     if isinstance(step, int) and height < 300:
         return 2 * step
     return step
 
 
-def _range(values: NDArray[np.float64]) -> list[float]:
+def _axis_range(values: NDArray[np.float64]) -> list[float]:
     """Return an axis range common to all FRFs, in decades."""
-    seen = np.log10(values[np.isfinite(values)])
-    if not seen.size:
+    levels = np.log10(values[np.isfinite(values)])
+    if not levels.size:
         return [-1.08, 1.08]
-    low, high = float(seen.min()), float(seen.max())
+    low, high = float(levels.min()), float(levels.max())
     pad = max(0.04 * (high - low), 0.05)
     return [low - pad, high + pad]

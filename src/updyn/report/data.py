@@ -20,7 +20,7 @@ from updyn.updating.result import UpdateResult, gains_of
 __all__ = [
     "EVALUATION_BUDGET",
     "ReportData",
-    "computed",
+    "compute_frfs",
     "fine_grid",
     "gather",
     "gather_start",
@@ -128,7 +128,7 @@ def gather(result: UpdateResult) -> ReportData:
     it.
     """
     gains = gains_of(result)
-    made = _gathered(
+    made = _compute_data(
         result.frf,
         (result.parameters.at_start(result.start), result.model),
         result.lines,
@@ -140,14 +140,14 @@ def gather(result: UpdateResult) -> ReportData:
     )
     if gains is None:
         return made
-    note = "The updated model is shown as the sensors read it: times their calibration factors."
+    note = "The updated model is shown times the calibration factors of the sensors."
     return replace(made, notes=(*made.notes, note))
 
 
 def gather_start(start: Start) -> ReportData:
     """Compute the start model of an FRF test, without an update, and compare it with the data."""
     assert isinstance(start.data, FRF)
-    made = _gathered(
+    made = _compute_data(
         start.data,
         (start.model, None),
         start.lines,
@@ -160,7 +160,7 @@ def gather_start(start: Start) -> ReportData:
     return replace(made, fitted=False)
 
 
-def _gathered(
+def _compute_data(
     frf: FRF,
     models: tuple[Model, Model | None],
     lines: NDArray[np.float64],
@@ -174,7 +174,7 @@ def _gathered(
     """Return the data and the FRFs of the start and, if present, of the updated model."""
     start, updated = models
     notes: list[str] = []
-    used = _is_used(frf, lines)
+    used = _find_used_lines(frf, lines)
     keep = np.arange(len(frf.freq))
     if frf.freq[0] == 0.0:
         keep = keep[1:]
@@ -196,27 +196,27 @@ def _gathered(
     drawn = [model for model in models if model is not None]
     fine = freq if stopped else fine_grid(drawn, freq, reduced=reduced)
     for grid in (fine, freq):
-        refused: list[str] = []
+        failures: list[str] = []
         # Building and certifying a reduced model takes too long after a stop.
         if stopped and (reduced or len(grid) * start.n_dofs > _STOPPED_BUDGET):
             before_curve = after_curve = None
-            refused.append(
+            failures.append(
                 "The models are not drawn: the run was stopped before they were computed."
             )
             break
-        before_curve = computed(start, frf, grid, "start model", refused, options)
+        before_curve = compute_frfs(start, frf, grid, "start model", failures, options)
         after_curve = None
         if updated is not None:
-            after_curve = computed(updated, frf, grid, "updated model", refused, options)
-        if not refused:  # else try the measured lines: a model may be singular at others
+            after_curve = compute_frfs(updated, frf, grid, "updated model", failures, options)
+        if not failures:  # else try the measured lines: a model may be singular at others
             break
-    notes += refused
+    notes += failures
     if gains is not None and after_curve is not None:
         after_curve = after_curve * gains
     at = np.searchsorted(grid, freq)
     before = None if before_curve is None else before_curve[at]
     after = None if after_curve is None else after_curve[at]
-    compared = _outside(freq, validation_band)
+    compared = _find_compared_lines(freq, validation_band)
     validation = set(validation_responses)
     return ReportData(
         freq=freq,
@@ -233,14 +233,14 @@ def _gathered(
         quantity=frf.quantity,
         used=used,
         compared=compared,
-        frac_before=_scores(frac, measured, before, compared),
-        frac_after=_scores(frac, measured, after, compared),
-        correlation_before=_scores(frf_correlation, measured, before, compared),
-        correlation_after=_scores(frf_correlation, measured, after, compared),
-        residual_before=_scores(relative_residual, measured, before, compared),
-        residual_after=_scores(relative_residual, measured, after, compared),
-        csac_before=_csac(measured, before),
-        csac_after=_csac(measured, after),
+        frac_before=_measure_channels(frac, measured, before, compared),
+        frac_after=_measure_channels(frac, measured, after, compared),
+        correlation_before=_measure_channels(frf_correlation, measured, before, compared),
+        correlation_after=_measure_channels(frf_correlation, measured, after, compared),
+        residual_before=_measure_channels(relative_residual, measured, before, compared),
+        residual_after=_measure_channels(relative_residual, measured, after, compared),
+        csac_before=_compute_csac(measured, before),
+        csac_after=_compute_csac(measured, after),
         notes=tuple(notes),
         fit_band=(float(lines.min()), float(lines.max())) if len(lines) else None,
         validation_band=validation_band,
@@ -268,14 +268,16 @@ def fine_grid(
     return np.unique(np.concatenate(parts))
 
 
-def _is_used(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _find_used_lines(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
     used = np.zeros(len(frf.freq), dtype=np.bool_)
     if len(lines):
         used[frf.find_lines(lines)] = True
     return used
 
 
-def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDArray[np.bool_]:
+def _find_compared_lines(
+    freq: NDArray[np.float64], band: tuple[float, float] | None
+) -> NDArray[np.bool_]:
     """Return which lines lie outside the validation band; all lines if none does."""
     if band is not None:
         outside = (freq < band[0]) | (freq > band[1])
@@ -284,7 +286,7 @@ def _outside(freq: NDArray[np.float64], band: tuple[float, float] | None) -> NDA
     return np.ones(len(freq), dtype=np.bool_)
 
 
-def computed(
+def compute_frfs(
     model: Model,
     frf: FRF,
     freq: NDArray[np.float64],
@@ -331,7 +333,7 @@ def computed(
         return None
 
 
-def _scores(
+def _measure_channels(
     measure: Callable[[ArrayLike, ArrayLike], NDArray[np.float64]],
     measured: NDArray[np.complex128],
     computed: NDArray[np.complex128] | None,
@@ -343,7 +345,7 @@ def _scores(
     return measure(measured[compared], computed[compared])
 
 
-def _csac(
+def _compute_csac(
     measured: NDArray[np.complex128], computed: NDArray[np.complex128] | None
 ) -> NDArray[np.float64] | None:
     if computed is None or measured[:1].size < 2:

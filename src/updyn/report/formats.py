@@ -22,23 +22,23 @@ __all__ = [
     "axis_title",
     "change",
     "chi_hint",
-    "combination",
+    "combination_words",
     "counted",
     "decibels",
     "estimate",
     "extent",
     "figure_name",
     "figure_of_agreement",
-    "held_out",
+    "format_padded",
     "interval",
     "noise_is_fitted",
     "number",
-    "padded",
+    "option_words",
     "percentage",
-    "plain",
     "quantity_words",
     "unit",
-    "unknown",
+    "unknown_words",
+    "validation_words",
     "weighted_sum",
 ]
 
@@ -73,7 +73,7 @@ def number(value: float | None, digits: int = 4) -> str:
     return text.replace("-", "−")
 
 
-def padded(value: float | None, digits: int) -> str:
+def format_padded(value: float | None, digits: int) -> str:
     """Return a number as `number` does, but with trailing zeros, for table columns."""
     text = number(value, digits)
     if value is None or not math.isfinite(value) or "·" in text:
@@ -111,7 +111,7 @@ def axis_title(parameter: Parameter) -> str:
     return quantity
 
 
-def unknown(name: str) -> str:
+def unknown_words(name: str) -> str:
     """Return an unknown in words: ``"stiffness of shaft"`` for ``"shaft.stiffness"``."""
     group, _, quantity = name.rpartition(".")
     if not group:
@@ -119,27 +119,27 @@ def unknown(name: str) -> str:
     return f"{quantity_words(quantity)} of {group}"
 
 
-def combination(direction: Mapping[str, float]) -> str:
+def combination_words(direction: Mapping[str, float]) -> str:
     """Return the weights of unknowns in words, largest first, with direction and size."""
-    shown, more = _largest(direction)
+    shown, more = _take_largest(direction)
     terms = []
     for name, weight in shown:
         way = "up" if weight >= 0 else "down"
-        terms.append(f"{unknown(name)} {way} ({number(abs(weight), 3)})")
+        terms.append(f"{unknown_words(name)} {way} ({number(abs(weight), 3)})")
     return ", ".join(terms) + more
 
 
 def weighted_sum(direction: Mapping[str, float]) -> str:
     """Return weights as a sum, such as ``1 × mass of hub + 0.62 × stiffness of hub``."""
-    shown, more = _largest(direction)
+    shown, more = _take_largest(direction)
     text = ""
     for name, weight in shown:
         sign = "−" if weight < 0 else "+"
-        text += f" {sign} {number(abs(weight), 3)} × {unknown(name)}"
+        text += f" {sign} {number(abs(weight), 3)} × {unknown_words(name)}"
     return text.strip().removeprefix("+ ") + more
 
 
-def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], str]:
+def _take_largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], str]:
     """Return the largest terms in descending order, and a text about the remaining terms."""
     ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
     rest = ordered[_WRITTEN_TERMS:]
@@ -246,7 +246,7 @@ def chi_hint(noise: Mapping[str, Any]) -> str:
     return "1: the residual is noise"
 
 
-def held_out(result: UpdateResult) -> str:
+def validation_words(result: UpdateResult) -> str:
     """Return the validation set in words; empty if no data were held out."""
     parts = []
     if result.validation_responses:
@@ -260,7 +260,7 @@ def held_out(result: UpdateResult) -> str:
     return " and ".join(parts)
 
 
-def plain(value: Any) -> str:
+def option_words(value: Any) -> str:
     """Return an option as text: entries of mappings and sequences, without Python's quotes."""
     if value is None:
         return "none"
@@ -269,13 +269,13 @@ def plain(value: Any) -> str:
     if isinstance(value, float):
         return number(value, 6)
     if isinstance(value, Mapping):
-        return "; ".join(f"{k}: {plain(v)}" for k, v in value.items()) or "none"
+        return "; ".join(f"{k}: {option_words(v)}" for k, v in value.items()) or "none"
     if hasattr(value, "tolist"):
         value = value.tolist()
         if not isinstance(value, list):
-            return plain(value)
+            return option_words(value)
     if isinstance(value, list | tuple):
-        text = ", ".join(map(plain, value[:_WRITTEN_ENTRIES]))
+        text = ", ".join(map(option_words, value[:_WRITTEN_ENTRIES]))
         if len(value) > _WRITTEN_ENTRIES:
             text += f", ... ({len(value)} in all)"
         return text or "none"

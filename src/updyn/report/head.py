@@ -14,20 +14,29 @@ from updyn.report.formats import (
     decibels,
     extent,
     figure_of_agreement,
-    held_out,
     noise_is_fitted,
     number,
     percentage,
+    validation_words,
 )
 from updyn.report.residual import residual_tile
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.trust import Trust
 from updyn.updating.judge.verdict import STEP
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["TESTS", "Part", "Verdict", "agreement", "head", "joint_head", "key_figure", "verdict"]
+__all__ = [
+    "TESTS",
+    "Verdict",
+    "VerdictPart",
+    "agreement",
+    "head",
+    "joint_head",
+    "key_figure",
+    "verdict",
+]
 
 #: Figures of agreement in the table of tests.
 _FIGURES = {
@@ -37,7 +46,7 @@ _FIGURES = {
     "db_error_median": "level, median",
 }
 #: Outcomes of the residual test, worst first; the head shows the worst of all tests.
-_GRAVITY = ("structure", "excess", "untested", "noise", "exact")
+_SEVERITY = ("structure", "excess", "untested", "noise", "exact")
 
 
 def _in_percent(value: float) -> str:
@@ -83,16 +92,16 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
     -------
     str
     """
-    said = verdict(result)
+    judgement = verdict(result)
     unknowns = counted(len(result.parameters), "unknown")
     return render_template(
         "updyn.report/head.html",
         title=result.title,
         about=f"{unknowns}, method {result.method}; {data or extent(result.data)}",
-        badge=said.badge,
-        kind=said.kind,
-        parts=said.parts,
-        cause=said.rest,
+        badge=judgement.badge,
+        kind=judgement.kind,
+        parts=judgement.parts,
+        cause=judgement.rest,
         steps=result.remedy.split(STEP) if result.remedy else [],
         key_figures=_key_figures(result, figures),
     )
@@ -104,21 +113,23 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
     out = []
     for name, title, say, ideal, sign in _KEY_FIGURES:
         if name in after:
-            out.append(_before_and_after(title, before.get(name), after[name], say, ideal, sign))
+            out.append(_format_before_after(title, before.get(name), after[name], say, ideal, sign))
     held = figures.get("validation", {})
     if "residual_median" in held and "correlation_min" in held:
         value = percentage(held["residual_median"])
         lowest = (
             f"relative residual; worst correlation {figure_of_agreement(held['correlation_min'])}"
         )
-        out.append((f"Held out: {held_out(result) or 'validation set'}", value, lowest))
+        out.append((f"Held out: {validation_words(result) or 'validation set'}", value, lowest))
     elif "frequency_error_rms" in held:
         value = _in_percent(held["frequency_error_rms"])
         lowest = f"error of frequency, rms; worst MAC {figure_of_agreement(held['mac_min'])}"
-        out.append((f"Held out: {held_out(result) or 'validation set'}", value, lowest))
+        out.append((f"Held out: {validation_words(result) or 'validation set'}", value, lowest))
     elif "frac_median" in held:
         value = f"FRAC {figure_of_agreement(held['frac_median'])}"
-        out.append((f"Held out: {held_out(result) or 'validation set'}", value, "median, after"))
+        out.append(
+            (f"Held out: {validation_words(result) or 'validation set'}", value, "median, after")
+        )
     chi = result.noise.get("chi_square")
     fitted = noise_is_fitted(result.noise)  # then it is 1 by construction
     judged = result.adequacy is not None and result.adequacy.verdict not in result.message
@@ -129,7 +140,7 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
     return out
 
 
-def _before_and_after(
+def _format_before_after(
     title: str,
     before: float | None,
     after: float,
@@ -154,15 +165,15 @@ def joint_head(result: JointResult) -> str:
     worst = min(tests, key=lambda test: _agreement(test, "after").get("frac_median", 1.0))
     figures = agreement(worst)
     residuals = [test.adequacy for test in tests if test.adequacy is not None]
-    gravest = min(residuals, key=lambda found: _GRAVITY.index(found.outcome), default=None)
+    most_severe = min(residuals, key=lambda found: _SEVERITY.index(found.outcome), default=None)
     return head(
-        replace(worst, title=result.title, adequacy=gravest),
+        replace(worst, title=result.title, adequacy=most_severe),
         figures,
         f"{len(tests)} tests; agreement is that of the worst of them",
     )
 
 
-class Tests(Section):
+class TestsSection(ReportSection):
     """The tests fitted together, one row each."""
 
     anchor = "tests"
@@ -172,11 +183,11 @@ class Tests(Section):
     template = "updyn.report/tests.html"
     first_screen = True
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page describes several tests."""
         return isinstance(content.update, JointResult)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return one row per test: link, data, agreement before and after, residual."""
         return {
             "head": ["test", "data", *_FIGURES.values(), "residual test"],
@@ -188,13 +199,13 @@ class Tests(Section):
         }
 
 
-TESTS = Tests()
+TESTS = TestsSection()
 
 
 def _test_cells(name: str, test: UpdateResult) -> list[str]:
     before, after = _agreement(test, "before"), _agreement(test, "after")
     cells = [name, extent(test.data)]
-    say = {name: said for name, _, said, _, _ in _KEY_FIGURES}
+    say = {name: formatter for name, _, formatter, _, _ in _KEY_FIGURES}
     for figure in _FIGURES:
         both = [say[figure](when[figure]) for when in (before, after) if figure in when]
         cells.append(" → ".join(both) or "–")
@@ -217,7 +228,7 @@ def _agreement(result: UpdateResult, when: str) -> dict[str, float]:
 
 # -- verdict -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
-class Part:
+class VerdictPart:
     """One question of a verdict with its answer.
 
     Attributes
@@ -264,7 +275,7 @@ class Verdict:
 
     badge: str
     kind: str
-    parts: tuple[Part, ...]
+    parts: tuple[VerdictPart, ...]
     rest: str
 
 
@@ -272,46 +283,46 @@ def verdict(result: UpdateResult) -> Verdict:
     """Return the verdict on a result; sentences of its message are not repeated."""
     badge, kind = result.badge.phrase, result.badge.colour
     if result.trust is not None:
-        return Verdict(badge, kind, *_judged(result, result.trust))
+        return Verdict(badge, kind, *_list_parts(result, result.trust))
     first, _, rest = result.message.partition(". ")
-    said = f"{first.removesuffix('.')}." if first else ""
+    text = f"{first.removesuffix('.')}." if first else ""
     steps = f"After {counted(result.iterations, 'iteration')}."
-    converged, determined = Part("Converged", True, steps), _determined(result)
+    converged, determined = VerdictPart("Converged", True, steps), _judge_identifiability(result)
     if result.status == "not-identifiable":
         if not result.is_ambiguous:
-            determined = replace(determined, why=said or determined.why)
+            determined = replace(determined, why=text or determined.why)
     elif not result.ok:
-        converged = Part("Converged", False, f"{said} {steps}".strip())
+        converged = VerdictPart("Converged", False, f"{text} {steps}".strip())
         if result.status == "failed":
             determined = replace(determined, truth=None)
     return Verdict(badge, kind, (converged, determined), rest)
 
 
-def _judged(result: UpdateResult, trust: Trust) -> tuple[tuple[Part, ...], str]:
+def _list_parts(result: UpdateResult, trust: Trust) -> tuple[tuple[VerdictPart, ...], str]:
     """Return the parts of the verdict and the remainder of the message."""
     steps = f" After {counted(result.iterations, 'iteration')}."
     parts = []
-    for name, belief in trust.items():
-        why = belief.why + steps if name == "converged" else belief.why
-        parts.append(Part(name.capitalize(), belief.holds, why, belief.asked))
+    for name, claim in trust.items():
+        why = claim.why + steps if name == "converged" else claim.why
+        parts.append(VerdictPart(name.capitalize(), claim.holds, why, claim.asked))
     return tuple(parts), trust.beyond(result.status, result.message)
 
 
-def _determined(result: UpdateResult) -> Part:
+def _judge_identifiability(result: UpdateResult) -> VerdictPart:
     """Return the part that states whether the data determine all unknowns."""
     n, rank = result.identifiability.n_parameters, result.identifiability.rank
     if result.is_ambiguous:
-        said = (
+        text = (
             f"At least {1 + len(result.alternatives)} answers fit the data equally well: the values"
             " below are those of one of them."
         )
-        return Part("Determined", False, said)
+        return VerdictPart("Determined", False, text)
     if rank >= n == 1:
-        said = "The data determine the one unknown."
+        text = "The data determine the one unknown."
     elif rank >= n:
-        said = f"The data determine all {n} unknowns."
+        text = f"The data determine all {n} unknowns."
     elif rank == 0:
-        said = f"The data determine none of the {n} unknowns."
+        text = f"The data determine none of the {n} unknowns."
     else:
-        said = f"The data determine {counted(rank, 'independent combination')} of {n} unknowns."
-    return Part("Determined", rank >= n, said)
+        text = f"The data determine {counted(rank, 'independent combination')} of {n} unknowns."
+    return VerdictPart("Determined", rank >= n, text)

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.report.formats import estimate, number, quantity_words
-from updyn.report.of_unknowns import OfUnknowns, names_of
+from updyn.report.of_unknowns import ParameterSection, name_unknowns
 from updyn.report.plots import (
     DIVERGING,
     PRINTED_CELLS,
     Figure,
     colour_bar,
-    existing,
-    labels,
+    drop_missing,
+    encode_numbers,
+    escape_labels,
     log_range,
     names_font,
-    numbers,
     rows_height,
 )
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 from updyn.report.start import Start
 from updyn.updating.judge.alternatives import find_differences
 from updyn.updating.judge.identifiability import Identifiability
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 
-class IdentifiabilitySection(OfUnknowns):
+class IdentifiabilitySection(ParameterSection):
     """The unknowns, and combinations of unknowns, that the data determine."""
 
     anchor = "identifiability"
@@ -48,10 +48,10 @@ class IdentifiabilitySection(OfUnknowns):
     template = "updyn.report/identifiability.html"
     of_start = True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return singular values, undetermined combinations as a matrix, and correlations."""
         found: UpdateResult | Start = content.start or content.result
-        return existing(
+        return drop_missing(
             {
                 "singular-values": singular_values(found.identifiability),
                 "combinations": combinations_map(found.identifiability),
@@ -59,7 +59,7 @@ class IdentifiabilitySection(OfUnknowns):
             }
         )
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the identifiability of the unknowns."""
         if content.start is not None:  # the head of the page shows the advice
             return {"ident": content.start.identifiability, "advice": "", "answers": None}
@@ -68,11 +68,11 @@ class IdentifiabilitySection(OfUnknowns):
         return {
             "ident": result.identifiability,
             "advice": "" if advice in result.remedy else advice,
-            "answers": _answers(result),
+            "answers": _tabulate_answers(result),
         }
 
 
-def _answers(result: UpdateResult) -> dict[str, Any] | None:
+def _tabulate_answers(result: UpdateResult) -> dict[str, Any] | None:
     """Return the table of solutions that fit equally well; None if there is only one."""
     others = result.alternatives
     if not others:
@@ -89,18 +89,18 @@ def _answers(result: UpdateResult) -> dict[str, Any] | None:
     ]
     return {
         "count": 1 + len(others),
-        "head": ["group", "quantity", "this result", *_numbered(len(others))],
+        "head": ["group", "quantity", "this result", *_name_answers(len(others))],
         "kinds": ("", "word", *[""] * (1 + len(others))),
         "rows": rows,
         "about": [
             ["odds of this result over it", "", "–", *odds],
-            ["sensor that tells it from this result", "", "–", *sensors],
+            ["sensor that distinguishes it from this result", "", "–", *sensors],
             ["typical difference of the FRFs there", "", "–", *apart],
         ],
     }
 
 
-def _numbered(n_others: int) -> list[str]:
+def _name_answers(n_others: int) -> list[str]:
     return [f"answer {i + 2}" for i in range(n_others)]
 
 
@@ -160,7 +160,7 @@ def _singular_trace(
         "mode": "markers",
         "name": name,
         "x": (np.flatnonzero(where) + 1).tolist(),
-        "y": numbers(np.maximum(values[where], foot)),
+        "y": encode_numbers(np.maximum(values[where], foot)),
         "text": [f"{v:.3g}" for v in values[where]],
         "marker": {"color": colour, "symbol": symbol, "size": 9},
         "hovertemplate": "number %{x}: %{text}<extra></extra>",
@@ -183,13 +183,13 @@ def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -
 
     None for a single unknown, and if no correlation is known.
     """
-    names = names_of(tuple(parameters))
+    names = name_unknowns(tuple(parameters))
     if len(names) < 2 or covariance.shape != (len(names), len(names)):
         return None
     matrix = correlations(np.asarray(covariance, dtype=np.float64))
     if not np.isfinite(matrix).any():
         return None
-    return _signed_map(matrix, names, names, "correlation", _coefficient)
+    return _signed_map(matrix, names, names, "correlation", _format_coefficient)
 
 
 def combinations_map(ident: Identifiability) -> Figure | None:
@@ -204,7 +204,7 @@ def combinations_map(ident: Identifiability) -> Figure | None:
     matrix = np.array([[weights.get(name, np.nan) for weights in directions] for name in involved])
     rows = [f"{group}: {quantity_words(quantity)}" for group, _, quantity in map(_split, involved)]
     columns = [f"combination {number}" for number in range(1, len(directions) + 1)]
-    return _signed_map(matrix, labels(rows), columns, "weight", _weight)
+    return _signed_map(matrix, escape_labels(rows), columns, "weight", _format_weight)
 
 
 def _split(name: str) -> tuple[str, str, str]:
@@ -222,7 +222,7 @@ def _signed_map(
     height = max(rows_height(len(rows), extra=220), 320)
     trace = {
         "type": "heatmap",
-        "z": numbers(matrix),
+        "z": encode_numbers(matrix),
         "x": list(columns),
         "y": list(rows),
         "zmin": -1.0,
@@ -248,12 +248,12 @@ def _signed_map(
     return {"data": [trace], "height": height, "layout": {"xaxis": across, "yaxis": down}}
 
 
-def _weight(value: float) -> str:
+def _format_weight(value: float) -> str:
     """Return a weight as text; blank if not finite."""
     return number(value, 2) if np.isfinite(value) else ""
 
 
-def _coefficient(value: float) -> str:
+def _format_coefficient(value: float) -> str:
     """Return a correlation coefficient as text; blank if not finite."""
     if not np.isfinite(value):
         return ""

@@ -19,9 +19,9 @@ from updyn.modal.unexplained import peaks_without_modes
 from updyn.report.formats import counted, extent, number, percentage
 from updyn.report.modes import mode_map
 from updyn.report.page import assemble
-from updyn.report.picker import Identified, picker_data, picker_figure
+from updyn.report.picker import IdentifiedModes, picker_data, picker_figure
 from updyn.report.plots import Figure
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import asset, render_template, write_page
 
 __all__ = ["write_modes_page"]
@@ -74,17 +74,19 @@ def render(
 ) -> str:
     """Return the page as HTML."""
     title = title or "Modes"
-    found = Identified(modes, frf, [None] * len(modes) if poles is None else list(poles), left_out)
+    found = IdentifiedModes(
+        modes, frf, [None] * len(modes) if poles is None else list(poles), left_out
+    )
     head = render_template(
         "updyn.report/identified_head.html",
         title=title,
         about=extent(frf),
-        verdict=_verdict(modes),
+        verdict=_format_verdict(modes),
     )
-    return assemble(Content(further={"identified": found}), head, title, __version__)
+    return assemble(PageContent(further={"identified": found}), head, title, __version__)
 
 
-def _verdict(modes: ModeSet) -> str:
+def _format_verdict(modes: ModeSet) -> str:
     """Return a sentence with the number of modes, the least certain mode, and unexplained peaks."""
     count = counted(len(modes), "mode")
     if not np.isfinite(modes.quality).any():
@@ -96,12 +98,12 @@ def _verdict(modes: ModeSet) -> str:
     missing = f"{missing} {leaning_peaks(modes)}".rstrip()
     return (
         f"{count}; the least sure is the one at {number(float(modes.frequency[least]))} Hz, which"
-        f" explains {100.0 * float(modes.quality[least]):.2f} % of what the others leave there."
-        f"{missing}"
+        f" explains {100.0 * float(modes.quality[least]):.2f} % of the residual of the other modes"
+        f" there.{missing}"
     )
 
 
-class DiagramSection(Section):
+class DiagramSection(ReportSection):
     """The figure for picking modes: stabilisation diagram and synthesised FRFs."""
 
     anchor = "diagram"
@@ -110,19 +112,19 @@ class DiagramSection(Section):
     place = 100
     template = "updyn.report/identified_diagram.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Return True: a page of modes always has this section."""
         return True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the figure, to which the script adds curves and modes."""
         return {"picker": picker_figure(content.further["identified"])}
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the note on channels that are not drawn."""
         return {"channels_note": content.further["identified"].note}
 
-    def embedded(self, content: Content) -> dict[str, Any]:
+    def embedded_data(self, content: PageContent) -> dict[str, Any]:
         """Return the data for the script."""
         return {"updyn-picks": picker_data(content.further["identified"])}
 
@@ -131,7 +133,7 @@ class DiagramSection(Section):
         return "\n".join(map(asset, ("curves.js", "lsfd.js", "picks.js")))
 
 
-class ShapesSection(Section):
+class ShapesSection(ReportSection):
     """AutoMAC of the modes, with the pairs of nearly identical shapes."""
 
     anchor = "auto-mac"
@@ -140,17 +142,17 @@ class ShapesSection(Section):
     place = 150
     template = "updyn.report/identified_shapes.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether there are at least two modes."""
         return len(content.further["identified"].modes) > 1
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the AutoMAC map."""
         modes: ModeSet = content.further["identified"].modes
         values = auto_mac(modes.shapes)
         return {"identified-auto-mac": mode_map(values, modes, modes, ("mode", "mode"), "AutoMAC")}
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the pairs of similar modes in words."""
         modes: ModeSet = content.further["identified"].modes
         pairs = alike_pairs(modes)
@@ -173,7 +175,7 @@ def pair_in_words(pair: AlikePair) -> str:
     return f"{which}. Their resonances do not overlap: the sensors do not distinguish their shapes."
 
 
-class ModesSection(Section):
+class IdentifiedModesSection(ReportSection):
     """The table of the modes."""
 
     anchor = "modes"
@@ -182,11 +184,11 @@ class ModesSection(Section):
     place = 200
     template = "updyn.report/identified_modes.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Return True: a page of modes always has this section."""
         return True
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the rows of the table."""
         modes: ModeSet = content.further["identified"].modes
         shape = _shape_errors(modes)
@@ -199,7 +201,7 @@ class ModesSection(Section):
                     number(float(modes.std_frequency[k]), 2),
                     percentage(float(modes.damping[k])),
                     percentage(float(modes.std_damping[k])),
-                    _known(float(shape[k])),
+                    _format_share(float(shape[k])),
                     f"{modes.phase_collinearity[k]:.3f}",
                     f"{modes.quality[k]:.4f}",
                 ]
@@ -216,10 +218,10 @@ def _shape_errors(modes: ModeSet) -> np.ndarray[Any, Any]:
     )
 
 
-def _known(share: float) -> str:
+def _format_share(share: float) -> str:
     return "not known" if np.isnan(share) else percentage(share)
 
 
 DIAGRAM = DiagramSection()
 SHAPES = ShapesSection()
-MODES = ModesSection()
+MODES = IdentifiedModesSection()

@@ -14,7 +14,7 @@ from updyn.correlation.modes import ModeCorrelation
 from updyn.dynamics.modes import Modes
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
-from updyn.report.formats import counted, figure_of_agreement, number, padded, percentage
+from updyn.report.formats import counted, figure_of_agreement, format_padded, number, percentage
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
     MODEL_COLOURS,
@@ -22,14 +22,14 @@ from updyn.report.plots import (
     SEQUENTIAL,
     Figure,
     colour_bar,
-    existing,
-    label,
-    labels,
+    drop_missing,
+    encode_numbers,
+    escape_label,
+    escape_labels,
     names_font,
-    numbers,
     rows_height,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.updating.judge.modal_table import ModalTable, ModeEntry
 
 __all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
@@ -76,7 +76,7 @@ def mode_map(
     size = np.abs(np.asarray(values))
     hover = []
     for at, row in zip(rows.frequency, size, strict=True):
-        first = f"{label(names[0])} {number(at, 5)} Hz<br>{label(names[1])}"
+        first = f"{escape_label(names[0])} {number(at, 5)} Hz<br>{escape_label(names[1])}"
         cells = zip(columns.frequency, row, strict=True)
         hover.append([f"{first} {number(f, 5)} Hz<br>{criterion} {v:.3f}" for f, v in cells])
     for one in subspaces:
@@ -85,7 +85,7 @@ def mode_map(
     height = int(np.clip(rows_height(len(rows), extra=110), *_HEIGHTS))
     trace: dict[str, Any] = {
         "type": "heatmap",
-        "z": numbers(size),
+        "z": encode_numbers(size),
         "x": list(range(len(columns))),
         "y": list(range(len(rows))),
         "zmin": 0.0,
@@ -104,14 +104,17 @@ def mode_map(
         "data": [trace],
         "height": height,
         "layout": {
-            "xaxis": _axis(columns.frequency, f"{names[1]} (Hz)", _MARKS_ACROSS),
-            "yaxis": {**_axis(rows.frequency, f"{names[0]} (Hz)", _MARKS), "autorange": "reversed"},
-            **_frames(subspaces),
+            "xaxis": _mode_axis(columns.frequency, f"{names[1]} (Hz)", _MARKS_ACROSS),
+            "yaxis": {
+                **_mode_axis(rows.frequency, f"{names[0]} (Hz)", _MARKS),
+                "autorange": "reversed",
+            },
+            **_frame_subspaces(subspaces),
         },
     }
 
 
-def _frames(subspaces: Sequence[Subspace]) -> dict[str, Any]:
+def _frame_subspaces(subspaces: Sequence[Subspace]) -> dict[str, Any]:
     """Return frames around close modes, labelled with their subspace MAC."""
     frames, texts = [], []
     for one in subspaces:
@@ -133,14 +136,14 @@ def _frames(subspaces: Sequence[Subspace]) -> dict[str, Any]:
     return {"shapes": frames, "annotations": texts} if frames else {}
 
 
-def _axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, Any]:
+def _mode_axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, Any]:
     """Return an axis with one place per mode, up to `most` labelled with the frequency in Hz."""
     every = -(-len(frequency) // most)
     at = list(range(0, len(frequency), every))
     return {
-        "title": {"text": label(title)},
+        "title": {"text": escape_label(title)},
         "tickvals": at,
-        "ticktext": [padded(frequency[i], 4) for i in at],
+        "ticktext": [format_padded(frequency[i], 4) for i in at],
         "showgrid": False,
         "zeroline": False,
     }
@@ -161,7 +164,7 @@ def comac_bars(table: ModalTable) -> Figure | None:
         return None
     last, _ = next(reversed(found.values()))
     shown = np.sort(np.argsort(last, kind="stable")[:MOST_SENSORS])
-    traces, names = [], labels(sensors[i] for i in shown)
+    traces, names = [], escape_labels(sensors[i] for i in shown)
     symbols = {"start": "diamond-open", "updated": "circle"}
     for name, (values, n) in found.items():
         colour, symbol = MODEL_COLOURS[name], symbols[name]
@@ -170,7 +173,7 @@ def comac_bars(table: ModalTable) -> Figure | None:
                 "type": "scatter",
                 "mode": "markers",
                 "name": f"{name} ({counted(n, 'pair')})",
-                "x": numbers(values[shown]),
+                "x": encode_numbers(values[shown]),
                 "y": list(range(len(names))),
                 "text": names,
                 "marker": {"color": colour, "symbol": symbol, "size": 9},
@@ -234,8 +237,8 @@ def _comac_map(
     structure = {
         "type": "scatter",
         "mode": "lines",
-        "x": numbers(lines[:, 0]),
-        "y": numbers(lines[:, 1]),
+        "x": encode_numbers(lines[:, 0]),
+        "y": encode_numbers(lines[:, 1]),
         "line": {"color": "@muted", "width": 1},
         "hoverinfo": "skip",
         "showlegend": False,
@@ -243,8 +246,8 @@ def _comac_map(
     sensors = {
         "type": "scatter",
         "mode": "markers+text" if len(found) <= _NAMED else "markers",
-        "x": numbers(at[order, 0]),
-        "y": numbers(at[order, 1]),
+        "x": encode_numbers(at[order, 0]),
+        "y": encode_numbers(at[order, 1]),
         "text": [nodes[i] for i in order],
         "textposition": "top right",
         "cliponaxis": False,
@@ -253,7 +256,7 @@ def _comac_map(
         "showlegend": False,
         "marker": {
             "size": 13,
-            "color": numbers(lowest[order]),
+            "color": encode_numbers(lowest[order]),
             "cmin": 0.0,
             "cmax": 1.0,
             "colorscale": SEQUENTIAL,
@@ -274,40 +277,44 @@ def modal_rows(table: ModalTable, *, fitted: bool = True) -> list[tuple[list[str
     shown = []
     for count, row in enumerate(table.rows, 1):
         computed = [row.start, row.updated] if fitted else [row.start]
-        cells = [str(count), _cell(row.test, "frequency", 5)]
+        cells = [str(count), _format_entry(row.test, "frequency", 5)]
         for entry in computed:
-            cells += [_cell(entry, "frequency", 5), _change(entry), _mac(entry)]
-        cells += [_cell(entry, "loss_factor", 3) for entry in (row.test, *computed)]
+            cells += [
+                _format_entry(entry, "frequency", 5),
+                _format_change(entry),
+                _format_mac(entry),
+            ]
+        cells += [_format_entry(entry, "loss_factor", 3) for entry in (row.test, *computed)]
         alone = row.test is None or computed[-1] is None
         shown.append((cells, "open" if alone else ""))
     return shown
 
 
-def _cell(entry: ModeEntry | None, name: str, digits: int) -> str:
-    return padded(getattr(entry, name, None), digits)
+def _format_entry(entry: ModeEntry | None, name: str, digits: int) -> str:
+    return format_padded(getattr(entry, name, None), digits)
 
 
-def _change(entry: ModeEntry | None) -> str:
+def _format_change(entry: ModeEntry | None) -> str:
     if entry is None or entry.change is None or np.isnan(entry.change):
         return "–"
     shown = f"{round(entry.change, 2) + 0.0:+.2f} %"  # + 0.0: no negative zero
     return shown.replace("-", "−")
 
 
-def _mac(entry: ModeEntry | None) -> str:
+def _format_mac(entry: ModeEntry | None) -> str:
     if entry is None or entry.mac is None or np.isnan(entry.mac):
         return "–"
     return f"{entry.mac:.3f}{'*' if entry.in_subspace else ''}"
 
 
-def _verdict(table: ModalTable) -> str:
+def _format_verdict(table: ModalTable) -> str:
     """Return a summary of the agreement between the modes of the model and of the test."""
     found = table.correlations.get("updated") or table.correlations["start"]
     which = "updated" if "updated" in table.correlations else "start"
     n, pairs = len(found.measured), found.pairs
     text = f"{len(pairs.mac)} of {n} modes of the test have a mode of the {which} model."
     if len(pairs.mac):
-        text += _pairs_in_words(found)
+        text += _describe_pairs(found)
     alone = len(found.unpaired_computed)
     if alone:
         are = "is" if alone == 1 else "are"
@@ -316,7 +323,7 @@ def _verdict(table: ModalTable) -> str:
     return text
 
 
-def _pairs_in_words(found: ModeCorrelation) -> str:
+def _describe_pairs(found: ModeCorrelation) -> str:
     """Return sentences on MAC and frequency differences of the paired modes."""
     figures = found.figures()
     mac, least = (figure_of_agreement(figures[f"mac_{name}"]) for name in ("median", "min"))
@@ -336,7 +343,7 @@ def _pairs_in_words(found: ModeCorrelation) -> str:
     return text
 
 
-class ModesSection(Section):
+class ModesSection(ReportSection):
     """Natural frequencies, damping and shapes of the modes: test, start and updated."""
 
     anchor = "modes"
@@ -347,7 +354,7 @@ class ModesSection(Section):
     first_screen = True
     of_start = True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return MAC before and after, AutoMAC, COMAC as bars and maps, and cross-orthogonality."""
         table = content.modes
         made: dict[str, Figure | None] = {"comac": comac_bars(table)}
@@ -367,28 +374,28 @@ class ModesSection(Section):
             made["cross-orthogonality"] = mode_map(
                 values, table.updated, table.test, whose, "modulus"
             )
-        return existing(made) | comac_maps(table, content.start_model.geometry)
+        return drop_missing(made) | comac_maps(table, content.start_model.geometry)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the table rows and the remarks on them."""
         table = content.modes
         rows = modal_rows(table, fitted=content.start is None)
         return {
             "known": table.known,
-            "verdict": _verdict(table) if table.known else "",
-            "notes": (*_before(content), *table.notes),
+            "verdict": _format_verdict(table) if table.known else "",
+            "notes": (*_list_counterparts(content), *table.notes),
             "rows": rows,
             "shown": SHOWN_ROWS,
             "most_sensors": MOST_SENSORS,
             "n_sensors": len(table.test.dofs) if table.test is not None else 0,
             "reduction": _reduction_error(table),
-            "alike": _alike(table),
+            "alike": _find_least_separated(table),
             "subspaces": table.subspace_notes,
             "framed": any(one.subspaces for one in table.correlations.values()),
         }
 
 
-def _before(content: Content) -> list[str]:
+def _list_counterparts(content: PageContent) -> list[str]:
     """Return a note on the modes paired before the search; empty if the result has no count."""
     if content.update is None or content.result.counterparts is None:
         return []
@@ -405,7 +412,7 @@ def _reduction_error(table: ModalTable) -> float | None:
     return float(size.max())
 
 
-def _alike(table: ModalTable) -> str:
+def _find_least_separated(table: ModalTable) -> str:
     """Return the two test modes that the sensors separate worst; empty if all are separated."""
     if not table.known or table.test is None or len(table.test) < 2:
         return ""

@@ -6,23 +6,23 @@ from collections.abc import Sequence
 
 from updyn.group import VALUES
 from updyn.report.formats import figure_name, quantity_words
-from updyn.report.plots import labels
-from updyn.report.section import Content, Section
+from updyn.report.plots import escape_labels
+from updyn.report.section import PageContent, ReportSection
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
-__all__ = ["OfUnknowns", "by_figure", "names_of"]
+__all__ = ["ParameterSection", "group_by_figure", "name_unknowns"]
 
 
-class OfUnknowns(Section):
+class ParameterSection(ReportSection):
     """A section on unknowns, shown for one or several tests."""
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update, or the state before one if the section supports it."""
         return content.update is not None or (self.of_start and content.start is not None)
 
 
-def by_figure(
+def group_by_figure(
     result: UpdateResult, factors: str, end: str, calibrations: str
 ) -> dict[str, list[Parameter]]:
     """Return the unknowns by figure name: factors, each kind of value, sensor calibrations."""
@@ -40,6 +40,6 @@ def by_figure(
     return out
 
 
-def names_of(chosen: Sequence[Parameter]) -> list[str]:
+def name_unknowns(chosen: Sequence[Parameter]) -> list[str]:
     """Return the names of unknowns for a figure axis."""
-    return labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
+    return escape_labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)

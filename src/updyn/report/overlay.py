@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,8 @@ from numpy.typing import NDArray
 
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
-from updyn.report.plots import labels, numbers
-from updyn.report.section import Content, Section
+from updyn.report.plots import encode_array, encode_numbers, escape_labels
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import asset
 
 __all__ = ["ALL_CHANNELS", "DRAWING_BUDGET", "FRFS", "MEASURED_SHARE", "overlay"]
@@ -23,8 +22,8 @@ MEASURED_SHARE = 0.62
 _FEWEST_LINES = 50
 
 
-class AllChannels(Section):
-    """The levels of all channels in one picture, drawn from the data of `Overlay`."""
+class AllChannelsSection(ReportSection):
+    """The levels of all channels in one picture, drawn from the data of `OverlaySection`."""
 
     anchor = "all-channels"
     name = "All channels"
@@ -35,13 +34,13 @@ class AllChannels(Section):
     of_start = True
     first_screen = True
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows several channels of one test, each with more than one line."""
         if not super().applies(content):
             return False
-        return _n_channels(content.data) > 1 and len(content.data.freq) > 1
+        return _count_channels(content.data) > 1 and len(content.data.freq) > 1
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the number of channels, the sets of curves, and the units."""
         data = content.data
         sets = [("measured", "measured", True)]
@@ -52,14 +51,14 @@ class AllChannels(Section):
         ):
             if curves is not None:
                 sets.append((key, name, key == last))
-        units = dict.fromkeys(unit for row in _units(data) for unit in row)
-        return {"n_channels": _n_channels(data), "sets": sets, "units": list(units)}
+        units = dict.fromkeys(unit for row in _list_units(data) for unit in row)
+        return {"n_channels": _count_channels(data), "sets": sets, "units": list(units)}
 
 
-ALL_CHANNELS = AllChannels()
+ALL_CHANNELS = AllChannelsSection()
 
 
-class Overlay(Section):
+class OverlaySection(ReportSection):
     """Measured and computed FRFs of a selected channel."""
 
     anchor = "frfs"
@@ -70,10 +69,10 @@ class Overlay(Section):
     needs_frfs = True
     of_start = True
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the selectable channels, the bands and the notes."""
         data = content.data
-        thinned = _drawn_lines(data, DRAWING_BUDGET)[1]
+        thinned = _choose_lines(data, DRAWING_BUDGET)[1]
         return {
             "responses": list(zip(data.responses, data.held_out, strict=True)),
             "references": data.references,
@@ -84,7 +83,7 @@ class Overlay(Section):
             "notes": [thinned, *data.notes],
         }
 
-    def embedded(self, content: Content) -> dict[str, Any]:
+    def embedded_data(self, content: PageContent) -> dict[str, Any]:
         """Return the FRFs that are drawn."""
         return {"updyn-frf": overlay(content.data)[0]}
 
@@ -93,7 +92,7 @@ class Overlay(Section):
         return "\n".join(map(asset, ("channels.min.js", "curves.js", "overlay.js")))
 
 
-FRFS = Overlay()
+FRFS = OverlaySection()
 
 
 def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, Any], str]:
@@ -115,37 +114,37 @@ def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, A
     str
         The note, or an empty string.
     """
-    keep, note = _drawn_lines(data, budget)
-    curves = _drawn_grid(data, budget)
+    keep, note = _choose_lines(data, budget)
+    curves = _choose_grid_lines(data, budget)
     payload: dict[str, Any] = {
-        "freq": _packed(data.freq[keep], "<f8"),
-        "measured": _channels(data.measured, keep, "<c8"),
-        "grid": _packed(data.grid[curves], "<f8"),
-        "before": _channels(data.before_curve, curves, "<c8"),
-        "after": _channels(data.after_curve, curves, "<c8"),
-        "coherence": _channels(data.coherence, keep, "<f4"),
-        "responses": labels(data.responses),
-        "references": labels(data.references),
-        "fracBefore": _figures(data.frac_before),
-        "fracAfter": _figures(data.frac_after),
-        "correlationBefore": _figures(data.correlation_before),
-        "correlationAfter": _figures(data.correlation_after),
-        "residualBefore": _figures(data.residual_before),
-        "residualAfter": _figures(data.residual_after),
+        "freq": encode_array(data.freq[keep], "<f8"),
+        "measured": _encode_channels(data.measured, keep, "<c8"),
+        "grid": encode_array(data.grid[curves], "<f8"),
+        "before": _encode_channels(data.before_curve, curves, "<c8"),
+        "after": _encode_channels(data.after_curve, curves, "<c8"),
+        "coherence": _encode_channels(data.coherence, keep, "<f4"),
+        "responses": escape_labels(data.responses),
+        "references": escape_labels(data.references),
+        "fracBefore": _round_figures(data.frac_before),
+        "fracAfter": _round_figures(data.frac_after),
+        "correlationBefore": _round_figures(data.correlation_before),
+        "correlationAfter": _round_figures(data.correlation_after),
+        "residualBefore": _round_figures(data.residual_before),
+        "residualAfter": _round_figures(data.residual_after),
         "heldOut": list(data.held_out),
         "quantity": data.quantity,
-        "units": _units(data),
+        "units": _list_units(data),
         "used": np.flatnonzero(data.used[keep]).tolist(),
-        "fitBand": _floats(data.fit_band),
-        "everyLineUsed": _every_line(data),
-        "validationBand": _floats(data.validation_band),
+        "fitBand": _to_list(data.fit_band),
+        "everyLineUsed": _uses_every_line(data),
+        "validationBand": _to_list(data.validation_band),
     }
     return payload, note
 
 
-def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
+def _choose_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     """Return the lines that are drawn, and a note if lines are omitted."""
-    line_bytes = _n_channels(data) * (8 + 4 * (data.coherence is not None))
+    line_bytes = _count_channels(data) * (8 + 4 * (data.coherence is not None))
     keep = keep_lines(
         data.measured, data.used, max(int(MEASURED_SHARE * budget) // line_bytes, _FEWEST_LINES)
     )
@@ -158,21 +157,21 @@ def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     return keep, note
 
 
-def _drawn_grid(data: ReportData, budget: int) -> NDArray[np.intp]:
+def _choose_grid_lines(data: ReportData, budget: int) -> NDArray[np.intp]:
     """Return the lines at which the model curves are drawn, within their part of the budget."""
     curves = [values for values in (data.after_curve, data.before_curve) if values is not None]
     if not curves:
         return np.arange(0)
     share = int((1.0 - MEASURED_SHARE) * budget)
-    most = max(share // (8 * len(curves) * _n_channels(data)), _FEWEST_LINES)
+    most = max(share // (8 * len(curves) * _count_channels(data)), _FEWEST_LINES)
     return keep_lines(curves[0], np.zeros(len(data.grid), dtype=np.bool_), most)
 
 
-def _n_channels(data: ReportData) -> int:
+def _count_channels(data: ReportData) -> int:
     return len(data.responses) * len(data.references)
 
 
-def _units(data: ReportData) -> list[list[str]]:
+def _list_units(data: ReportData) -> list[list[str]]:
     """Return the unit of each channel, by response and reference."""
     out = []
     for response in data.responses:
@@ -180,30 +179,26 @@ def _units(data: ReportData) -> list[list[str]]:
     return out
 
 
-def _floats(band: tuple[float, float] | None) -> list[float] | None:
+def _to_list(band: tuple[float, float] | None) -> list[float] | None:
     if band is None:
         return None
     return [float(band[0]), float(band[1])]
 
 
-def _figures(values: NDArray[np.float64] | None) -> Any:
+def _round_figures(values: NDArray[np.float64] | None) -> Any:
     if values is None:
         return None
-    return numbers(np.round(values, 6), packed=False)  # more digits than are displayed
+    return encode_numbers(np.round(values, 6), packed=False)  # more digits than are displayed
 
 
-def _every_line(data: ReportData) -> bool:
+def _uses_every_line(data: ReportData) -> bool:
     """Whether the fit uses all lines between its first and last line."""
     at = np.flatnonzero(data.used)
     return bool(at.size > 1 and at[-1] - at[0] + 1 == at.size)
 
 
-def _channels(values: NDArray[Any] | None, keep: NDArray[np.intp], dtype: str) -> str | None:
+def _encode_channels(values: NDArray[Any] | None, keep: NDArray[np.intp], dtype: str) -> str | None:
     """Return the kept lines, channel by channel, as base64."""
     if values is None:
         return None
-    return _packed(values[keep].transpose(1, 2, 0), dtype)
-
-
-def _packed(array: NDArray[Any], dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
+    return encode_array(values[keep].transpose(1, 2, 0), dtype)

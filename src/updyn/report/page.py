@@ -10,7 +10,7 @@ from updyn.errors import OptionError, suggest
 from updyn.report.agreement import agreement_figures
 from updyn.report.head import agreement, head, joint_head
 from updyn.report.plots import Figure
-from updyn.report.section import Content, Section, objects_shown, sections_of
+from updyn.report.section import PageContent, ReportSection, list_shown_objects, select_sections
 from updyn.report.templates import render_template, write_page
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles
@@ -76,7 +76,7 @@ def write_report(
     >>> updyn.write_report(result, "report.html").name
     'report.html'
     """
-    shown = objects_shown()
+    shown = list_shown_objects()
     for name in further:
         if name not in shown:
             raise OptionError(f"{name}: no report section shows it; {suggest(name, sorted(shown))}")
@@ -91,7 +91,7 @@ def render(
     """Return the page of an update as HTML."""
     if uncertainty is not None:
         further["uncertainty"] = uncertainty
-    content = Content(result, further)
+    content = PageContent(result, further)
     if isinstance(result, JointResult):
         top = joint_head(result)
     else:
@@ -101,7 +101,9 @@ def render(
     return assemble(content, top, title, version, folds=True)
 
 
-def assemble(content: Content, head: str, title: str, version: str, *, folds: bool = False) -> str:
+def assemble(
+    content: PageContent, head: str, title: str, version: str, *, folds: bool = False
+) -> str:
     """Return a page as HTML with every section that applies to its content.
 
     Parameters
@@ -115,18 +117,18 @@ def assemble(content: Content, head: str, title: str, version: str, *, folds: bo
     folds : bool
         Whether sections outside the first screen are folded.
     """
-    sections: list[Section] = []
+    sections: list[ReportSection] = []
     bodies: list[str] = []
     figures: dict[str, Figure] = {}
     embedded: dict[str, Any] = {}
-    for section in sections_of(content):
+    for section in select_sections(content):
         own = section.figures(content)
         text = section.render(content, own, folds=folds)
         if text:
             sections.append(section)
             bodies.append(text)
             figures |= own
-            embedded |= section.embedded(content)
+            embedded |= section.embedded_data(content)
     return render_template(
         "updyn.report/page.html",
         policy=POLICY,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,9 +18,9 @@ from updyn.modal.stabilisation import Diagram
 from updyn.modal.synthesis import REACH, band_of_modes, line_weights
 from updyn.report.formats import counted
 from updyn.report.overlay import DRAWING_BUDGET
-from updyn.report.plots import Figure, label, numbers
+from updyn.report.plots import Figure, encode_array, encode_numbers, escape_label
 
-__all__ = ["Identified", "picker_data", "picker_figure"]
+__all__ = ["IdentifiedModes", "picker_data", "picker_figure"]
 
 #: Heights of the panels from top to bottom and the gap between them, as fractions.
 _DIAGRAM, _MAGNITUDE, _PHASE, _GAP = 0.46, 0.33, 0.13, 0.04
@@ -32,7 +31,7 @@ _CURVES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Identified:
+class IdentifiedModes:
     """Identified modes and the measurement they come from.
 
     Attributes
@@ -81,16 +80,16 @@ class Identified:
         All lines of a channel are kept, because the synthesis needs them. Of too many channels,
         those with the lowest FRAC are drawn. Channels that are zero at all lines are omitted.
         """
-        heard = np.flatnonzero(self.frf.values.any(axis=0))
+        nonzero = np.flatnonzero(self.frf.values.any(axis=0))
         most = max(1, DRAWING_BUDGET // (8 * len(self.frf.freq)))
-        return np.sort(self._by_agreement(heard)[:most])
+        return np.sort(self._sort_by_agreement(nonzero)[:most])
 
     @property
     def worst(self) -> int:
         """Flat position of the drawn channel with the lowest FRAC."""
-        return int(self._by_agreement(self.channels)[0])
+        return int(self._sort_by_agreement(self.channels)[0])
 
-    def _by_agreement(self, channels: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _sort_by_agreement(self, channels: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return channels by ascending FRAC."""
         if self.frac is None:
             return channels
@@ -112,49 +111,49 @@ class Identified:
         return " ".join(parts)
 
 
-def picker_figure(found: Identified) -> Figure:
+def picker_figure(found: IdentifiedModes) -> Figure:
     """Return the figure; ``picks.js`` adds curves and modes."""
     diagram = found.modes.diagram
     highest = 2.0 if diagram is None else float(diagram.order.max(initial=0)) + 3.0
-    traces = [_curve("cmif-0", "y", "@measured", 1.3, "CMIF")]
-    traces += [_curve(f"cmif-{k}", "y", "@measured", 0.7) for k in range(1, _CURVES)]
-    traces += [] if diagram is None else _poles(diagram)
+    traces = [_curve_trace("cmif-0", "y", "@measured", 1.3, "CMIF")]
+    traces += [_curve_trace(f"cmif-{k}", "y", "@measured", 0.7) for k in range(1, _CURVES)]
+    traces += [] if diagram is None else _pole_traces(diagram)
     traces += [
-        _marks("mode", "mode", {"color": "@after", "size": 11, "symbol": "triangle-down"}),
-        _marks(
-            "added", "picked, not refined yet", {"color": "@before", "size": 12, "symbol": "star"}
+        _marker_trace("mode", "mode", {"color": "@after", "size": 11, "symbol": "triangle-down"}),
+        _marker_trace(
+            "added", "picked, not yet refined", {"color": "@before", "size": 12, "symbol": "star"}
         ),
-        _marks(
+        _marker_trace(
             "left-out",
             "mode left out",
             {"color": "@muted", "size": 10, "symbol": "triangle-down-open"},
         ),
-        _marks("peak", "peak without a mode", {"color": "@bad", "size": 9, "symbol": "x"}),
-        _curve("measured", "y3", "@measured", 2.0, "measured"),
-        _curve("synthesised", "y3", "@after", 1.4, "synthesised from the modes"),
-        _curve("measured-phase", "y4", "@measured", 1.0),
-        _curve("synthesised-phase", "y4", "@after", 1.4),
+        _marker_trace("peak", "peak without a mode", {"color": "@bad", "size": 9, "symbol": "x"}),
+        _curve_trace("measured", "y3", "@measured", 2.0, "measured"),
+        _curve_trace("synthesised", "y3", "@after", 1.4, "synthesised from the modes"),
+        _curve_trace("measured-phase", "y4", "@measured", 1.0),
+        _curve_trace("synthesised-phase", "y4", "@after", 1.4),
     ]
-    layout = _layout(found.indicator.unit, highest)
+    layout = _make_layout(found.indicator.unit, highest)
     return {"data": traces, "height": _HEIGHT, "layout": layout, "row": highest}
 
 
-def _poles(diagram: Diagram) -> list[dict[str, Any]]:
+def _pole_traces(diagram: Diagram) -> list[dict[str, Any]]:
     """Return the traces of new poles and of stable poles."""
     new = {"color": "@muted", "size": 4}
     stable = {"color": "@third", "size": 6}
-    said = "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %<extra></extra>"
+    hover = "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %<extra></extra>"
     return [
         {
             "type": "scatter",
             "mode": "markers",
             "name": name,
-            "x": numbers(diagram.frequency[chosen]),
-            "y": numbers(diagram.order[chosen]),
+            "x": encode_numbers(diagram.frequency[chosen]),
+            "y": encode_numbers(diagram.order[chosen]),
             "yaxis": "y2",
-            "customdata": numbers(100.0 * diagram.damping[chosen]),
+            "customdata": encode_numbers(100.0 * diagram.damping[chosen]),
             "marker": marker,
-            "hovertemplate": said,
+            "hovertemplate": hover,
         }
         for chosen, name, marker in (
             (~diagram.stable, "pole new in this order", new),
@@ -163,7 +162,7 @@ def _poles(diagram: Diagram) -> list[dict[str, Any]]:
     ]
 
 
-def _layout(unit_: str, highest: float) -> dict[str, Any]:
+def _make_layout(unit_: str, highest: float) -> dict[str, Any]:
     """Return the axes of the figure: unit of the indicator, and order at which modes are marked."""
     level = [_PHASE + _GAP, _PHASE + _GAP + _MAGNITUDE]
     log = {"type": "log", "exponentformat": "power", "fixedrange": True, "zeroline": False}
@@ -203,7 +202,7 @@ def _layout(unit_: str, highest: float) -> dict[str, Any]:
     }
 
 
-def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> dict[str, Any]:
+def _curve_trace(meta: str, axis: str, colour: str, width: float, name: str = "") -> dict[str, Any]:
     """Return a curve without points; ``picks.js`` finds the trace by `meta`."""
     return {
         "type": "scatter",
@@ -219,7 +218,7 @@ def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> d
     }
 
 
-def _marks(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
+def _marker_trace(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
     """Return markers without points; ``picks.js`` finds the trace by `meta`."""
     return {
         "type": "scatter",
@@ -234,7 +233,7 @@ def _marks(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def picker_data(found: Identified) -> dict[str, Any]:
+def picker_data(found: IdentifiedModes) -> dict[str, Any]:
     """Return the data for ``picks.js``, ready for JSON.
 
     The arrays ``freq`` (Hz), ``weights``, ``cmif`` (by singular value, 0 at 0 Hz) and ``values``
@@ -252,17 +251,17 @@ def picker_data(found: Identified) -> dict[str, Any]:
         channels.append(
             {
                 "name": f"response {response}, force {reference}",
-                "unit": label(unit(frf.quantity, response, reference)),
+                "unit": escape_label(unit(frf.quantity, response, reference)),
             }
         )
     flat = frf.values.reshape(len(frf.freq), -1)[:, shown]
     diagram = modes.diagram
     units = {channel["unit"] for channel in channels}
     return {
-        "freq": _packed(frf.freq, "<f8"),
-        "weights": _packed(line_weights(frf), "<f8"),
-        "cmif": _packed(indicator.T, "<f4"),
-        "values": _packed(flat.T, "<c8"),
+        "freq": encode_array(frf.freq, "<f8"),
+        "weights": encode_array(line_weights(frf), "<f8"),
+        "cmif": encode_array(indicator.T, "<f4"),
+        "values": encode_array(flat.T, "<c8"),
         "decay": frf.decay,
         "power": QUANTITIES[frf.quantity],
         "quantity": frf.quantity,
@@ -271,15 +270,15 @@ def picker_data(found: Identified) -> dict[str, Any]:
         "reach": REACH,
         "together": units.pop() if len(units) == 1 and len(channels) > 1 else "",
         "note": found.note,
-        "modes": _modes(modes, found.poles, chosen=True)
-        + ([] if found.left_out is None else _modes(found.left_out, None, chosen=False)),
+        "modes": _list_modes(modes, found.poles, chosen=True)
+        + ([] if found.left_out is None else _list_modes(found.left_out, None, chosen=False)),
         "peaks": modes.unexplained.tolist(),
         "canAdd": diagram is not None,
         "poles": [] if diagram is None else [diagram.frequency.tolist(), diagram.order.tolist()],
     }
 
 
-def _modes(
+def _list_modes(
     modes: ModeSet, poles: list[float | None] | None, *, chosen: bool
 ) -> list[dict[str, Any]]:
     given = [None] * len(modes) if poles is None else poles
@@ -287,7 +286,3 @@ def _modes(
         {"f": float(f), "loss": None if np.isnan(loss) else float(loss), "pole": pole, "on": chosen}
         for f, loss, pole in zip(modes.frequency, modes.loss_factor, given, strict=True)
     ]
-
-
-def _packed(array: NDArray[Any], dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")

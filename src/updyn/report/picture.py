@@ -18,10 +18,10 @@ from updyn.viewer.groups import groups_of_lines, nodes_of_groups
 __all__ = [
     "VIEWS",
     "Callout",
-    "Scene",
+    "PictureScene",
     "camera",
     "picture",
-    "spread",
+    "spread_heights",
 ]
 
 #: Width and height of the picture, margin above and below, width of each label column, in pixels.
@@ -84,8 +84,8 @@ def picture(
     """
     if model.geometry is None or not len(model.geometry.nodes):
         return ""
-    scene = Scene.of(model, parts)
-    callouts, missing = _callouts(model, responses, references)
+    scene = PictureScene.of(model, parts)
+    callouts, missing = _collect_callouts(model, responses, references)
     if not len(scene.lines) and not callouts:
         return ""
     notes = list(scene.notes)
@@ -99,8 +99,8 @@ def picture(
         height=_HEIGHT,
         dense=len(scene.lines) > _DENSE,
         views=[
-            _view(scene, callouts, front, labelled=True),
-            _view(scene, callouts, back, labelled=False),
+            _draw_view(scene, callouts, front, labelled=True),
+            _draw_view(scene, callouts, back, labelled=False),
         ],
         about=about,
         scale=scale,
@@ -112,7 +112,7 @@ def picture(
 
 # -- scene ---------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class PictureScene:
     """The lines of a geometry with their groups, colours and titles.
 
     Attributes
@@ -142,7 +142,7 @@ class Scene:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: Model, parts: Mapping[str, tuple[str, str]]) -> Scene:
+    def of(cls, model: Model, parts: Mapping[str, tuple[str, str]]) -> PictureScene:
         """Return the scene of a model with a geometry."""
         assert model.geometry is not None
         notes: tuple[str, ...] = ()
@@ -166,7 +166,7 @@ class Scene:
     def title(self, group: int) -> str:
         """Return the title of a group."""
         if group < 0:
-            return "held, or carried rigidly by others"
+            return "fixed, or moved rigidly by other parts"
         name = self.names[group]
         return self.parts[name][1] if name in self.parts else f"{name}: no unknown"
 
@@ -205,7 +205,7 @@ class Callout:
         return f"{self.node}: {' · '.join(parts)}"
 
 
-def _callouts(
+def _collect_callouts(
     model: Model, responses: Sequence[str], references: Sequence[str]
 ) -> tuple[list[Callout], list[str]]:
     """Return a callout for each node with a sensor or a force, and DOFs without a position."""
@@ -232,7 +232,9 @@ def _callouts(
     return out, list(missing)
 
 
-def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) -> dict[str, Any]:
+def _draw_arrow(
+    place: _Real, direction: str, axes: _Real, length: float, kind: str
+) -> dict[str, Any]:
     """Return an arrow as SVG paths; without a shaft if it points along the line of sight.
 
     Parameters
@@ -252,10 +254,10 @@ def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) 
     vector = axes[number % 3][:2]
     if direction.startswith("-"):
         vector = -vector
-    seen = float(np.hypot(*vector))
-    if seen < _FLAT:
+    projectedble = float(np.hypot(*vector))
+    if projectedble < _FLAT:
         return {"kind": kind, "shaft": "", "heads": []}
-    along = vector / seen
+    along = vector / projectedble
     across = np.array([-along[1], along[0]])
     tail, tip = place, place + length * vector
     wide, closed = 3.0, ""
@@ -268,16 +270,16 @@ def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) 
         point = tip - back * along
         left = point - _HEAD * along + wide * across
         right = point - _HEAD * along - wide * across
-        heads.append(_path(left, point, right) + closed)
-    return {"kind": kind, "shaft": _path(tail, tip), "heads": heads}
+        heads.append(_svg_path(left, point, right) + closed)
+    return {"kind": kind, "shaft": _svg_path(tail, tip), "heads": heads}
 
 
-def _path(*points: _Real) -> str:
+def _svg_path(*points: _Real) -> str:
     """Return a polyline as an SVG path."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
 
-def _labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
+def _place_labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
     """Return labels in two columns, left and right; empty if they do not fit.
 
     Each label is in the column nearest to its node. The arrows have titles in any case.
@@ -287,12 +289,12 @@ def _labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
     if half * _LABEL_GAP > _HEIGHT - 2 * _LABEL_GAP:
         return []
     # Keep the lower left free for the axes.
-    left = _column(items, at, by_x[:half], "end", _SIDE, _HEIGHT - 5 * _LABEL_GAP)
-    right = _column(items, at, by_x[half:], "start", _WIDTH - _SIDE, _HEIGHT - _LABEL_GAP)
+    left = _place_column(items, at, by_x[:half], "end", _SIDE, _HEIGHT - 5 * _LABEL_GAP)
+    right = _place_column(items, at, by_x[half:], "start", _WIDTH - _SIDE, _HEIGHT - _LABEL_GAP)
     return left + right
 
 
-def _column(
+def _place_column(
     items: Sequence[Callout],
     at: _Real,
     chosen: NDArray[np.intp],
@@ -302,14 +304,14 @@ def _column(
 ) -> list[dict[str, Any]]:
     """Return the labels of one column, from top to bottom."""
     ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
-    heights = spread(at[ordered, 1], _LABEL_GAP, _LABEL_GAP, lowest)
+    heights = spread_heights(at[ordered, 1], _LABEL_GAP, _LABEL_GAP, lowest)
     gap = -4.0 if anchor == "end" else 4.0
     out = []
     for i, y in zip(ordered.tolist(), heights.tolist(), strict=True):
         out.append(
             {
                 "kind": "label force" if items[i].forces else "label",
-                "leader": _path(np.array([x, y]), at[i]),
+                "leader": _svg_path(np.array([x, y]), at[i]),
                 "x": x + gap,
                 "y": y + 4.0,
                 "anchor": anchor,
@@ -319,7 +321,9 @@ def _column(
     return out
 
 
-def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
+def spread_heights(
+    wanted: NDArray[np.float64], gap: float, low: float, high: float
+) -> NDArray[np.float64]:
     """Return ascending heights near `wanted`, at least `gap` apart, between `low` and `high`.
 
     Parameters
@@ -343,36 +347,36 @@ def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> 
 
 
 # -- picture -------------------------------------------------------------------------------------
-def _view(
-    scene: Scene, callouts: Sequence[Callout], name: str, *, labelled: bool
+def _draw_view(
+    scene: PictureScene, callouts: Sequence[Callout], name: str, *, labelled: bool
 ) -> dict[str, Any]:
     """Return the elements of the picture from one viewpoint."""
     view = camera(*VIEWS[name])
-    seen = scene.xyz @ view.T  # columns: right, up, towards the viewer
-    to_picture = _Projection(scene, seen)
-    xy = to_picture(seen)
+    projected = scene.xyz @ view.T  # columns: right, up, towards the viewer
+    to_picture = _Projection(scene, projected)
+    xy = to_picture(projected)
     at = to_picture(np.array([c.xyz for c in callouts]).reshape(-1, 3) @ view.T)
     return {
         "name": name,
-        "layers": _layers(scene, xy, seen[:, 2]),
-        "squares": _squares(scene, xy),
-        "callouts": [_drawn(c, place, view) for c, place in zip(callouts, at, strict=True)],
-        "labels": _labels(callouts, at) if labelled and callouts else [],
-        "axes": _axes(view),
+        "layers": _draw_layers(scene, xy, projected[:, 2]),
+        "squares": _draw_squares(scene, xy),
+        "callouts": [_draw_callout(c, place, view) for c, place in zip(callouts, at, strict=True)],
+        "labels": _place_labels(callouts, at) if labelled and callouts else [],
+        "axes": _draw_axes(view),
     }
 
 
 class _Projection:
     """The map from view axes, shape (n, 3), to picture coordinates, shape (n, 2)."""
 
-    def __init__(self, scene: Scene, seen: _Real) -> None:
-        used = np.arange(len(seen))
+    def __init__(self, scene: PictureScene, projected: _Real) -> None:
+        used = np.arange(len(projected))
         if len(scene.lines):
             lumps = [np.empty(0, dtype=np.intp), *scene.lumps.values()]
             used = np.union1d(scene.lines, np.concatenate(lumps).astype(np.intp))
-        low, high = seen[used, :2].min(axis=0), seen[used, :2].max(axis=0)
+        low, high = projected[used, :2].min(axis=0), projected[used, :2].max(axis=0)
         free = np.array([_WIDTH - 2 * (_SIDE + _ARROW), _HEIGHT - 2 * (_MARGIN + _ARROW)])
-        least = 1e-9 * max(float(np.ptp(seen)), 1e-300)
+        least = 1e-9 * max(float(np.ptp(projected)), 1e-300)
         self.scale = float(np.min(free / np.maximum(high - low, least)))
         self.middle = (low + high) / 2
 
@@ -389,7 +393,7 @@ def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
     return np.array([right, np.cross(eye, right), eye])
 
 
-def _layers(scene: Scene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]:
+def _draw_layers(scene: PictureScene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]:
     """Return one path per group in each third of the depth, from back to front."""
     if not len(scene.lines):
         return []
@@ -400,13 +404,13 @@ def _layers(scene: Scene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]
         paths = []
         for group in np.unique(scene.group[third == number]).tolist():
             chosen = scene.lines[(third == number) & (scene.group == group)]
-            d = "".join(_path(*ends) for ends in xy[chosen])
+            d = "".join(_svg_path(*ends) for ends in xy[chosen])
             paths.append({"colour": scene.colour(group), "d": d, "title": scene.title(group)})
         layers.append(paths)
     return layers
 
 
-def _squares(scene: Scene, xy: _Real) -> list[dict[str, Any]]:
+def _draw_squares(scene: PictureScene, xy: _Real) -> list[dict[str, Any]]:
     """Return squares at the nodes of groups without lines; several at a node are in a row."""
     out = []
     taken: dict[int, int] = {}
@@ -419,20 +423,22 @@ def _squares(scene: Scene, xy: _Real) -> list[dict[str, Any]]:
     return out
 
 
-def _drawn(callout: Callout, place: _Real, camera: _Real) -> dict[str, Any]:
+def _draw_callout(callout: Callout, place: _Real, camera: _Real) -> dict[str, Any]:
     """Return the arrows of a callout."""
     axes = callout.axes @ camera.T * [1.0, -1.0, 1.0]
-    arrows = [_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
-    arrows += [_arrow(place, d, axes, 1.25 * _ARROW, "force") for d in callout.forces]
+    arrows = [_draw_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
+    arrows += [_draw_arrow(place, d, axes, 1.25 * _ARROW, "force") for d in callout.forces]
     return {"text": callout.text, "x": place[0], "y": place[1], "arrows": arrows}
 
 
-def _axes(camera: _Real) -> list[dict[str, Any]]:
+def _draw_axes(camera: _Real) -> list[dict[str, Any]]:
     """Return the directions of X, Y and Z, drawn at the lower left."""
     origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
     out = []
     for name, direction in zip("XYZ", camera.T, strict=True):
         flat = direction[:2] * [1.0, -1.0]
         x, y = origin + (length + 10.0) * flat
-        out.append({"name": name, "d": _path(origin, origin + length * flat), "x": x, "y": y + 4.0})
+        out.append(
+            {"name": name, "d": _svg_path(origin, origin + length * flat), "x": x, "y": y + 4.0}
+        )
     return out

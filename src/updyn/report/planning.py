@@ -13,11 +13,11 @@ import numpy as np
 from updyn import __version__
 from updyn.planning.criteria import CRITERIA
 from updyn.planning.result import Plan
-from updyn.report.formats import counted, number, percentage, quantity_words, unknown
+from updyn.report.formats import counted, number, percentage, quantity_words, unknown_words
 from updyn.report.page import assemble
 from updyn.report.picture import picture
-from updyn.report.plots import Figure, existing, labels, log_bars, rows_height
-from updyn.report.section import Content, Section
+from updyn.report.plots import Figure, drop_missing, escape_labels, log_bars, rows_height
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template, write_page
 
 __all__ = ["write_plan"]
@@ -29,8 +29,8 @@ _LEAST = 1e-12
 #: Quantities by which a group is coloured; the first one that is an unknown is used.
 _QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor", "mass_damping", "stiffness_damping")
 _ABOUT = (
-    "Where the sensors and forces are, and how surely each part is expected to be known: its"
-    " stiffness, or where that is no unknown its mass, then its damping."
+    "Sensors and forces, and the expected standard deviation of each part: its stiffness, or, if"
+    " that is not an unknown, its mass, then its damping."
 )
 
 
@@ -69,7 +69,7 @@ def write_plan(plan: Plan, path: str | PathLike[str], title: str = "") -> Path:
 def render(plan: Plan, title: str = "") -> str:
     """Return the page as HTML."""
     title = title or "Test plan"
-    return assemble(Content(further={"plan": plan}), _head(plan, title), title, __version__)
+    return assemble(PageContent(further={"plan": plan}), _head(plan, title), title, __version__)
 
 
 def _head(plan: Plan, title: str) -> str:
@@ -83,10 +83,10 @@ def _head(plan: Plan, title: str) -> str:
         f" {number(high)} Hz; noise {percentage(plan.noise['relative'])} of |H|, floor"
         f" {percentage(plan.noise['floor'])} of the rms"
     )
-    worst = max(plan.std, key=lambda name: _relative(plan, name))
+    worst = max(plan.std, key=lambda name: _relative_std(plan, name))
     verdict = (
         f"The least known of {counted(len(plan.parameters), 'unknown')} is expected to be the"
-        f" {unknown(worst)}, to ±{_shown(plan, worst)} (one standard deviation)."
+        f" {unknown_words(worst)}, to ±{_format_std(plan, worst)} (one standard deviation)."
     )
     notes = []
     if plan.draws:
@@ -127,23 +127,23 @@ def _key_figures(plan: Plan) -> list[tuple[str, str, str]]:
     return out
 
 
-def _relative(plan: Plan, name: str) -> float:
+def _relative_std(plan: Plan, name: str) -> float:
     """Return a standard deviation, divided by the start value for a factor."""
     p = plan.parameters[plan.parameters.names.index(name)]
     return plan.std[name] / p.start if p.is_factor else plan.std[name]
 
 
-def _shown(plan: Plan, name: str) -> str:
+def _format_std(plan: Plan, name: str) -> str:
     """Return a standard deviation as text, in percent for a factor."""
     p = plan.parameters[plan.parameters.names.index(name)]
-    return percentage(_relative(plan, name)) if p.is_factor else number(plan.std[name], 2)
+    return percentage(_relative_std(plan, name)) if p.is_factor else number(plan.std[name], 2)
 
 
 # -- sections ------------------------------------------------------------------------------------
-class PlanSection(Section):
+class PlanSection(ReportSection):
     """A section of the page of a plan."""
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page describes a plan and not an update."""
         return content.update is None
 
@@ -157,7 +157,7 @@ class LayoutSection(PlanSection):
     place = 100
     template = "updyn.report/plan_layout.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the picture and the table of sensors and forces."""
         plan: Plan = content.further["plan"]
         rows = []
@@ -167,10 +167,10 @@ class LayoutSection(PlanSection):
         ):
             for place, (label, gain) in enumerate(zip(chosen, gains, strict=True)):
                 rows.append([label, kind, percentage(gain) if place else "first"])
-        return {"picture": _picture(plan), "rows": rows}
+        return {"picture": _draw_structure(plan), "rows": rows}
 
 
-class ExpectedSection(PlanSection):
+class ExpectedUncertaintySection(PlanSection):
     """Expected standard deviations."""
 
     anchor = "expected"
@@ -179,14 +179,14 @@ class ExpectedSection(PlanSection):
     place = 200
     template = "updyn.report/plan_expected.html"
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return bars by unknown, one figure for factors and one for other values."""
         plan: Plan = content.further["plan"]
         factors: dict[str, float] = {}
         others: dict[str, float] = {}
         for p in plan.parameters:
-            (factors if p.is_factor else others)[p.name] = _relative(plan, p.name)
-        return existing(
+            (factors if p.is_factor else others)[p.name] = _relative_std(plan, p.name)
+        return drop_missing(
             {
                 "factors": log_bars(
                     {name: 100.0 * value for name, value in factors.items()},
@@ -196,7 +196,7 @@ class ExpectedSection(PlanSection):
             }
         )
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the table of standard deviations."""
         plan: Plan = content.further["plan"]
         head = ["unknown", "start", "standard deviation"]
@@ -215,18 +215,18 @@ class WorthSection(PlanSection):
     """The information gained from each sensor, force and part of the band."""
 
     anchor = "worth"
-    name = "What more is worth"
-    heading = "What more is worth"
+    name = "Gain from more data"
+    heading = "Gain from more data"
     place = 300
     template = "updyn.report/plan_worth.html"
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return bars of gains."""
         plan: Plan = content.further["plan"]
         parts = {f"{part.low:.4g} to {part.high:.4g} Hz": part.gain for part in plan.parts}
-        sensors = _worth(plan.responses, plan.gain, plan.further)
-        forces = _worth(plan.references, plan.reference_gain, plan.further_references)
-        return existing(
+        sensors = _collect_gains(plan.responses, plan.gain, plan.further)
+        forces = _collect_gains(plan.references, plan.reference_gain, plan.further_references)
+        return drop_missing(
             {
                 "sensors": _gain_bars(sensors, len(plan.responses) - 1),
                 "forces": _gain_bars(forces, len(plan.references) - 1),
@@ -234,7 +234,7 @@ class WorthSection(PlanSection):
             }
         )
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return name, heading and caption of each figure."""
         filled = "Filled: chosen, each after those above it; hollow: the next ones."
         return {
@@ -255,40 +255,42 @@ class RivalsSection(PlanSection):
     place = 400
     template = "updyn.report/plan_criteria.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether other criteria were requested."""
         return content.update is None and bool(content.further["plan"].rivals)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the table of layouts by criterion."""
         plan: Plan = content.further["plan"]
-        rows = [_row(plan.criterion, "1", plan.responses, plan.references)]
+        rows = [_layout_row(plan.criterion, "1", plan.responses, plan.references)]
         for rival in plan.rivals:
             ratio = rival.note or number(rival.ratio, 3)
-            rows.append(_row(rival.criterion, ratio, rival.responses, rival.references))
+            rows.append(_layout_row(rival.criterion, ratio, rival.responses, rival.references))
         return {"rows": rows}
 
 
-def _row(name: str, ratio: str, responses: Sequence[str], references: Sequence[str]) -> list[str]:
+def _layout_row(
+    name: str, ratio: str, responses: Sequence[str], references: Sequence[str]
+) -> list[str]:
     source = CRITERIA[name].source
     return [name, ratio, ", ".join(responses), ", ".join(references), source]
 
 
 LAYOUT = LayoutSection()
-EXPECTED = ExpectedSection()
+EXPECTED = ExpectedUncertaintySection()
 WORTH = WorthSection()
 RIVALS = RivalsSection()
 
 
 # -- picture -------------------------------------------------------------------------------------
-def _picture(plan: Plan) -> str:
+def _draw_structure(plan: Plan) -> str:
     """Return the picture of the structure, groups coloured by their expected standard deviation."""
     known: dict[str, tuple[str, float]] = {}
     for quantity in _QUANTITIES:
         for p in plan.parameters:
             for drive in p.acts_on:
                 if drive.quantity == quantity:
-                    known.setdefault(drive.group, (p.name, _relative(plan, p.name)))
+                    known.setdefault(drive.group, (p.name, _relative_std(plan, p.name)))
     if not known:
         return ""
     logs = {
@@ -299,7 +301,7 @@ def _picture(plan: Plan) -> str:
     for group, (name, _) in known.items():
         step = 1 + round((_STEPS - 1) * (logs[group] - low) / (high - low))
         quantity = quantity_words(name.rpartition(".")[2])
-        parts[group] = (f"s-{step}", f"{group}: {quantity} ±{_shown(plan, name)}")
+        parts[group] = (f"s-{step}", f"{group}: {quantity} ±{_format_std(plan, name)}")
     scale = []
     for step in range(1, _STEPS + 1):
         std = math.exp(low + (high - low) * (step - 1) / (_STEPS - 1))
@@ -317,7 +319,7 @@ def _picture(plan: Plan) -> str:
 
 
 # -- figures -------------------------------------------------------------------------------------
-def _worth(
+def _collect_gains(
     chosen: Sequence[str], gains: Sequence[float], further: Sequence[Any]
 ) -> dict[str, float]:
     """Return gains by label: the chosen DOFs without the first, then the next candidates."""
@@ -353,7 +355,7 @@ def _gain_bars(gains: Mapping[str, float], chosen: int) -> Figure | None:
         },
         "yaxis": {
             "tickvals": rows,
-            "ticktext": labels(gains),
+            "ticktext": escape_labels(gains),
             "range": [len(gains) - 0.4, -0.6],
             "zeroline": False,
             "showgrid": False,

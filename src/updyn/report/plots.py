@@ -28,10 +28,12 @@ __all__ = [
     "categories",
     "colour_bar",
     "curve",
+    "drop_missing",
+    "encode_array",
+    "encode_numbers",
     "error_bars",
-    "existing",
-    "label",
-    "labels",
+    "escape_label",
+    "escape_labels",
     "level_line",
     "linear_frequency",
     "log_bars",
@@ -39,11 +41,10 @@ __all__ = [
     "log_range",
     "log_step",
     "names_font",
-    "numbers",
     "phases",
     "rows_height",
-    "stacked",
-    "with_peaks",
+    "stack_panels",
+    "thin_indices",
     "wrapped_phase",
 ]
 
@@ -65,33 +66,37 @@ SEQUENTIAL = colour_scale(style.SEQUENTIAL)
 PRINTED_CELLS = 150
 
 
-def existing(made: Mapping[str, Figure | None]) -> dict[str, Figure]:
+def drop_missing(made: Mapping[str, Figure | None]) -> dict[str, Figure]:
     """Return the figures that are not None, by name."""
     return {name: figure for name, figure in made.items() if figure is not None}
 
 
-def label(text: str) -> str:
+def escape_label(text: str) -> str:
     """Return `text` escaped for plotly, which interprets HTML in labels."""
     return html.escape(text, quote=False)
 
 
-def labels(texts: Iterable[str]) -> list[str]:
+def escape_labels(texts: Iterable[str]) -> list[str]:
     """Return `texts` escaped for plotly."""
-    return list(map(label, texts))
+    return list(map(escape_label, texts))
 
 
-def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
+def encode_numbers(values: ArrayLike, *, packed: bool = True) -> Any:
     """Return an array for plotly: a list (None if not finite), or base64 float32 if long."""
     array = np.asarray(values, dtype=np.float64)
     if array.size <= 400 or not packed:
         listed = array.astype(object)
         listed[~np.isfinite(array)] = None
         return listed.tolist()
-    text = base64.b64encode(np.ascontiguousarray(array, dtype="<f4").tobytes()).decode("ascii")
-    out = {"dtype": "f4", "bdata": text}
+    out = {"dtype": "f4", "bdata": encode_array(array, "<f4")}
     if array.ndim > 1:
         out["shape"] = ", ".join(map(str, array.shape))
     return out
+
+
+def encode_array(array: NDArray[Any], dtype: str) -> str:
+    """Return an array as base64 text of a number type."""
+    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
 
 
 def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]:
@@ -99,8 +104,8 @@ def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]
     return {
         "type": "data",
         "symmetric": False,
-        "array": numbers(plus),
-        "arrayminus": numbers(minus),
+        "array": encode_numbers(plus),
+        "arrayminus": encode_numbers(minus),
         "color": colour,
         "thickness": 1.6,
         "width": 4,
@@ -149,7 +154,7 @@ def categories(names: Sequence[str], title: str) -> dict[str, Any]:
     return {
         "title": {"text": title},
         "tickvals": list(range(len(names))),
-        "ticktext": labels(names),
+        "ticktext": escape_labels(names),
         "showgrid": False,
         "zeroline": False,
         "tickfont": names_font(names),
@@ -184,7 +189,7 @@ class Panel:
     marks: tuple[float, ...] = ()
 
 
-def stacked(
+def stack_panels(
     panels: Sequence[Panel], x: dict[str, Any], height: int, marks: Sequence[float] = ()
 ) -> Figure:
     """Return a figure of panels, from top to bottom, over a common x axis.
@@ -212,9 +217,9 @@ def stacked(
         for trace in panel.traces:
             traces.append(trace | {"xaxis": "x", "yaxis": axis})
         for at in panel.marks:
-            shapes.append(_across(axis, at))
+            shapes.append(_horizontal_line(axis, at))
         top = bottom - _GAP
-    shapes += map(_through, marks)
+    shapes += map(_vertical_line, marks)
     layout["xaxis"] = {"anchor": axis, "zeroline": False, **x}
     if shapes:
         layout["shapes"] = shapes
@@ -288,17 +293,17 @@ def curve(
     drawn: dict[str, Any] = {"mode": "lines"}
     if np.size(x) == 1:
         drawn = {"mode": "markers", "marker": {"color": colour, "size": 7}}
-    said = f"%{{x:.5g}} Hz: {label(name)} %{{y:.4g}} {label(unit)}".rstrip()
+    hover = f"%{{x:.5g}} Hz: {escape_label(name)} %{{y:.4g}} {escape_label(unit)}".rstrip()
     return {
         "type": "scatter",
         **drawn,
-        "name": label(name),
-        "legendgroup": label(name),
+        "name": escape_label(name),
+        "legendgroup": escape_label(name),
         "showlegend": legend,
-        "x": numbers(x),
-        "y": numbers(y),
+        "x": encode_numbers(x),
+        "y": encode_numbers(y),
         "line": {"color": colour, "width": width, "dash": dash},
-        "hovertemplate": f"{said}<extra></extra>",
+        "hovertemplate": f"{hover}<extra></extra>",
     }
 
 
@@ -310,15 +315,15 @@ def band_traces(
     edge: dict[str, Any] = {
         "type": "scatter",
         "mode": "lines",
-        "x": numbers(x),
+        "x": encode_numbers(x),
         "hoverinfo": "skip",
         "line": {"width": 0, "color": "@after"},
-        "legendgroup": label(name),
+        "legendgroup": escape_label(name),
     }
-    lower = {"y": numbers(_off_zero(low, tiny)), "showlegend": False}
+    lower = {"y": encode_numbers(_avoid_zeros(low, tiny)), "showlegend": False}
     upper = {
-        "name": label(name),
-        "y": numbers(_off_zero(high, tiny)),
+        "name": escape_label(name),
+        "y": encode_numbers(_avoid_zeros(high, tiny)),
         "showlegend": legend,
         "fill": "tonexty",
         "fillcolor": "@after-faint",
@@ -326,12 +331,12 @@ def band_traces(
     return [edge | lower, edge | upper]
 
 
-def _off_zero(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
+def _avoid_zeros(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
     array = np.asarray(values, dtype=np.float64)
     return np.where(np.abs(array) < tiny, tiny, array)
 
 
-def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
+def thin_indices(values: ArrayLike, limit: int) -> NDArray[np.intp]:
     """Return ascending positions of the minimum and maximum of each interval, at most `limit`."""
     array = np.asarray(values, dtype=np.float64)
     if len(array) <= limit:
@@ -371,7 +376,7 @@ def level_line(x: ArrayLike, at: float, name: str) -> dict[str, Any]:
     return curve(ends, [at, at], name, "@before", dash="dash", width=1.5)
 
 
-def _across(axis: str, at: float) -> dict[str, Any]:
+def _horizontal_line(axis: str, at: float) -> dict[str, Any]:
     line = {"color": "@muted", "dash": "dot", "width": 1}
     return {
         "type": "line",
@@ -385,7 +390,7 @@ def _across(axis: str, at: float) -> dict[str, Any]:
     }
 
 
-def _through(at: float) -> dict[str, Any]:
+def _vertical_line(at: float) -> dict[str, Any]:
     line = {"color": "@muted", "dash": "dot", "width": 1}
     return {
         "type": "line",
@@ -428,11 +433,11 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
         "orientation": "h",
         "x": sizes.tolist(),
         "y": rows,
-        "text": _bar_texts(list(known.values())),
+        "text": _format_bars(list(known.values())),
         "textposition": "outside",
         "cliponaxis": False,
         "marker": {"color": "@after"},
-        "hovertext": [f"{label(name)}: {v:.4g}" for name, v in known.items()],
+        "hovertext": [f"{escape_label(name)}: {v:.4g}" for name, v in known.items()],
         "hoverinfo": "text",
     }
     layout: dict[str, Any] = {
@@ -446,7 +451,7 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
         },
         "yaxis": {
             "tickvals": rows,
-            "ticktext": labels(known),
+            "ticktext": escape_labels(known),
             "range": [len(known) - 0.4, -0.6],
             "zeroline": False,
             "showgrid": False,
@@ -455,18 +460,18 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
         "bargap": 0.35,
     }
     if mark is not None:
-        layout["shapes"] = [_mark(mark)]
+        layout["shapes"] = [_mark_line(mark)]
     return {"data": [trace], "height": rows_height(len(known), extra=95), "layout": layout}
 
 
-def _bar_texts(values: Sequence[float]) -> list[str]:
+def _format_bars(values: Sequence[float]) -> list[str]:
     """Return the values as text, without decimals if all are integers."""
     if all(float(v).is_integer() for v in values):
         return [f"{v:.0f}" for v in values]
     return [number(v, 2) for v in values]
 
 
-def _mark(at: float) -> Mapping[str, Any]:
+def _mark_line(at: float) -> Mapping[str, Any]:
     return {
         "type": "line",
         "x0": at,

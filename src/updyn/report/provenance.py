@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.report.formats import extent, held_out, number, plain
-from updyn.report.section import Content, Section
+from updyn.report.formats import extent, number, option_words, validation_words
+from updyn.report.section import PageContent, ReportSection
 
 __all__ = ["PROVENANCE", "data_checksum", "model_checksum"]
 
@@ -26,14 +26,14 @@ def data_checksum(data: FRF | ModeSet) -> str:
     digest = hashlib.sha256()
     if isinstance(data, ModeSet):
         digest.update("\n".join(["modes", *data.dofs.labels]).encode())
-        digest.update(_packed(data.frequency, "<f8"))
-        digest.update(_packed(data.shapes, "<c16"))
-        digest.update(_packed(data.loss_factor, "<f8"))
+        digest.update(_to_bytes(data.frequency, "<f8"))
+        digest.update(_to_bytes(data.shapes, "<c16"))
+        digest.update(_to_bytes(data.loss_factor, "<f8"))
         return digest.hexdigest()
     frf = data
     digest.update("\n".join([frf.quantity, *frf.responses.labels, *frf.references.labels]).encode())
-    digest.update(_packed(frf.freq, "<f8"))
-    digest.update(_packed(frf.values, "<c16"))
+    digest.update(_to_bytes(frf.freq, "<f8"))
+    digest.update(_to_bytes(frf.values, "<c16"))
     return digest.hexdigest()
 
 
@@ -49,25 +49,25 @@ def model_checksum(model: Model) -> str:
         for what, value in group.damping.items():
             if what == "loss_table":
                 digest.update(f"\n{what}".encode())
-                digest.update(_packed(value.freq, "<f8"))
-                digest.update(_packed(value.relative, "<f8"))
+                digest.update(_to_bytes(value.freq, "<f8"))
+                digest.update(_to_bytes(value.relative, "<f8"))
             elif what != "loss_factor":
                 digest.update(f"\n{what} {value!r}".encode())
         for what in ("stiffness", "mass", "viscous"):
             matrix = getattr(group, what)
             digest.update(f"\n{what}".encode())
             if matrix is not None:
-                digest.update(_packed(matrix.indptr, "<i8"))
-                digest.update(_packed(matrix.indices, "<i8"))
-                digest.update(_packed(matrix.data, "<f8"))
+                digest.update(_to_bytes(matrix.indptr, "<i8"))
+                digest.update(_to_bytes(matrix.indices, "<i8"))
+                digest.update(_to_bytes(matrix.data, "<f8"))
     return digest.hexdigest()
 
 
-def _packed(array: ArrayLike, dtype: str) -> bytes:
+def _to_bytes(array: ArrayLike, dtype: str) -> bytes:
     return np.ascontiguousarray(array, dtype=dtype).tobytes()
 
 
-class Provenance(Section):
+class ProvenanceSection(ReportSection):
     """Options, lines, versions, checksums and times of the update."""
 
     anchor = "provenance"
@@ -76,7 +76,7 @@ class Provenance(Section):
     place = 9000
     template = "updyn.report/provenance.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the names and values of each table."""
         result = content.result
         data, start = result.data, result.start
@@ -90,9 +90,9 @@ class Provenance(Section):
                 ("source of the data", data.source or "not stated"),
                 ("model", f"{start.n_dofs} DOFs, groups: {', '.join(start.groups)}"),
                 (fitted, ", ".join(result.fitted_responses) or "none"),
-                ("held out", held_out(result) or "nothing"),
+                ("held out", validation_words(result) or "nothing"),
             ],
-            "options": [(name, plain(value)) for name, value in result.options.items()],
+            "options": [(name, option_words(value)) for name, value in result.options.items()],
             "lines": [f"{freq:.6g}" for freq in result.lines],
             "checksums": [
                 ("measured data", data_checksum(data)),
@@ -104,4 +104,4 @@ class Provenance(Section):
         }
 
 
-PROVENANCE = Provenance()
+PROVENANCE = ProvenanceSection()

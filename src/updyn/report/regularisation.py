@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from updyn.report.plots import Figure, existing, numbers
-from updyn.report.section import Content, Section
+from updyn.report.plots import Figure, drop_missing, encode_numbers
+from updyn.report.section import PageContent, ReportSection
 from updyn.updating.result import UpdateResult
 
-__all__ = ["HELD", "trade_off"]
+__all__ = ["REGULARISATION", "trade_off"]
 
 #: Descriptions of the choice of the regularisation strength.
 _HOW = {
@@ -21,7 +21,7 @@ _HOW = {
 }
 
 
-class Held(Section):
+class RegularisationSection(ReportSection):
     """Unknowns joined or excluded before the fit, and the regularisation of the fit."""
 
     anchor = "held"
@@ -30,18 +30,18 @@ class Held(Section):
     place = 700
     template = "updyn.report/held.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update with a parameter selection or regularisation."""
         if content.update is None:
             return False
         options = content.result.options
         return bool(options.get("selection") or options.get("regularisation"))
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the trade-off curve of the regularisation."""
-        return existing({"trade-off": trade_off(content.result)})
+        return drop_missing({"trade-off": trade_off(content.result)})
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the records of selection and regularisation."""
         options = content.result.options
         regularisation = options.get("regularisation") or {}
@@ -52,7 +52,7 @@ class Held(Section):
         }
 
 
-HELD = Held()
+REGULARISATION = RegularisationSection()
 
 
 def trade_off(result: UpdateResult) -> Figure | None:
@@ -63,33 +63,33 @@ def trade_off(result: UpdateResult) -> Figure | None:
     record = result.options.get("regularisation")
     if not record:
         return None
-    steps, said = record.get("strengths"), "strength %{text}"
+    steps, hover = record.get("strengths"), "strength %{text}"
     if record["how"] == "tsvd":
-        steps, said = record["numbers"], "%{text} directions"
+        steps, hover = record["numbers"], "%{text} directions"
     distance = np.asarray(record["distance"], dtype=np.float64)
-    moved = np.flatnonzero(distance > 0.0)
+    nonzero = np.flatnonzero(distance > 0.0)
     curve = {
         "type": "scatter",
         "mode": "lines+markers",
         "name": "choices",
-        "x": numbers(np.asarray(record["misfit"])[moved]),
-        "y": numbers(distance[moved]),
-        "text": [f"{steps[i]:.3g}" for i in moved],
+        "x": encode_numbers(np.asarray(record["misfit"])[nonzero]),
+        "y": encode_numbers(distance[nonzero]),
+        "text": [f"{steps[i]:.3g}" for i in nonzero],
         "line": {"color": "@before"},
         "marker": {"size": 5},
-        "hovertemplate": f"{said}<br>misfit %{{x:.4g}}, distance %{{y:.3g}}<extra></extra>",
+        "hovertemplate": f"{hover}<br>misfit %{{x:.4g}}, distance %{{y:.3g}}<extra></extra>",
     }
-    here = {
+    current = {
         "type": "scatter",
         "mode": "markers",
         "name": "this fit",
-        "x": numbers([record["misfit here"]]),
-        "y": numbers([record["distance here"]]),
+        "x": encode_numbers([record["misfit here"]]),
+        "y": encode_numbers([record["distance here"]]),
         "marker": {"symbol": "diamond", "size": 12, "color": "@after"},
         "hovertemplate": "this fit: misfit %{x:.4g}, distance %{y:.3g}<extra></extra>",
     }
     return {
-        "data": [curve, here],
+        "data": [curve, current],
         "height": 320,
         "layout": {
             "xaxis": {"title": {"text": "misfit"}, "type": "log"},

@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from updyn.report.agreement import level_difference
 from updyn.report.data import ReportData
-from updyn.report.formats import counted, noise_is_fitted, number, plain, unknown
+from updyn.report.formats import counted, noise_is_fitted, number, option_words, unknown_words
 from updyn.report.plots import (
     MODEL_COLOURS,
     SEQUENTIAL,
     Figure,
     categories,
     colour_bar,
-    existing,
-    label,
-    labels,
+    drop_missing,
+    encode_numbers,
+    escape_label,
+    escape_labels,
     log_step,
-    numbers,
     rows_height,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 
 __all__ = [
@@ -39,7 +39,7 @@ __all__ = [
 
 #: Value and hint of the key figure, by the outcome of the residual test.
 _TILES = {
-    "noise": ("noise", "nothing speaks against the model"),
+    "noise": ("noise", "consistent with the model"),
     "structure": ("model error", "the model cannot follow the data everywhere"),
     "excess": ("more than noise", "but not serially correlated"),
     "exact": ("none", "the model fits the data exactly"),
@@ -62,7 +62,7 @@ def residual_tile(found: Adequacy) -> tuple[str, str, str]:
 
 
 # -- residual ------------------------------------------------------------------------------------
-class Residual(Section):
+class ResidualSection(ReportSection):
     """The residual: its size, tests of it against noise, and parameters that would explain it."""
 
     anchor = "residual"
@@ -72,9 +72,9 @@ class Residual(Section):
     template = "updyn.report/residual.html"
     needs_frfs = True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the misfit map, the level differences and the residual by channel."""
-        return existing(
+        return drop_missing(
             {
                 "misfit-map": misfit_map(content.result.adequacy),
                 "level-differences": level_differences(content.data),
@@ -82,7 +82,7 @@ class Residual(Section):
             }
         )
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the outcome of the tests, the worst channels and bands, and the suspects."""
         found = content.result.adequacy
         if found is None:
@@ -92,16 +92,16 @@ class Residual(Section):
             "verdict": "" if found.verdict in content.result.message else found.verdict,
             "n_channels": found.misfit.shape[0] * found.misfit.shape[1],
             "n_shown": len(shown_channels(found)),
-            "places": list(map(_place, found.worst)),
-            "suspects": list(map(_suspect, found.explained_by)),
+            "places": list(map(_format_misfit, found.worst)),
+            "suspects": list(map(_format_suspect, found.explained_by)),
             "confirmed": all(suspect.confirmed for suspect in found.explained_by),
         }
 
 
-RESIDUAL = Residual()
+RESIDUAL = ResidualSection()
 
 
-def _place(place: Misfit) -> list[str]:
+def _format_misfit(place: Misfit) -> list[str]:
     """Return the table cells of a channel and band with a suspicious residual."""
     correlated = "–"
     if place.kind == "structure":
@@ -112,16 +112,16 @@ def _place(place: Misfit) -> list[str]:
         number(place.near),
         number(place.misfit, 3),
         correlated,
-        _p_value(place.chi_square_p),
-        _p_value(place.whiteness_p),
+        _format_p_value(place.chi_square_p),
+        _format_p_value(place.whiteness_p),
     ]
 
 
-def _p_value(value: float) -> str:
+def _format_p_value(value: float) -> str:
     return "< 10⁻⁹" if value < 1e-9 else number(value, 2)
 
 
-def _suspect(suspect: Suspect) -> list[str]:
+def _format_suspect(suspect: Suspect) -> list[str]:
     """Return the table cells of a quantity that would explain the residual."""
     if suspect.quantity == "loss_factor":
         change = f"{suspect.change:+.2g}".replace("-", "−")
@@ -129,7 +129,7 @@ def _suspect(suspect: Suspect) -> list[str]:
         way = "up" if suspect.change > 0 else "down"
         change = f"{way} by {number(100.0 * abs(math.expm1(suspect.change)), 2)} %"
     return [
-        unknown(suspect.name),
+        unknown_words(suspect.name),
         f"{100.0 * suspect.explains:.0f} %",
         change,
         f"{100.0 * suspect.energy:.0f} %",
@@ -157,12 +157,14 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
     if not len(at):
         return None
     names = [f"{found.responses[i]} / {found.references[j]}" for i, j in at]
-    edges = _edges(found.bands)
+    edges = _find_edges(found.bands)
     height = max(rows_height(len(names), extra=110), 190)
-    marks = _marks(found, at, edges)
+    marks = _mark_traces(found, at, edges)
     trace = {
         "type": "heatmap",
-        "z": numbers(np.log10(np.clip(found.misfit[tuple(at.T)], _BOTTOM, _TOP)), packed=False),
+        "z": encode_numbers(
+            np.log10(np.clip(found.misfit[tuple(at.T)], _BOTTOM, _TOP)), packed=False
+        ),
         "x": edges.tolist(),
         "y": list(range(len(names))),
         "zmin": float(np.log10(_BOTTOM)),
@@ -198,7 +200,7 @@ def _colour_bar(found: Adequacy, height: int) -> dict[str, Any]:
     return colour_bar(title, np.log10(_TICKS).tolist(), height) | {"ticktext": texts}
 
 
-def _edges(bands: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_edges(bands: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the edges of the bands, halfway between neighbouring bands, shape (n_bands + 1,)."""
     inner = 0.5 * (bands[:-1, 1] + bands[1:, 0])
     low, high = float(bands[0, 0]), float(bands[-1, 1])
@@ -209,7 +211,8 @@ def _edges(bands: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
     """Return the hover texts of the cells of one channel."""
-    where = f"response {label(found.responses[i])}<br>reference {label(found.references[j])}"
+    response, reference = escape_label(found.responses[i]), escape_label(found.references[j])
+    where = f"response {response}<br>reference {reference}"
     unit = "noise" if found.absolute else "typical misfit"
     out = []
     for k, (low, high) in enumerate(found.bands.tolist()):
@@ -228,7 +231,7 @@ def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
     return out
 
 
-def _marks(
+def _mark_traces(
     found: Adequacy, at: NDArray[np.intp], edges: NDArray[np.float64]
 ) -> list[dict[str, Any]]:
     """Return marks on the cells that fail the test of correlation or the test of size."""
@@ -236,13 +239,13 @@ def _marks(
     large = (found.chi_square_p[tuple(at.T)] <= found.level) & ~correlated
     marks = []
     if correlated.any():
-        marks.append(_mark("serially correlated", correlated, "diamond", edges))
+        marks.append(_mark_trace("serially correlated", correlated, "diamond", edges))
     if large.any():
-        marks.append(_mark("too large", large, "circle", edges))
+        marks.append(_mark_trace("too large", large, "circle", edges))
     return marks
 
 
-def _mark(
+def _mark_trace(
     name: str, where: NDArray[np.bool_], symbol: str, edges: NDArray[np.float64]
 ) -> dict[str, Any]:
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -265,12 +268,12 @@ def _mark(
 
 # -- noise ---------------------------------------------------------------------------------------
 _NOISE_WORDS = {
-    "kind": "how the noise is known",
+    "kind": "source of the noise model",
     "relative": "part proportional to the level",
     "floor": "floor",
     "relative_by_channel": "part proportional to the level, by response",
     "floor_by_channel": "floor, by response",
-    "spread": "residual, as if all values were equally sure",
+    "spread": "residual, all values weighted equally",
     "modes": "modes fitted",
     "frequency": "frequencies, standard deviation as a share",
     "shape": "shapes, standard deviation as a share of their rms",
@@ -280,7 +283,7 @@ _NOISE_WORDS = {
     "frequency_rms": "frequencies, rms of model over measured less 1",
     "shape_rms": "shapes, root of the mean of 1 - MAC",
     "lowest_mac": "lowest MAC of a pair",
-    "left_out": "measured modes like none of the model",
+    "left_out": "measured modes without a counterpart in the model",
     "chi_square": "reduced chi-square",
     "degrees_of_freedom": "degrees of freedom of the estimate",
     "correlation_length": "lines over which the residual is correlated",
@@ -289,12 +292,12 @@ _NOISE_WORDS = {
     "not_known": "unknowns without an interval, for errors of the model",
     "robust": "outliers",
     "down_weighted": "share of values with less than a tenth of their weight",
-    "down_weighted_lines": "lines half of whose values do, Hz",
-    "down_weighted_channels": "channels half of whose values do",
+    "down_weighted_lines": "lines with at least half of the values so weighted, Hz",
+    "down_weighted_channels": "channels with at least half of the values so weighted",
 }
 
 
-class Noise(Section):
+class NoiseSection(ReportSection):
     """The noise model."""
 
     anchor = "noise"
@@ -303,7 +306,7 @@ class Noise(Section):
     place = 1100
     template = "updyn.report/noise.html"
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the noise model, and sentences that compare it with the residual."""
         noise = content.result.noise
         chi = noise.get("chi_square")
@@ -314,12 +317,12 @@ class Noise(Section):
             sentences.append(_outlier_sentence(noise))
         items = []
         for key, value in noise.items():
-            text = number(value) if isinstance(value, float) else plain(value)
+            text = number(value) if isinstance(value, float) else option_words(value)
             items.append((_NOISE_WORDS.get(key, key), text))
         return {"sentences": sentences, "items": items}
 
 
-NOISE = Noise()
+NOISE = NoiseSection()
 
 
 def _chi_sentence(chi: float, noise: Mapping[str, Any]) -> str:
@@ -344,14 +347,14 @@ def _outlier_sentence(noise: Mapping[str, Any]) -> str:
     """Return a sentence on the values that the robust weights nearly exclude."""
     share = float(noise["down_weighted"])
     if share == 0.0:
-        return "No value stands out: all keep more than a tenth of their weight."
+        return "No outliers: all values keep more than a tenth of their weight."
     lines = noise.get("down_weighted_lines", ())
     channels = noise.get("down_weighted_channels", ())
     whole = []
     if lines:
-        whole.append(f"the lines {plain(lines)} Hz")
+        whole.append(f"the lines {option_words(lines)} Hz")
     if channels:
-        whole.append(f"the channels {plain(channels)}")
+        whole.append(f"the channels {option_words(channels)}")
     among = ""
     if whole:
         among = f" Among them at least half of {' and '.join(whole)}."
@@ -395,8 +398,8 @@ def _histogram(data: ReportData, computed: NDArray[np.complex128], name: str) ->
         "type": "scatter",
         "mode": "lines",
         "name": name,
-        "x": numbers(0.5 * (edges[1:] + edges[:-1])),
-        "y": numbers(100.0 * counts / max(level.size, 1)),
+        "x": encode_numbers(0.5 * (edges[1:] + edges[:-1])),
+        "y": encode_numbers(100.0 * counts / max(level.size, 1)),
         "line": {"color": MODEL_COLOURS[name], "shape": "hvh", "dash": "solid"},
         "fill": "none",
         "fillcolor": "@after-faint",
@@ -435,7 +438,7 @@ def residual_by_channel(data: ReportData) -> Figure | None:
         "title": {"text": "channel: response / reference"},
         "zeroline": False,
         "tickvals": list(range(len(names))),
-        "ticktext": labels(names),
+        "ticktext": escape_labels(names),
         "tickangle": -50,
         "range": [-0.6, len(names) - 0.4],
     }
@@ -470,8 +473,8 @@ def _channel_trace(
         "mode": "markers",
         "name": name,
         "x": list(range(len(names))),
-        "y": numbers(percent),
-        "text": labels(names),
+        "y": encode_numbers(percent),
+        "text": escape_labels(names),
         "marker": {
             "color": MODEL_COLOURS[name],
             "symbol": symbol,

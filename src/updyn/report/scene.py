@@ -20,7 +20,7 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 from updyn.style import STATES
 from updyn.updating.judge.modal_table import ModalRow, ModalTable, ModeEntry
 from updyn.updating.modes import LARGEST
@@ -39,7 +39,7 @@ from updyn.viewer.scene import (
     Scene,
 )
 
-__all__ = ["deviations", "scene_of", "sensors_of"]
+__all__ = ["colour_by_std", "scene_of", "sensors_of"]
 
 #: Largest number of mode displacements on a page (1.6 MB), and the smallest number of modes.
 _MOST_DISPLACEMENTS = 600_000
@@ -61,7 +61,7 @@ _START_LOOKS = {"start": (STATES["start"], "surface"), "test": (STATES["measured
 
 
 def scene_of(
-    content: Content,
+    content: PageContent,
     models: Mapping[str, Model],
     data: Sequence[FRF | ModeSet],
     colourings: Sequence[Colouring],
@@ -100,12 +100,14 @@ def scene_of(
     bodies, notes, colourings = [body], [], list(colourings)
     modes: ModeShapes | None = None
     operating: OperatingShapes | None = None
-    seen = np.isin(geometry.nodes, [Dof.parse(label).node for label in responses]).any()
-    if moves and seen:
-        measured = sensor_body(_drawn_geometry(geometry, data[0]), responses)
-        shapes = _Shapes.of(content.modes, models)
+    at_sensorssensor_nodes = np.isin(
+        geometry.nodes, [Dof.parse(label).node for label in responses]
+    ).any()
+    if moves and at_sensorssensor_nodes:
+        measured = sensor_body(_choose_geometry(geometry, data[0]), responses)
+        shapes = _ModalShapes.of(content.modes, models)
         if shapes is not None:
-            modes = shapes.shown(body, measured)
+            modes = shapes.make_layers(body, measured)
             energy = shapes.strain_energy()
             names = list(model.groups)
             mean = energy.mean(axis=0) if len(energy) else np.full(len(names), np.nan)
@@ -118,8 +120,8 @@ def scene_of(
                     " animated."
                 )
         if content.has_frfs:
-            operating, said = _operating(content.data, geometry, measured)
-            notes += said
+            operating, operating_notes = _make_operating_shapes(content.data, geometry, measured)
+            notes += operating_notes
         if modes is not None or operating is not None:
             bodies.append(measured)
     return Scene(bodies, title, colourings, arrows, modes, operating, tuple(notes))
@@ -138,7 +140,7 @@ def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
     return list(responses), list(references)
 
 
-def _drawn_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
+def _choose_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
     """Return the geometry of the model, with the lines of the test geometry if it has any."""
     test = getattr(data, "geometry", None)
     if test is None or not len(test.lines) or not np.isin(test.lines, own.nodes).all():
@@ -146,7 +148,7 @@ def _drawn_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
     return Geometry(own.nodes, own.xyz, test.lines, own.axes)
 
 
-def deviations(result: UpdateResult) -> Colouring | None:
+def colour_by_std(result: UpdateResult) -> Colouring | None:
     """Return a colouring by the largest relative standard deviation in each group."""
     names = list(result.start.groups)
     values = np.full(len(names), np.nan)
@@ -164,7 +166,7 @@ def deviations(result: UpdateResult) -> Colouring | None:
 
 # -- modes ---------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shapes:
+class _ModalShapes:
     """The modes of a modal table with their shapes at all DOFs of the models."""
 
     rows: Sequence[ModalRow]
@@ -175,7 +177,7 @@ class _Shapes:
     correlations: Mapping[str, ModeCorrelation]
 
     @classmethod
-    def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _Shapes | None:
+    def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _ModalShapes | None:
         """Return the shapes; None if no modes are available."""
         n_dofs = models["start"].n_dofs
         if not table.known or table.test is None or n_dofs > LARGEST:
@@ -208,7 +210,7 @@ class _Shapes:
         found = self.correlations[name].subspaces
         return next(one for one in found if entry.number in one.computed)
 
-    def of_model(self, name: str, row: ModalRow) -> NDArray[Any] | None:
+    def model_shape(self, name: str, row: ModalRow) -> NDArray[Any] | None:
         """Return the shape of a model's mode; None without one.
 
         Close modes of a model are combined to the shape nearest to the test mode (least squares).
@@ -227,7 +229,9 @@ class _Shapes:
         at = int(np.argmin(away))
         return full.shapes[:, at] if away[at] <= _SAME * entry.frequency else None
 
-    def of_test(self, row: ModalRow, close: Subspace | None, seen: NDArray[Any] | None) -> Any:
+    def test_shape(
+        self, row: ModalRow, close: Subspace | None, at_sensors: NDArray[Any] | None
+    ) -> Any:
         """Return the shape of a test mode, scaled to the model's shape; None without a test mode.
 
         Close modes of the test paired with separate model modes are combined to the shape nearest
@@ -236,14 +240,14 @@ class _Shapes:
         if row.test is None:
             return None
         shape = self.test.shapes[:, row.test.number]
-        if seen is None:
+        if at_sensors is None:
             return shape
         if close is not None and close.close == "measured":
             near = self.test.shapes[:, close.measured]
-            return near @ np.linalg.lstsq(near, seen)[0]
-        return _onto(shape, seen)
+            return near @ np.linalg.lstsq(near, at_sensors)[0]
+        return _scale_to(shape, at_sensors)
 
-    def shown(self, body: Body, measured: Body) -> ModeShapes:
+    def make_layers(self, body: Body, measured: Body) -> ModeShapes:
         """Return the layers; shapes of a row are scaled in size and phase to the first of them."""
         geometry = self.models["start"].geometry
         assert geometry is not None
@@ -251,7 +255,7 @@ class _Shapes:
         rows = []
         for number, row in enumerate(self.rows, 1):
             members = []
-            for name, shape in self._aligned(row).items():
+            for name, shape in self._align_row(row).items():
                 if shape is None:
                     members.append(-1)
                     continue
@@ -267,22 +271,22 @@ class _Shapes:
             layers.append(Layer(name, role, style, at, motions(moved, entries, shapes)))
         return ModeShapes(layers, rows)
 
-    def _aligned(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:
+    def _align_row(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:
         """Return the shapes of a row, those of the test scaled in size and phase to a model's."""
         out: dict[str, NDArray[Any] | None] = dict.fromkeys(self.looks)
         first: NDArray[Any] | None = None
-        seen: NDArray[Any] | None = None
+        at_sensors: NDArray[Any] | None = None
         close: Subspace | None = None
         for name in self.models:
-            shape = self.of_model(name, row)
+            shape = self.model_shape(name, row)
             if shape is None:
                 continue
-            out[name] = shape if first is None else _onto(shape, first)
+            out[name] = shape if first is None else _scale_to(shape, first)
             if first is None:
                 match = self.full[name].dofs.match(self.test.dofs)
-                first, seen = shape, shape[match.index] * match.sign
+                first, at_sensors = shape, shape[match.index] * match.sign
                 close = self.subspace(name, row)
-        out["test"] = self.of_test(row, close, seen)
+        out["test"] = self.test_shape(row, close, at_sensors)
         return out
 
     def strain_energy(self) -> NDArray[np.float64]:
@@ -290,7 +294,7 @@ class _Shapes:
         groups = self.models["start"].groups
         out = np.full((len(self.rows), len(groups)), np.nan)
         for number, row in enumerate(self.rows):
-            shapes = {name: self.of_model(name, row) for name in ("start", "updated")}
+            shapes = {name: self.model_shape(name, row) for name in ("start", "updated")}
             name = "start" if shapes["updated"] is None else "updated"
             shape = shapes[name]
             if shape is None:
@@ -303,7 +307,7 @@ class _Shapes:
         return out
 
 
-def _onto(shape: NDArray[Any], target: NDArray[Any]) -> NDArray[Any]:
+def _scale_to(shape: NDArray[Any], target: NDArray[Any]) -> NDArray[Any]:
     """Return a shape times its modal scale factor to the target."""
     size = np.vdot(shape, shape).real
     factor = np.vdot(shape, target) / size if size > 0.0 else 0.0
@@ -325,7 +329,7 @@ def _row_text(row: ModalRow) -> str:
 
 
 # -- operating shapes ----------------------------------------------------------------------------
-def _operating(
+def _make_operating_shapes(
     data: ReportData, geometry: Geometry, measured: Body
 ) -> tuple[OperatingShapes | None, list[str]]:
     """Return the operating shapes, and notes on omitted lines and references."""

@@ -1,11 +1,11 @@
 """Sections of a report page: protocol, content, and registry.
 
 A page consists of the sections in `SECTIONS` that apply to its content, in the order of
-`Section.place`. To add a section, also from another package, derive a class from `Section` and
-register an instance, or its location (``"module:attribute"``). The template is
+`ReportSection.place`. To add a section, also from another package, derive a class from
+`ReportSection` and register an instance, or its location (``"module:attribute"``). The template is
 ``my_package/templates/mounts.html``, see `updyn.report.templates`::
 
-    class Mounts(Section):
+    class Mounts(ReportSection):
         anchor = "mounts"
         name = heading = "Mounts"
         place = 450
@@ -40,11 +40,11 @@ from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.modes import modal_table, start_table
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
+__all__ = ["SECTIONS", "PageContent", "ReportSection", "list_shown_objects", "select_sections"]
 
 
 @dataclass(frozen=True, eq=False)
-class Content:
+class PageContent:
     """The objects shown on a page.
 
     Attributes
@@ -86,7 +86,7 @@ class Content:
         return isinstance(self.update, UpdateResult) and isinstance(self.update.data, FRF)
 
     @property
-    def of_one_test(self) -> bool:
+    def has_one_test(self) -> bool:
         """Whether the page shows the update of a single test."""
         return isinstance(self.update, UpdateResult)
 
@@ -118,7 +118,7 @@ class Content:
         return self.result.modes or modal_table(self.result)
 
 
-class Section:
+class ReportSection:
     """One section of a page. Derive from it, set its attributes and define `context`.
 
     Attributes
@@ -152,23 +152,23 @@ class Section:
     of_start: ClassVar[bool] = False
     first_screen: ClassVar[bool] = False
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the section is shown; by default on pages about a single test."""
         if content.start is not None and not self.of_start:
             return False
         if self.needs_frfs:
             return content.has_frfs
-        return content.of_one_test or content.start is not None
+        return content.has_one_test or content.start is not None
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the figures as plotly data, by a name that is unique in the page."""
         return {}
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the variables of the template by name; ``figures`` and ``fitted`` are added."""
         return {}
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+    def body(self, content: PageContent, figures: Mapping[str, Figure]) -> str:
         """Return the HTML below the heading, by default rendered from the template.
 
         Parameters
@@ -187,7 +187,7 @@ class Section:
         fitted = content.start is None
         return render_template(self.template, figures=figures, fitted=fitted, **context)
 
-    def embedded(self, content: Content) -> dict[str, Any]:
+    def embedded_data(self, content: PageContent) -> dict[str, Any]:
         """Return data for the scripts, ready for JSON, by id of the element that holds them."""
         return {}
 
@@ -196,7 +196,7 @@ class Section:
         return ""
 
     def render(
-        self, content: Content, figures: Mapping[str, Figure], *, folds: bool = False
+        self, content: PageContent, figures: Mapping[str, Figure], *, folds: bool = False
     ) -> str:
         """Return the section as HTML; empty if its body is blank.
 
@@ -221,7 +221,7 @@ class Section:
 
 
 #: Sections by name, loaded when a page needs them.
-SECTIONS: Registry[Section] = Registry(
+SECTIONS: Registry[ReportSection] = Registry(
     "report section",
     "updyn.report_sections",
     {
@@ -237,7 +237,7 @@ SECTIONS: Registry[Section] = Registry(
         "unknowns": "updyn.report.unknowns:UNKNOWNS",
         "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",
         "identifiability": "updyn.report.identifiability:IDENTIFIABILITY",
-        "held": "updyn.report.regularisation:HELD",
+        "held": "updyn.report.regularisation:REGULARISATION",
         "convergence": "updyn.report.convergence:CONVERGENCE",
         "validation": "updyn.report.agreement:VALIDATION",
         "residual": "updyn.report.residual:RESIDUAL",
@@ -264,11 +264,11 @@ SECTIONS: Registry[Section] = Registry(
 )
 
 
-def sections_of(content: Content) -> list[Section]:
+def select_sections(content: PageContent) -> list[ReportSection]:
     """Return the sections that apply to this content, in page order."""
     chosen = []
     for name in SECTIONS:
-        shown = _object_of(name)
+        shown = _find_object(name)
         if not shown or shown in content.further:
             section = SECTIONS[name]
             if section.applies(content):
@@ -276,11 +276,11 @@ def sections_of(content: Content) -> list[Section]:
     return sorted(chosen, key=lambda section: section.place)
 
 
-def objects_shown() -> set[str]:
+def list_shown_objects() -> set[str]:
     """Return the names of the additional objects for which sections exist."""
-    return {_object_of(name) for name in SECTIONS} - {""}
+    return {_find_object(name) for name in SECTIONS} - {""}
 
 
-def _object_of(registered: str) -> str:
+def _find_object(registered: str) -> str:
     """Return the name of the object that a section shows; empty for a section about the update."""
     return registered.rpartition(".")[0]

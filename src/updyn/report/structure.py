@@ -13,8 +13,8 @@ from updyn.report.changes import is_significant
 from updyn.report.formats import quantity_words
 from updyn.report.picture import picture
 from updyn.report.plots import Figure
-from updyn.report.scene import deviations, scene_of, sensors_of
-from updyn.report.section import Content, Section
+from updyn.report.scene import colour_by_std, scene_of, sensors_of
+from updyn.report.section import PageContent, ReportSection
 from updyn.report.templates import render_template
 from updyn.updating.result import UpdateResult
 from updyn.viewer.page import fragment, script
@@ -42,13 +42,12 @@ _TOKENS = {
 #: errors.
 _LEAST = 1e-9
 _ABOUT = (
-    "Where the sensors and forces are, and how much each part changed: its stiffness, or where that"
-    " is no unknown its mass, then its viscous damping. Colours reach to the largest significant"
-    " change."
+    "Sensors and forces, and the change of each part: its stiffness, or, if that is not an unknown,"
+    " its mass, then its viscous damping. Colours reach to the largest significant change."
 )
 
 
-class Viewer(Section):
+class ViewerSection(ReportSection):
     """The structure in three dimensions: modes and operating shapes before and after the update."""
 
     anchor = "viewer"
@@ -57,13 +56,13 @@ class Viewer(Section):
     place = 10
     first_screen = True
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows a model with a geometry."""
         if content.start is not None:
             return _is_drawn(content.start.model)
-        return _largest(list(content.tests.values())) is not None
+        return _find_largest(list(content.tests.values())) is not None
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+    def body(self, content: PageContent, figures: Mapping[str, Figure]) -> str:
         """Return the viewer with its scene."""
         scene = _scene(content)
         if scene is None:
@@ -82,10 +81,10 @@ class Viewer(Section):
         return f"{script()}\nupdynViewer.start();"
 
 
-VIEWER = Viewer()
+VIEWER = ViewerSection()
 
 
-class Structure(Section):
+class StructureSection(ReportSection):
     """Picture of the structure, for one or several tests."""
 
     anchor = "structure"
@@ -93,22 +92,22 @@ class Structure(Section):
     heading = "Structure"
     place = 300
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update, or a model before one."""
         return content.update is not None or content.start is not None
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+    def body(self, content: PageContent, figures: Mapping[str, Figure]) -> str:
         """Return picture and legend; empty if no model has a geometry to draw."""
         if content.start is None:
             return structure_of(list(content.tests.values()))
         if not _is_drawn(content.start.model):
             return ""
         responses, references = sensors_of([content.start.data])
-        about = "Where the sensors and forces are."
+        about = "Sensors and forces."
         return picture(content.start.model, responses, references, {}, about=about)
 
 
-STRUCTURE = Structure()
+STRUCTURE = StructureSection()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
@@ -116,11 +115,11 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
 
     The model with the most degrees of freedom is drawn. Empty if no model has a geometry.
     """
-    result = _largest(results)
+    result = _find_largest(results)
     if result is None:
         return ""
     responses, references = sensors_of([one.data for one in results])
-    changes = _Changes.of(result)
+    changes = _GroupChanges.of(result)
     return picture(
         result.start,
         responses,
@@ -129,11 +128,11 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
         about=_ABOUT,
         scale=changes.scale(),
         legend=changes.legend(),
-        note="No unknown scales a part, so that none is coloured.",
+        note="No unknown scales a part, so no part is coloured.",
     )
 
 
-def _largest(results: Sequence[UpdateResult]) -> UpdateResult | None:
+def _find_largest(results: Sequence[UpdateResult]) -> UpdateResult | None:
     """Return the result with the largest model that has a geometry, or None."""
     drawn = [r for r in results if _is_drawn(r.start)]
     return max(drawn, key=lambda r: r.start.n_dofs, default=None)
@@ -143,29 +142,29 @@ def _is_drawn(model: Model) -> bool:
     return model.geometry is not None and len(model.geometry.nodes) > 0
 
 
-def _scene(content: Content) -> Scene | None:
+def _scene(content: PageContent) -> Scene | None:
     """Return the scene of the viewer; None if no model has a geometry to draw."""
     if content.start is not None:
         model, data = content.start.model, content.start.data
         return scene_of(content, {"start": model}, [data], [], content.start.title, moves=True)
     results = list(content.tests.values())
-    result = _largest(results)
+    result = _find_largest(results)
     if result is None:
         return None
-    change = _Changes.of(result).colouring(list(result.start.groups))
-    colourings = [one for one in (change, deviations(result)) if one is not None]
+    change = _GroupChanges.of(result).make_colouring(list(result.start.groups))
+    colourings = [one for one in (change, colour_by_std(result)) if one is not None]
     return scene_of(
         content,
         {"updated": result.model, "start": result.parameters.at_start(result.start)},
         [one.data for one in results],
         colourings,
         result.title,
-        moves=content.of_one_test and result.status != "stopped",
+        moves=content.has_one_test and result.status != "stopped",
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Changes:
+class _GroupChanges:
     """The change of each group with its remark and colour."""
 
     changes: Mapping[str, tuple[str, float]]
@@ -173,7 +172,7 @@ class _Changes:
     reach: float
 
     @classmethod
-    def of(cls, result: UpdateResult) -> _Changes:
+    def of(cls, result: UpdateResult) -> _GroupChanges:
         changes, remarks = group_changes(result), group_remarks(result)
         logs = [abs(math.log(changes[name][1])) for name in changes if not remarks[name]]
         return cls(changes, remarks, max([_LEAST, *logs]))
@@ -210,7 +209,7 @@ class _Changes:
                 steps.append((f"s{step}", text))
         return steps + out
 
-    def colouring(self, groups: Sequence[str]) -> Colouring:
+    def make_colouring(self, groups: Sequence[str]) -> Colouring:
         """Return the colouring of the groups for the viewer."""
         scale, parts = self.scale(), self.parts()
         steps = [(_TOKENS[colour], text) for colour, text in scale]

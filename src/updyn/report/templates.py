@@ -30,15 +30,15 @@ __all__ = ["asset", "render_template", "write_page"]
 #: Functions of `updyn.report.formats` used as template filters.
 _FILTERS = (
     "agreement_name",
-    "combination",
+    "combination_words",
     "counted",
     "decibels",
     "extent",
     "figure_of_agreement",
     "number",
-    "plain",
+    "option_words",
     "quantity_words",
-    "unknown",
+    "unknown_words",
     "weighted_sum",
 )
 
@@ -48,7 +48,7 @@ def _environment() -> Environment:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     environment = Environment(
-        loader=FunctionLoader(_source),
+        loader=FunctionLoader(_read_template),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -62,7 +62,7 @@ def _environment() -> Environment:
     return environment
 
 
-def _source(name: str) -> str:
+def _read_template(name: str) -> str:
     package, _, file = name.partition("/")
     return (resources.files(package) / "templates" / file).read_text(encoding="utf-8")
 

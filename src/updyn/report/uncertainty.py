@@ -11,37 +11,37 @@ from numpy.typing import NDArray
 from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.report.data import EVALUATION_BUDGET, keep_lines
-from updyn.report.formats import estimate, number, padded, quantity_words, unit
+from updyn.report.formats import estimate, format_padded, number, quantity_words, unit
 from updyn.report.plots import (
     Figure,
+    encode_numbers,
     error_bars,
-    labels,
+    escape_labels,
     linear_frequency,
     log_step,
     names_font,
-    numbers,
     rows_height,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.prediction import Band, predict
 from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult, gains_of
 
-__all__ = ["UNCERTAINTY", "band_figure", "ends_of", "intervals_figure", "level_of"]
+__all__ = ["UNCERTAINTY", "band_figure", "find_intervals", "find_level", "intervals_figure"]
 
 #: Largest number of lines of the band, and number of draws from which it is computed.
 _LINES = 400
 _DRAWS = 200
 #: Lines x DOFs x solves above which the page has no band.
-_AFFORDED = 20 * EVALUATION_BUDGET
+_BAND_BUDGET = 20 * EVALUATION_BUDGET
 #: Intervals are clipped at this number of standard deviations.
-_SHOWN = 8.0
+_MAX_DEVIATION = 8.0
 #: Distance of the two bars of an unknown from the middle of its row.
 _OFFSET = 0.14
 
 
-class Uncertainty(Section):
+class UncertaintySection(ReportSection):
     """Intervals by profile, bootstrap or sampling."""
 
     anchor = "uncertainty"
@@ -50,11 +50,11 @@ class Uncertainty(Section):
     place = 500
     template = "updyn.report/uncertainty.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Whether the page shows an update."""
         return content.update is not None
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the intervals and, for a single test, the band of an FRF."""
         update, found = content.update, content.further["uncertainty"]
         assert update is not None
@@ -70,14 +70,14 @@ class Uncertainty(Section):
                 out["uncertainty-band"] = figure | {"channel": channel}
         return out
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the kind of intervals and the rows of their table."""
         found: Draws | Profiles = content.further["uncertainty"]
-        percent = f"{100 * level_of(found):g} %"
+        percent = f"{100 * find_level(found):g} %"
         diagnosed = isinstance(found, Draws) and "r_hat" in found.diagnostics
         diagnostics = ["R-hat", "effective draws"] if diagnosed else []
         head = ["unknown", "value", "std. dev.", f"{percent}, lower", "upper", *diagnostics, "note"]
-        rows = _rows(content.result, found)
+        rows = _list_rows(content.result, found)
         if not any(cells[-1] for cells in rows):  # omit an empty column
             head, rows = head[:-1], [cells[:-1] for cells in rows]
         return {
@@ -90,15 +90,15 @@ class Uncertainty(Section):
         }
 
 
-UNCERTAINTY = Uncertainty()
+UNCERTAINTY = UncertaintySection()
 
 
-def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
+def _list_rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
     """Return the table cells of each unknown, the note last."""
     out = []
-    for name, (low, high) in ends_of(found).items():
+    for name, (low, high) in find_intervals(found).items():
         value, std = result.values[name], result.std[name]
-        cells = [name, estimate(value, std), padded(std, 2)]
+        cells = [name, estimate(value, std), format_padded(std, 2)]
         cells += [estimate(low, std), estimate(high, std)]
         if isinstance(found, Profiles):
             cells.append(found[name].note)
@@ -119,20 +119,20 @@ def _kind(found: Draws | Profiles) -> str:
     return found.kind
 
 
-def level_of(found: Draws | Profiles) -> float:
+def find_level(found: Draws | Profiles) -> float:
     """Return the level of the intervals, 0.95 by default."""
     if isinstance(found, Profiles):
         return found.level
     return float(found.options.get("level", 0.95))
 
 
-def ends_of(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
+def find_intervals(found: Draws | Profiles) -> dict[str, tuple[float, float]]:
     """Return the interval of each unknown; empty if there are fewer than two draws."""
     if isinstance(found, Profiles):
         return found.intervals()
     if len(found) < 2:
         return {}
-    return found.intervals(level_of(found))
+    return found.intervals(find_level(found))
 
 
 # -- intervals -----------------------------------------------------------------------------------
@@ -142,22 +142,24 @@ def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles
     Intervals of factors are shown on the logarithm. None if no unknown has both an interval and a
     standard deviation.
     """
-    ends = ends_of(found)
-    chosen = [p for p in result.parameters if p.name in ends and 0 < result.std[p.name] < np.inf]
+    intervals = find_intervals(found)
+    chosen = [
+        p for p in result.parameters if p.name in intervals and 0 < result.std[p.name] < np.inf
+    ]
     if not chosen:
         return None
     at = np.empty((len(chosen), 2))
     for i, p in enumerate(chosen):
         value, std = result.values[p.name], result.std[p.name]
-        span = np.array(ends[p.name])
+        span = np.array(intervals[p.name])
         at[i] = (span - value) / std
         if p.is_factor:
             with np.errstate(divide="ignore", invalid="ignore"):
                 at[i] = np.log(span / value) * (value / std)
-    low, high = np.clip(at, -_SHOWN, _SHOWN).T
+    low, high = np.clip(at, -_MAX_DEVIATION, _MAX_DEVIATION).T
     rows = np.arange(len(chosen), dtype=np.float64)
-    z = np.full(len(chosen), -_normal_quantile(0.5 - 0.5 * level_of(found)))
-    names = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
+    z = np.full(len(chosen), -_normal_quantile(0.5 - 0.5 * find_level(found)))
+    names = escape_labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
     return {
         "data": [
             _bars("Laplace", z, z, rows - _OFFSET, "@before", names),
@@ -196,7 +198,7 @@ def _bars(
         "type": "scatter",
         "mode": "markers",
         "name": name,
-        "x": numbers(np.zeros(len(rows))),
+        "x": encode_numbers(np.zeros(len(rows))),
         "y": rows.tolist(),
         "text": names,
         "marker": {
@@ -227,11 +229,11 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
         solves = min(len(found), _DRAWS)
         at = np.unique(np.linspace(0, len(found) - 1, solves).round().astype(np.intp))
         source = replace(found, chains=found.values[at][None], result=result)
-    for freq in (_resolving(result, lines), lines):
-        if solves * len(freq) * result.model.n_dofs > _AFFORDED:
+    for freq in (_add_resonance_lines(result, lines), lines):
+        if solves * len(freq) * result.model.n_dofs > _BAND_BUDGET:
             continue
         try:
-            band = predict(source, freq, frf.responses, frf.references, level=level_of(found))
+            band = predict(source, freq, frf.responses, frf.references, level=find_level(found))
         except UpdynError:  # the model may be singular at an added line only
             continue
         break
@@ -244,10 +246,10 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     i, j = map(int, np.unravel_index(widest, width.shape))
     if not np.isfinite(width[i, j]):
         return None
-    return _drawn(band, result, lines, i, j), f"{frf.responses[i]} / {frf.references[j]}"
+    return _draw_band(band, result, lines, i, j), f"{frf.responses[i]} / {frf.references[j]}"
 
 
-def _resolving(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.float64]:
+def _add_resonance_lines(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lines together with further lines in Hz that resolve the peaks of the curves."""
     room = _LINES - len(lines)
     if room < 2 or len(lines) < 2:
@@ -258,7 +260,9 @@ def _resolving(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.f
     return np.union1d(lines, resonance_lines(result.model, low, high, room))
 
 
-def _drawn(band: Band, result: UpdateResult, lines: NDArray[np.float64], i: int, j: int) -> Figure:
+def _draw_band(
+    band: Band, result: UpdateResult, lines: NDArray[np.float64], i: int, j: int
+) -> Figure:
     """Return the band of one channel with the updated model and the data."""
     freq = band.frf.freq
     gains = gains_of(result)  # the band is that of the structure, without sensor gains
@@ -267,31 +271,31 @@ def _drawn(band: Band, result: UpdateResult, lines: NDArray[np.float64], i: int,
         measured = measured / np.abs(gains[i, j])
     unit_of = unit(band.frf.quantity, str(band.frf.responses[i]), str(band.frf.references[j]))
     tiny = np.finfo(np.float32).tiny
-    line = {"type": "scatter", "mode": "lines", "x": numbers(freq), "hoverinfo": "skip"}
+    line = {"type": "scatter", "mode": "lines", "x": encode_numbers(freq), "hoverinfo": "skip"}
     edge = {"width": 0, "color": "@after"}
     lower = {
-        "y": numbers(np.maximum(band.lower[:, i, j], tiny)),
+        "y": encode_numbers(np.maximum(band.lower[:, i, j], tiny)),
         "line": edge,
         "showlegend": False,
     }
     upper = {
         "name": f"{100 * band.level:g} % band",
-        "y": numbers(np.maximum(band.upper[:, i, j], tiny)),
+        "y": encode_numbers(np.maximum(band.upper[:, i, j], tiny)),
         "line": edge,
         "fill": "tonexty",
         "fillcolor": "@after-faint",
     }
     model = {
         "name": "updated model",
-        "y": numbers(np.abs(band.frf.values[:, i, j])),
+        "y": encode_numbers(np.abs(band.frf.values[:, i, j])),
         "line": {"color": "@after"},
     }
     data = {
         "type": "scatter",
         "mode": "markers",
         "name": "measured",
-        "x": numbers(lines),
-        "y": numbers(measured),
+        "x": encode_numbers(lines),
+        "y": encode_numbers(measured),
         "marker": {"color": "@measured", "size": 3},
         "hovertemplate": f"%{{x:.5g}} Hz: %{{y:.4g}} {unit_of}<extra></extra>",
     }

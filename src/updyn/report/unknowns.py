@@ -15,29 +15,29 @@ from updyn.report.formats import (
     change,
     estimate,
     figure_name,
+    format_padded,
     interval,
     number,
-    padded,
     quantity_words,
 )
-from updyn.report.of_unknowns import OfUnknowns, by_figure, names_of
+from updyn.report.of_unknowns import ParameterSection, group_by_figure, name_unknowns
 from updyn.report.plots import (
     MODEL_COLOURS,
     Figure,
+    drop_missing,
+    encode_numbers,
     error_bars,
-    existing,
     names_font,
-    numbers,
     rows_height,
 )
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
 __all__ = ["UNKNOWNS", "estimates"]
 
 
-class Unknowns(OfUnknowns):
+class UnknownsSection(ParameterSection):
     """The values of the unknowns with their uncertainty."""
 
     anchor = "unknowns"
@@ -46,16 +46,16 @@ class Unknowns(OfUnknowns):
     place = 400
     template = "updyn.report/unknowns.html"
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return the estimates of the kinds of unknowns that the figure of changes omits."""
         result = content.result
         made = {}
-        for name, chosen in by_figure(result, "factors", "s", "calibrations").items():
+        for name, chosen in group_by_figure(result, "factors", "s", "calibrations").items():
             if any(p.start == 0.0 for p in chosen):  # a start of zero has no change in percent
                 made[name] = estimates(result, chosen)
-        return existing(made)
+        return drop_missing(made)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return the rows of the tables and the titles of the figures."""
         parts: list[dict[str, Any]] = []
         sensors: list[dict[str, Any]] = []
@@ -88,7 +88,7 @@ class Unknowns(OfUnknowns):
         }
 
 
-UNKNOWNS = Unknowns()
+UNKNOWNS = UnknownsSection()
 
 
 def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]:
@@ -100,17 +100,17 @@ def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]
     if p.value_unit:
         quantity += f" ({p.value_unit})"
     span = interval(p, value, std, result.noise.get("degrees_of_freedom"))
-    spanned = "open"
+    interval_text = "open"
     if span is not None:
-        spanned = f"{estimate(span[0], std)} to {estimate(span[1], std)}"
+        interval_text = f"{estimate(span[0], std)} to {estimate(span[1], std)}"
     cells = [
         p.group,
         quantity,
         number(p.start),
         estimate(value, std),
         change(p, value),
-        padded(std, 2) if determined else "–",
-        spanned,
+        format_padded(std, 2) if determined else "–",
+        interval_text,
         f"{number(p.lower, 3)} to {number(p.upper, 3)}",
         "; ".join(_parameter_notes(result, p)),
     ]
@@ -161,8 +161,8 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     unit = start.copy() if relative else np.ones(len(chosen))
     values, low, high = values / unit, low / unit, high / unit
     limits /= unit[:, None]
-    names = names_of(chosen)
-    view = _view(np.concatenate([values, low, high, start / unit]), log=relative)
+    names = name_unknowns(chosen)
+    view = _find_range(np.concatenate([values, low, high, start / unit]), log=relative)
     traces = [_start_trace(start / unit), _bound_trace(limits, view, rows)]
     styles = (
         ("estimate, 95 % interval", known & ~bound, "circle"),
@@ -204,7 +204,7 @@ def _start_trace(start: NDArray[np.float64]) -> dict[str, Any]:
         "type": "scatter",
         "mode": "markers",
         "name": "start",
-        "x": numbers(start),
+        "x": encode_numbers(start),
         "y": list(range(len(start))),
         "marker": {
             "symbol": "line-ns-open",
@@ -230,7 +230,7 @@ def _estimate_trace(
         "type": "scatter",
         "mode": "markers",
         "name": name,
-        "x": numbers(values[at]),
+        "x": encode_numbers(values[at]),
         "y": at.tolist(),
         "text": np.take(names, at).tolist(),
         "marker": {
@@ -261,7 +261,7 @@ def _bound_trace(
     }
 
 
-def _view(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
+def _find_range(shown: NDArray[np.float64], *, log: bool) -> tuple[float, float]:
     """Return the axis range with a margin; a logarithmic range is limited to 0.001 to 1000."""
     finite = shown[np.isfinite(shown)]
     if log:

@@ -326,7 +326,7 @@ def test_check_and_correlate_write_the_page_of_the_start(
     assert {p.name for p in (chain_folder / "seen").iterdir()} == {"check.html", "manifest.json"}
     (chain_folder / "seen" / "check.html").write_text("mine", encoding="utf-8")
     assert main(["check", str(job), "--out", str(chain_folder / "seen")]) == 2
-    assert "not its own" in capsys.readouterr().err
+    assert "files that it did not write" in capsys.readouterr().err
 
 
 def test_check_says_3_where_the_data_leave_something_open(

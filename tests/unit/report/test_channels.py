@@ -13,7 +13,7 @@ from updyn.report.channels import channel_curves, worst_and_median
 from updyn.report.data import gather
 from updyn.report.overlay import ALL_CHANNELS
 from updyn.report.page import render
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +99,8 @@ def test_channels_that_are_all_zero_have_no_section():
 def test_curves_of_all_channels_need_two_lines():
     """Over a single line there is no frequency axis to draw."""
     result = realistic()
-    assert ALL_CHANNELS.applies(Content(result))
+    assert ALL_CHANNELS.applies(PageContent(result))
     one = result.frf.select(lines=result.frf.freq[20:21])
-    assert not ALL_CHANNELS.applies(Content(dataclasses.replace(result, data=one, lines=one.freq)))
+    assert not ALL_CHANNELS.applies(
+        PageContent(dataclasses.replace(result, data=one, lines=one.freq))
+    )

@@ -10,7 +10,7 @@ import scipy.linalg
 
 import updyn
 from updyn.report.scene import scene_of
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 
 N = 3
 LABELS = [f"{i + 1}:{way}" for way in "XY" for i in range(N)]
@@ -33,7 +33,7 @@ def layers(model, modes):
     result = updyn.update(model, fitted, updyn.parameters(model, stiffness="mast"))
     result = replace(result, modes=updyn.modal_table(result, modes))
     models = {"updated": model, "start": model}
-    scene = scene_of(Content(result), models, [modes], [], "mast", moves=True)
+    scene = scene_of(PageContent(result), models, [modes], [], "mast", moves=True)
     labels = [row.label for row in scene.modes.rows]
     return {layer.name: layer.shapes for layer in scene.modes.layers}, labels
 

@@ -11,7 +11,7 @@ from pages_read import Page
 from report_case import realistic
 from updyn.report.convergence import cost_path, value_paths
 from updyn.report.page import render
-from updyn.updating.fit.monitor import Iteration, iterations_made
+from updyn.updating.fit.monitor import Iteration, count_iterations
 
 
 def steps(*entries):
@@ -30,7 +30,7 @@ HISTORY = steps(
 
 
 def test_iterations_are_the_steps_taken():
-    assert iterations_made(HISTORY) == [0, 1, 1, 2, 2, 3, 3, 4, 5, 6]
+    assert count_iterations(HISTORY) == [0, 1, 1, 2, 2, 3, 3, 4, 5, 6]
     assert realistic(history=HISTORY).iterations == 6
 
 
@@ -44,7 +44,7 @@ def test_each_stage_has_a_panel_and_each_fit_a_line():
     assert (search["yaxis"], fit["yaxis"]) == ("y", "y2")
     assert search["x"] == [0, 1, 2, None, 0, 1, None]
     assert search["y"] == [9.0, 4.0, 1.0, None, 8.0, 1.0, None]
-    assert (refused["name"], refused["x"], refused["y"]) == ("step refused", [2], [6.0])
+    assert (refused["name"], refused["x"], refused["y"]) == ("step rejected", [2], [6.0])
     # New weights raised the cost: another line begins.
     assert fit["x"] == [0, 1, None, 0, 1, None]
     assert fit["y"] == [70.0, 50.0, None, 60.0, 59.0, None]
@@ -58,7 +58,7 @@ def test_each_stage_has_a_panel_and_each_fit_a_line():
 def test_no_line_of_the_cost_goes_up():
     figure = cost_path(realistic(history=HISTORY))
     for trace in figure["data"]:
-        if trace["name"] == "step taken":
+        if trace["name"] == "step accepted":
             costs = np.array([np.nan if y is None else y for y in trace["y"]])
             assert not (np.diff(costs) > 0).any()
 
@@ -130,7 +130,7 @@ def test_the_costs_in_words_are_those_of_one_fit():
     """Costs under other weights, or of a look for other answers, cannot be compared with them."""
     answer = realistic().values["bay 2.stiffness"]
     words = Page(render(realistic(history=led_to(answer)))).words
-    assert "In the fit that reached the answer (fit) the cost went from 60 to 59." in words
+    assert "In the fit that reached the result (fit) the cost went from 60 to 59." in words
     alone = entries(("fit", 70.0, 0.0, 1.0), ("fit", 50.0, 0.4, answer))
     assert "The cost went from 70 to 50." in Page(render(realistic(history=alone))).words
 
@@ -147,4 +147,4 @@ def test_the_page_counts_iterations_as_the_result_does():
     result = realistic(history=HISTORY)
     words = Page(render(result)).words
     assert f"After {result.iterations} iterations." in words
-    assert "6 iterations (steps taken, those of the search included), 1 step refused." in words
+    assert "6 iterations (accepted steps, including the search), 1 step rejected." in words

@@ -25,9 +25,9 @@ from updyn.report.formats import (
     estimate,
     extent,
     figure_of_agreement,
+    format_padded,
     interval,
     number,
-    padded,
     percentage,
     unit,
 )
@@ -35,9 +35,9 @@ from updyn.report.head import head
 from updyn.report.identifiability import correlations
 from updyn.report.overlay import MEASURED_SHARE, overlay
 from updyn.report.page import render
-from updyn.report.plots import log_bars, log_range, numbers
+from updyn.report.plots import encode_numbers, log_bars, log_range
 from updyn.report.provenance import data_checksum, model_checksum
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 from updyn.updating.problem.parameters import Parameter
 
 
@@ -164,7 +164,7 @@ def test_of_a_stopped_run_no_reduced_model_is_built(result, monkeypatch):
     stopped = dataclasses.replace(result, status="stopped")
     assert gather(stopped).after_curve is not None
     reduced = dataclasses.replace(stopped, options={**result.options, "tier": "reduced"})
-    monkeypatch.setattr(report_data, "computed", None)  # would fail if it were called
+    monkeypatch.setattr(report_data, "compute_frfs", None)  # would fail if it were called
     found = gather(reduced)
     assert found.before is found.after_curve is found.frac_after is None
     assert found.notes[-1].startswith("The models are not drawn: the run was stopped")
@@ -234,7 +234,9 @@ def test_every_figure_is_there_and_finite(result, data):
         figures["frf-correlation-after"]["data"][0]["z"], data.correlation_after
     )
     assert figures["correlation"]["data"][0]["z"][2][2] is None  # mass of bay 5 is open
-    shares = [np.sum(numbers(t["y"], packed=False)) for t in figures["level-differences"]["data"]]
+    shares = [
+        np.sum(encode_numbers(t["y"], packed=False)) for t in figures["level-differences"]["data"]
+    ]
     np.testing.assert_allclose(shares, 100.0)
 
 
@@ -315,7 +317,7 @@ def test_figures_of_agreement_in_the_table_are_numbers_or_a_dash(result):
     figures = {"frac_median": 0.99995, "residual_median": 7.77e-14, "residual_max": np.inf}
     worse = {"frac_median": np.nan, "residual_median": 0.5, "residual_max": 2.0}
     found = dataclasses.replace(result, correlation={"before": worse, "after": figures})
-    shown = AGREEMENT.context(Content(found))["scores"]
+    shown = AGREEMENT.context(PageContent(found))["scores"]
     assert shown == [
         ("frac_median", "–", ">0.9999"),
         ("residual_median", "0.5", "7.77·10⁻¹⁴"),
@@ -371,13 +373,13 @@ def test_checksums_see_every_part(result):
 
 
 def test_numbers_of_a_column_keep_their_zeros():
-    assert [padded(v, 5) for v in (10.63, 172.6, 1376.7, None)] == [
+    assert [format_padded(v, 5) for v in (10.63, 172.6, 1376.7, None)] == [
         "10.630",
         "172.60",
         "1376.7",
         "–",
     ]
-    assert [padded(v, 3) for v in (0.03, -0.002, 12.0, 1e-7)] == [
+    assert [format_padded(v, 3) for v in (0.03, -0.002, 12.0, 1e-7)] == [
         "0.0300",
         "−0.00200",
         "12.0",

@@ -14,7 +14,7 @@ from updyn.demos import chain
 from updyn.modal.synthesis import line_weights
 from updyn.report import picker
 from updyn.report.identified import render
-from updyn.report.picker import Identified, picker_data, picker_figure
+from updyn.report.picker import IdentifiedModes, picker_data, picker_figure
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def decoded(text, dtype):
 
 
 def test_the_indicator_is_behind_the_poles_on_its_own_axis(frf, modes):
-    figure = picker_figure(Identified(modes, frf, [None] * 6))
+    figure = picker_figure(IdentifiedModes(modes, frf, [None] * 6))
     behind, front = figure["layout"]["yaxis"], figure["layout"]["yaxis2"]
     assert front["overlaying"] == "y"  # plotly draws what overlays over the other
     assert (behind["type"], behind["side"], front["side"]) == ("log", "right", "left")
@@ -56,7 +56,7 @@ def test_the_indicator_is_behind_the_poles_on_its_own_axis(frf, modes):
 
 
 def test_the_script_has_what_was_measured(frf, modes):
-    data = picker_data(Identified(modes, frf, [None] * 6))
+    data = picker_data(IdentifiedModes(modes, frf, [None] * 6))
     values = decoded(data["values"], "<c8").reshape(10, 60)
     assert values == pytest.approx(frf.values.reshape(60, 10).T, rel=1e-6)
     assert decoded(data["freq"], "<f8") == pytest.approx(frf.freq)
@@ -72,13 +72,13 @@ def test_the_first_channel_is_the_one_that_agrees_least(frf, modes):
     spoilt = frf.values.copy()
     rng = np.random.default_rng(4)
     spoilt[:, 2, 1] = rng.standard_normal((60, 2)) @ (1, 1j) * np.abs(spoilt[:, 2, 1]).mean()
-    data = picker_data(Identified(modes, dataclasses.replace(frf, values=spoilt), [None] * 6))
+    data = picker_data(IdentifiedModes(modes, dataclasses.replace(frf, values=spoilt), [None] * 6))
     assert data["worst"] == 2 * 2 + 1
 
 
 def test_of_too_many_channels_those_that_agree_least_are_drawn(frf, modes, monkeypatch):
     monkeypatch.setattr(picker, "DRAWING_BUDGET", 8 * 60 * 3)
-    found = Identified(modes, frf, [None] * 6)
+    found = IdentifiedModes(modes, frf, [None] * 6)
     data = picker_data(found)
     least = np.sort(np.argsort(found.frac.ravel())[:3])
     values = decoded(data["values"], "<c8").reshape(3, 60)
@@ -90,7 +90,7 @@ def test_of_too_many_channels_those_that_agree_least_are_drawn(frf, modes, monke
 def test_a_channel_that_is_zero_is_not_drawn(frf, modes):
     dead = frf.values.copy()
     dead[:, 3, 0] = 0.0
-    found = Identified(modes, dataclasses.replace(frf, values=dead), [None] * 6)
+    found = IdentifiedModes(modes, dataclasses.replace(frf, values=dead), [None] * 6)
     data = picker_data(found)
     assert len(data["channels"]) == 9
     names = [channel["name"] for channel in data["channels"]]

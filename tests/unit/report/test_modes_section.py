@@ -16,7 +16,7 @@ from updyn.report.modes import MODES, SHOWN_ROWS, comac_bars, comac_maps, modal_
 from updyn.report.page import render
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import SEQUENTIAL
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 from updyn.updating.judge.modal_table import ModalTable
 
 
@@ -28,7 +28,7 @@ def result():
 
 
 def test_figures_are_those_of_the_table(result):
-    content = Content(result)
+    content = PageContent(result)
     table, figures = result.modes, MODES.figures(content)
     assert content.modes is table  # nothing is computed again
     found = table.correlations["updated"]
@@ -49,7 +49,7 @@ def test_figures_are_those_of_the_table(result):
 
 def test_comac_in_place(result):
     """Each marker stands on its node, as seen from the front, with the lowest value of its sensors."""
-    assert not any(name.startswith("comac-map") for name in MODES.figures(Content(result)))
+    assert not any(name.startswith("comac-map") for name in MODES.figures(PageContent(result)))
     turn = np.linspace(0.0, 3.0, 12)
     geometry = updyn.Geometry(
         range(1, 13),
@@ -58,7 +58,7 @@ def test_comac_in_place(result):
     )
     start = updyn.Model.from_groups(result.start.groups, result.start.dofs, geometry=geometry)
     found = result.modes.correlations["updated"]
-    figures = MODES.figures(Content(dataclasses.replace(result, start=start)))
+    figures = MODES.figures(PageContent(dataclasses.replace(result, start=start)))
     figure = figures["comac-map-updated"]
     assert "comac-map-start" in figures
     structure, sensors = figure["data"]
@@ -111,7 +111,7 @@ def test_what_is_not_known_is_said(result):
     none = ModalTable(notes=("Too few lines to identify a mode.",))
     page = Page(render(dataclasses.replace(result, modes=none)))
     assert "Modes of test and model Too few lines to identify a mode." in page.words
-    assert MODES.figures(Content(dataclasses.replace(result, modes=none))) == {}
+    assert MODES.figures(PageContent(dataclasses.replace(result, modes=none))) == {}
 
 
 def test_many_modes_are_folded_away(result, monkeypatch):
@@ -172,7 +172,7 @@ def test_close_modes_are_marked_in_table_and_map(result):
         dataclasses.replace(table.test, frequency=f, shapes=shapes), None, table.updated
     )
     (one,) = close.correlations["updated"].subspaces
-    content = Content(dataclasses.replace(result, modes=close))
+    content = PageContent(dataclasses.replace(result, modes=close))
     figure = MODES.figures(content)["mac-updated"]
     (frame,) = figure["layout"]["shapes"]
     assert [frame[at] for at in ("x0", "x1", "y0", "y1")] == [2.5, 4.5, 2.5, 4.5]
@@ -191,7 +191,7 @@ def test_close_modes_are_marked_in_table_and_map(result):
     assert "2 pairs have close modes, whose MAC (*) is that of their subspaces." in words
     assert "subspace MAC 1.000" in words
     assert "only the measured modes are close" in words
-    plain = MODES.figures(Content(result))["mac-updated"]["layout"]
+    plain = MODES.figures(PageContent(result))["mac-updated"]["layout"]
     assert "shapes" not in plain
     assert "annotations" not in plain
 

@@ -18,7 +18,7 @@ from report_case import HOSTILE, hostile, largest, measured, realistic, smallest
 from updyn.errors import FormatError, OptionError
 from updyn.model import Group, Model
 from updyn.report.page import POLICY, render
-from updyn.report.section import SECTIONS, Content, sections_of
+from updyn.report.section import SECTIONS, PageContent, select_sections
 from updyn.report.templates import asset
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.problem.parameters import Parameter, ParameterSet
@@ -48,7 +48,7 @@ def test_elements_are_closed_in_order(page):
 
 def test_sections_stand_in_order_and_the_contents_lead_to_them(page):
     # The model has no geometry, and its unknowns were fitted freely.
-    sections = sections_of(Content(realistic()))
+    sections = select_sections(PageContent(realistic()))
     assert [s.place for s in sections] == sorted(s.place for s in sections)
     anchors = [s.anchor for s in sections if s.anchor not in ("structure", "held")]
     assert [a["id"] for a in page.of("section")] == ["verdict", *anchors]
@@ -118,7 +118,7 @@ def test_no_sentence_of_the_message_is_said_twice(page):
 
 
 def test_what_is_not_on_the_first_screen_is_folded(page, html):
-    sections = sections_of(Content(realistic()))
+    sections = select_sections(PageContent(realistic()))
     first = [s.anchor for s in sections if s.first_screen]
     assert first == ["changes", "modes", "all-channels", "channels"]
     folded = re.findall(r'<section id="([\w-]+)">\s*<details class="fold">', html)
@@ -226,7 +226,7 @@ def test_answers_that_fit_equally_well_are_a_table():
         "bay 11 loss factor 0.022 0.072 0.022",
     )
     assert f"{first} {second} {third} odds of this result over it – 1.8 to 1 0.9 to 1" in page.words
-    assert "sensor that tells it from this result – 7:Z none" in page.words
+    assert "sensor that distinguishes it from this result – 7:Z none" in page.words
     assert "typical difference of the FRFs there – 42 % –" in page.words
 
 
@@ -280,7 +280,8 @@ def test_outliers_are_named():
     assert "3.4 % of the values stand out and have less than a tenth of their weight." in words
     assert "at least half of the lines 50, 150 Hz and the channels 3:+Z / 2:+Z." in words
     assert (
-        "No value stands out" in Page(render(realistic(noise=told | {"down_weighted": 0.0}))).words
+        "No outliers: all values"
+        in Page(render(realistic(noise=told | {"down_weighted": 0.0}))).words
     )
 
 
@@ -338,10 +339,10 @@ def test_written_whole_or_not_at_all(tmp_path):
         updyn.write_report(realistic(), tmp_path / "nowhere" / "report.html")
 
 
-OUTSIDE = """from updyn.report.section import Section
+OUTSIDE = """from updyn.report.section import ReportSection
 
 
-class Mounts(Section):
+class Mounts(ReportSection):
     anchor, name, heading, place = "mounts", "Mounts", "Mounts <of> rubber", 450
     template = "outside/mounts.html"
 

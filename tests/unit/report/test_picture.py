@@ -14,7 +14,7 @@ from report_case import realistic, smallest
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.report.page import render
-from updyn.report.picture import spread
+from updyn.report.picture import spread_heights
 from updyn.report.structure import STEPS, group_changes, group_remarks, structure_of
 from updyn.updating.result import JointResult
 from updyn.viewer.groups import groups_of_lines, nodes_of_groups
@@ -211,14 +211,16 @@ def test_the_page_of_several_tests_shows_the_sensors_of_all() -> None:
 def test_labels_keep_apart_and_inside() -> None:
     rng = np.random.default_rng(1)
     for n in (1, 5, 30):
-        out = spread(np.sort(rng.uniform(200.0, 260.0, n)), 16.0, 16.0, 640.0)
+        out = spread_heights(np.sort(rng.uniform(200.0, 260.0, n)), 16.0, 16.0, 640.0)
         assert (np.diff(out) >= 16.0 - 1e-9).all()
         assert out.min() >= 16.0
         assert out.max() <= 640.0
     np.testing.assert_allclose(
-        spread(np.array([50.0, 100.0, 300.0]), 16.0, 16.0, 640.0), [50.0, 100.0, 300.0]
+        spread_heights(np.array([50.0, 100.0, 300.0]), 16.0, 16.0, 640.0), [50.0, 100.0, 300.0]
     )
-    np.testing.assert_allclose(spread(np.array([638.0, 640.0]), 16.0, 16.0, 640.0), [624.0, 640.0])
+    np.testing.assert_allclose(
+        spread_heights(np.array([638.0, 640.0]), 16.0, 16.0, 640.0), [624.0, 640.0]
+    )
 
 
 def test_a_large_geometry_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

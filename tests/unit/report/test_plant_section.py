@@ -19,8 +19,8 @@ from updyn.control.report.page import write_plant_page
 from updyn.control.report.plant import share
 from updyn.control.servo.controller import Controller, Notch
 from updyn.job import load_job, prepare
-from updyn.report.plots import log_frequency, phases, with_peaks
-from updyn.report.section import Content, sections_of
+from updyn.report.plots import log_frequency, phases, thin_indices
+from updyn.report.section import PageContent, select_sections
 
 JOB = """title = "Azimuth <b>'\\"& 1</b>"
 [model]
@@ -95,8 +95,8 @@ def made(tmp_path_factory):
 
 def drawn(plant_result):
     """Sections by anchor, and their figures."""
-    content, texts, figures = Content(further={"plant": plant_result}), {}, {}
-    for section in sections_of(content):
+    content, texts, figures = PageContent(further={"plant": plant_result}), {}, {}
+    for section in select_sections(content):
         own = section.figures(content)
         texts[section.anchor] = section.render(content, own)
         figures |= own
@@ -348,11 +348,11 @@ def test_responses_over_time(made, parts):
 def test_no_peak_is_lost_where_points_are_left_out():
     value = np.random.default_rng(0).standard_normal(50_001)
     value[31_234], value[7] = 9.0, -8.0
-    at = with_peaks(value, 1000)
+    at = thin_indices(value, 1000)
     assert len(at) <= 1002
     assert (at[0], at[-1]) == (0, 50_000)
     assert {31_234, 7} <= set(at.tolist())
-    np.testing.assert_array_equal(with_peaks(value[:900], 1000), np.arange(900))
+    np.testing.assert_array_equal(thin_indices(value[:900], 1000), np.arange(900))
 
 
 def test_an_unstable_loop_says_so(made):

@@ -86,7 +86,7 @@ def noise(shape, absolute=True):
 def test_noise_is_called_noise_and_its_size_is_relative_where_it_was_estimated():
     quiet = noise((40, 3, 1), absolute=False)
     text = words(adequacy=quiet)
-    assert "Residual noise nothing speaks against the model" in text
+    assert "Residual noise consistent with the model" in text
     assert "compared with that of all the rest (F)" in text
     assert "over the typical misfit, as the size of the noise was taken from it, by channel" in text
     assert "Places that stand out" not in text

@@ -10,7 +10,7 @@ import pytest
 
 import updyn
 from updyn.frf import unit
-from updyn.report.formats import estimate, padded
+from updyn.report.formats import estimate, format_padded
 from updyn.report.page import render
 from updyn.report.uncertainty import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
@@ -142,7 +142,7 @@ def test_ends_have_the_digits_of_the_standard_deviation(result):
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", section)
     shown = [estimate(value, std) for value in (result.values["base.stiffness"], 0.98765, 1.02345)]
     assert [cells[0], *cells[2:4]] == shown
-    assert cells[1] == padded(std, 2)
+    assert cells[1] == format_padded(std, 2)
     assert ">note<" in section  # here there is one
     quiet = render(result, draws(result))
     section = quiet[quiet.index('<section id="uncertainty">') :].split("</section>")[0]

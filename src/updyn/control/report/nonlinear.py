@@ -12,7 +12,14 @@ from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
 from updyn.report.formats import counted
 from updyn.report.formats import number as formatted
-from updyn.report.plots import Figure, Panel, label, numbers, stacked, with_peaks
+from updyn.report.plots import (
+    Figure,
+    Panel,
+    encode_numbers,
+    escape_label,
+    stack_panels,
+    thin_indices,
+)
 
 __all__ = ["nonlinear_context", "nonlinear_figures"]
 
@@ -63,14 +70,14 @@ def nonlinear_context(number: int, found: Nonlinear) -> dict[str, Any]:
 
 def _verdict(found: Nonlinear) -> str:
     count = counted(len(found.cycles), "limit cycle") if found.cycles else "no limit cycle"
-    said = f"Harmonic balance predicts {count}."
+    prediction = f"Harmonic balance predicts {count}."
     ended = found.simulation
     if ended is None:
-        return said
+        return prediction
     if ended.verdict == "limit cycle":
         return (
-            f"{said} In time the loop ends in one of {formatted(ended.amplitude, 4)} {ended.unit}"
-            f" (first harmonic) at {formatted(ended.frequency, 4)} Hz."
+            f"{prediction} In time the loop ends in one of {formatted(ended.amplitude, 4)}"
+            f" {ended.unit} (first harmonic) at {formatted(ended.frequency, 4)} Hz."
         )
     words = {
         "decays": "the oscillation decays",
@@ -78,7 +85,7 @@ def _verdict(found: Nonlinear) -> str:
         "grows": "the oscillation still grows at the end",
         "not settled": "the loop has not settled by the end",
     }
-    return f"{said} In time {words.get(ended.verdict, ended.verdict)}."
+    return f"{prediction} In time {words.get(ended.verdict, ended.verdict)}."
 
 
 def _series(found: Nonlinear, ended: Simulation) -> Figure:
@@ -107,19 +114,19 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
             0.8,
         ),
     ]
-    return stacked(
+    return stack_panels(
         panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 380
     )
 
 
 def _line(x: Any, y: Any, name: str, unit: str, colour: str) -> dict[str, Any]:
-    at = with_peaks(y, _POINTS)
+    at = thin_indices(y, _POINTS)
     return {
         "type": "scatter",
         "mode": "lines",
-        "name": label(name),
-        "x": numbers(x[at]),
-        "y": numbers(y[at]),
+        "name": escape_label(name),
+        "x": encode_numbers(x[at]),
+        "y": encode_numbers(y[at]),
         "line": {"color": colour, "width": 1.6},
-        "hovertemplate": f"%{{x:.5g}} s: {label(name)} %{{y:.4g}} {unit}<extra></extra>",
+        "hovertemplate": f"%{{x:.5g}} s: {escape_label(name)} %{{y:.4g}} {unit}<extra></extra>",
     }

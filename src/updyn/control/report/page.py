@@ -8,7 +8,7 @@ from pathlib import Path
 from updyn import __version__
 from updyn.control.job.plant_result import PlantResult
 from updyn.report.page import assemble
-from updyn.report.section import Content
+from updyn.report.section import PageContent
 from updyn.report.templates import render_template, write_page
 
 __all__ = ["write_plant_page"]
@@ -27,5 +27,5 @@ def render(result: PlantResult) -> str:
     elif result.updated:
         badge, kind = "Updated", "good"
     head = render_template("updyn.control.report/head.html", result=result, badge=badge, kind=kind)
-    content = Content(further={"plant": result})
+    content = PageContent(further={"plant": result})
     return assemble(content, head, f"{result.title}: plant", __version__)

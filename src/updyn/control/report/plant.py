@@ -23,9 +23,9 @@ from updyn.report.plots import (
     log_frequency,
     log_range,
     phases,
-    stacked,
+    stack_panels,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 
 __all__ = [
     "PLANT",
@@ -142,7 +142,7 @@ def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
         Panel("phase (°)", phase, degree_axis(np.concatenate(degrees)), 0.9),
         Panel(_ERRORS[result.measure], off, log_range([*error, plant.tolerance], 5.0), 0.9),
     ]
-    return stacked(panels, log_frequency(freq), 560)
+    return stack_panels(panels, log_frequency(freq), 560)
 
 
 def degree_axis(values: object) -> dict[str, object]:
@@ -164,12 +164,12 @@ def _weight(found: UncertaintyWeight) -> Figure:
         curve(found.freq, cover, "weight |W|", "@after"),
     ]
     axis = log_range(np.concatenate([radius, cover]), 6.0)
-    return stacked(
+    return stack_panels(
         [Panel("relative to the nominal plant", traces, axis)], log_frequency(found.freq), 320
     )
 
 
-class PlantSection(Section):
+class PlantSection(ReportSection):
     """The plant of a job."""
 
     anchor = "plant"
@@ -178,15 +178,15 @@ class PlantSection(Section):
     place = 2000
     template = "updyn.control.report/plant.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Return whether a page has the section: every page with a plant result."""
         return True
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return Bode diagrams and weights."""
         return plant_figures(content.further["plant"])
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return key figures and table cells."""
         result: PlantResult = content.further["plant"]
         context: dict[str, Any] = {

@@ -22,14 +22,14 @@ from updyn.report.plots import (
     Panel,
     band_traces,
     curve,
-    label,
+    encode_numbers,
+    escape_label,
     log_frequency,
     log_range,
-    numbers,
-    stacked,
-    with_peaks,
+    stack_panels,
+    thin_indices,
 )
-from updyn.report.section import Content, Section
+from updyn.report.section import PageContent, ReportSection
 
 __all__ = [
     "SERVO",
@@ -91,9 +91,9 @@ def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
     ends = list(loop.freq[near][[0, -1]]) if near.any() else []
     ends += [f for f in (*marks, m.modulus_margin_at) if f is not None and math.isfinite(f)]
     if len(ends) < 2:
-        return with_peaks(size, _LINES)
+        return thin_indices(size, _LINES)
     inside = np.flatnonzero((loop.freq >= 0.95 * min(ends)) & (loop.freq <= 1.05 * max(ends)))
-    return inside[with_peaks(size[inside], _LINES)]
+    return inside[thin_indices(size[inside], _LINES)]
 
 
 def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
@@ -117,7 +117,7 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
         Panel("|L| (dB)", size, _db_axis(_decibels(L)), 1.2, (0.0,)),
         Panel("phase (°)", phase, degree_axis(turns), 1.0, tuple(_critical(turn))),
     ]
-    return stacked(panels, log_frequency(freq), 480)
+    return stack_panels(panels, log_frequency(freq), 480)
 
 
 def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
@@ -143,7 +143,7 @@ def _point(x: float, y: float, name: str) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "markers",
-        "name": label(name),
+        "name": escape_label(name),
         "x": [x],
         "y": [y],
         "marker": {
@@ -152,7 +152,7 @@ def _point(x: float, y: float, name: str) -> dict[str, Any]:
             "symbol": "circle-open",
             "line": {"width": 2, "color": "@before"},
         },
-        "hovertemplate": f"%{{x:.5g}} Hz: {label(name)}<extra></extra>",
+        "hovertemplate": f"%{{x:.5g}} Hz: {escape_label(name)}<extra></extra>",
     }
 
 
@@ -178,8 +178,8 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
                 "mode": "lines",
                 "name": f"|1 + L| = {_MODULUS:g}",
                 "showlegend": index == 0,
-                "x": numbers(around),
-                "y": numbers(_decibels(circle)),
+                "x": encode_numbers(around),
+                "y": encode_numbers(_decibels(circle)),
                 "line": {"color": "@before", "dash": "dash", "width": 1.5},
                 "hoverinfo": "skip",
             }
@@ -223,9 +223,9 @@ def _along(x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
         "type": "scatter",
         "mode": "lines",
         "name": name,
-        "x": numbers(x),
-        "y": numbers(y),
-        "customdata": numbers(freq),
+        "x": encode_numbers(x),
+        "y": encode_numbers(y),
+        "customdata": encode_numbers(freq),
         "line": {"color": colour, "width": width},
         "hovertemplate": "%{customdata:.5g} Hz: %{y:.3g} dB, %{x:.4g}°<extra></extra>",
     }
@@ -269,7 +269,7 @@ def _closed_loop_figure(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Fig
                 0.8,
             )
         )
-    return stacked(panels, log_frequency(freq), 280 + 180 * (len(panels) - 1) + 60, marks)
+    return stack_panels(panels, log_frequency(freq), 280 + 180 * (len(panels) - 1) + 60, marks)
 
 
 def _compliance_unit(servo: Servo, plant: Plant) -> str:
@@ -287,7 +287,13 @@ def _step_figure(step: StepResponse, unit: str) -> Figure:
     value = _time_trace(step.time, step.value, step.output, step.output_unit, "@after")
     final = filter(math.isfinite, [step.final])
     panels = [
-        Panel(f"{label(step.output)} ({_unit(step.output_unit)})", [value], {}, 1.2, tuple(final)),
+        Panel(
+            f"{escape_label(step.output)} ({_unit(step.output_unit)})",
+            [value],
+            {},
+            1.2,
+            tuple(final),
+        ),
         Panel(
             f"command ({unit})",
             [_time_trace(step.time, step.torque, "command", unit, "@third")],
@@ -295,7 +301,7 @@ def _step_figure(step: StepResponse, unit: str) -> Figure:
             0.8,
         ),
     ]
-    return stacked(
+    return stack_panels(
         panels, {"title": {"text": "time (s)"}, "range": [0.0, float(step.time[-1])]}, 400
     )
 
@@ -305,23 +311,23 @@ def _wind_figure(wind: WindResponse) -> Figure:
     push = _time_trace(time, wind.disturbance, wind.input, wind.input_unit, "@fourth")
     error = _time_trace(time, wind.error, wind.output, wind.output_unit, "@after")
     panels = [
-        Panel(f"{label(wind.input)} ({_unit(wind.input_unit)})", [push], {}, 0.8),
-        Panel(f"{label(wind.output)}, error ({_unit(wind.output_unit)})", [error], {}, 1.2),
+        Panel(f"{escape_label(wind.input)} ({_unit(wind.input_unit)})", [push], {}, 0.8),
+        Panel(f"{escape_label(wind.output)}, error ({_unit(wind.output_unit)})", [error], {}, 1.2),
     ]
-    return stacked(
+    return stack_panels(
         panels, {"title": {"text": "time (s)"}, "range": [float(time[0]), float(time[-1])]}, 400
     )
 
 
 def _time_trace(time: _Real, value: _Real, name: str, unit: str, colour: str) -> dict[str, Any]:
-    shown = f"%{{x:.5g}} s: {label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
-    at = with_peaks(value, _POINTS)
+    shown = f"%{{x:.5g}} s: {escape_label(name)} %{{y:.4g}} {_unit(unit)}".rstrip()
+    at = thin_indices(value, _POINTS)
     return {
         "type": "scatter",
         "mode": "lines",
-        "name": label(name),
-        "x": numbers(time[at]),
-        "y": numbers(value[at]),
+        "name": escape_label(name),
+        "x": encode_numbers(time[at]),
+        "y": encode_numbers(value[at]),
         "line": {"color": colour, "width": 1.6},
         "hovertemplate": f"{shown}<extra></extra>",
     }
@@ -343,16 +349,16 @@ def _spread(members: _Real, nominal: _Real) -> tuple[_Real, _Real]:
 
 
 def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
-    seen = values[np.isfinite(values)]
-    low = max(float(seen.min(initial=-12.0)), lowest)
-    high = min(float(seen.max(initial=6.0)), _LOUD)
-    if not seen.size:
+    finite = values[np.isfinite(values)]
+    low = max(float(finite.min(initial=-12.0)), lowest)
+    high = min(float(finite.max(initial=6.0)), _LOUD)
+    if not finite.size:
         low, high = max(-20.0, lowest), 20.0
     step = next((s for s in (3, 6, 10, 20) if (high - low) / s <= 8), 40)
     return {"dtick": step, "tick0": 0, "range": [low - 0.3 * step, high + 0.3 * step]}
 
 
-class ServoSection(Section):
+class ServoSection(ReportSection):
     """Servo on the plant of a job, and the figures of its drive."""
 
     anchor = "servo"
@@ -361,12 +367,12 @@ class ServoSection(Section):
     place = 2100
     template = "updyn.control.report/servo.html"
 
-    def applies(self, content: Content) -> bool:
+    def applies(self, content: PageContent) -> bool:
         """Return whether the plant result has a servo or a drive."""
         result: PlantResult = content.further["plant"]
         return result.servo is not None or result.drive is not None
 
-    def figures(self, content: Content) -> dict[str, Figure]:
+    def figures(self, content: PageContent) -> dict[str, Figure]:
         """Return loops, time responses, and simulations with backlash or friction."""
         result: PlantResult = content.further["plant"]
         if result.servo is None:
@@ -374,7 +380,7 @@ class ServoSection(Section):
         assert result.plant is not None
         return nonlinear_figures(result.nonlinear) | servo_figures(result.servo, result.plant)
 
-    def context(self, content: Content) -> dict[str, Any]:
+    def context(self, content: PageContent) -> dict[str, Any]:
         """Return texts, key figures and table cells."""
         result: PlantResult = content.further["plant"]
         context: dict[str, Any] = {"servo": result.servo, "drive": result.drive}

@@ -1,9 +1,9 @@
 """A section of the report about what ``[toy]`` gave."""
 
-from updyn.report.section import Section
+from updyn.report.section import ReportSection
 
 
-class Energy(Section):
+class Energy(ReportSection):
     """Names and values in a list."""
 
     anchor = "toy"
