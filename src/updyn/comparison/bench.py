@@ -23,8 +23,8 @@ from updyn.updating.fit.methods import METHODS, make_method
 from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.fit.regularisation import check_regularise
-from updyn.updating.problem.data import Test, check, split_data
-from updyn.updating.problem.lines import choose_lines, d_optimal
+from updyn.updating.problem.data import Test, check_tests, split_data
+from updyn.updating.problem.lines import choose_lines, select_d_optimal
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
 from updyn.updating.problem.problem import Part
@@ -439,7 +439,7 @@ class Bench:
         if count >= n:
             at = np.arange(n)
         elif self.options.chosen == "d-optimal":
-            at = d_optimal(_problem(test, frf, self.parameters, self.running), count)
+            at = select_d_optimal(_problem(test, frf, self.parameters, self.running), count)
         elif count == 1:
             at = np.array([round((n - 1) / 2)])
         else:
@@ -543,7 +543,7 @@ def compare(
     """
     selected = Selection.of(parameters)
     test = Test(model, frf, "", lines, noise, validation)
-    check([test], selected.parameters)
+    check_tests([test], selected.parameters)
     checked = Options.checked(
         selected.parameters,
         methods,
@@ -620,7 +620,7 @@ def compare_jointly(
     if not named:
         raise OptionError("compare_jointly: expected a sequence of at least one Test")
     selected = Selection.of(parameters)
-    check(named, selected.parameters)
+    check_tests(named, selected.parameters)
     checked = Options.checked(
         selected.parameters,
         methods,

@@ -14,7 +14,7 @@ from updyn.planning.criteria import CRITERIA, Criterion, Planning, volume_score
 from updyn.planning.layout import Layout
 from updyn.planning.options import Band
 from updyn.planning.result import Rival, Worth
-from updyn.updating.problem.optimal_design import DesignScore, greedy
+from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 
 __all__ = ["Choice"]
 
@@ -95,7 +95,7 @@ class Choice:
     def _further(self, items: _Real, chosen: Sequence[int], names: DofSet) -> tuple[Worth, ...]:
         left = np.setdiff1d(np.arange(len(items)), chosen)
         count = min(_FURTHER, len(left))
-        order, _ = greedy(items[left], self.total, count, self.score)
+        order, _ = select_greedily(items[left], self.total, count, self.score)
         gains = _gains(items[left[order]], self.total, self.score)
         labels = names[left[order]].labels
         return tuple(Worth(label, gain) for label, gain in zip(labels, gains, strict=True))
@@ -123,7 +123,7 @@ def _in_order(
 ) -> tuple[list[int], tuple[float, ...]]:
     """Return selected items in the order of gains, and the gains."""
     at = np.array(chosen, dtype=np.intp)
-    order, _ = greedy(items[at], before, len(at), score)
+    order, _ = select_greedily(items[at], before, len(at), score)
     return at[order].tolist(), tuple(_gains(items[at[order]], before, score))
 
 

@@ -15,7 +15,7 @@ from updyn.correlation.shapes import moving
 from updyn.errors import DataError
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.layout import Layout
-from updyn.updating.problem.optimal_design import DesignScore, exchanged, greedy
+from updyn.updating.problem.optimal_design import DesignScore, exchange_items, select_greedily
 
 __all__ = [
     "DrivingPointResidue",
@@ -131,6 +131,6 @@ def least_mac(shapes: _Real, count: int) -> list[int]:
     first, second = np.unravel_index(int(np.argmax(best)), (len(items), len(items)))
     pair = [int(first), int(second)]
     left = np.setdiff1d(np.arange(len(items)), pair)
-    further, total = greedy(items[left], items[pair].sum(axis=0), count - 2, criterion)
+    further, total = select_greedily(items[left], items[pair].sum(axis=0), count - 2, criterion)
     chosen = [*pair, *left[further].tolist()]
-    return sorted(exchanged(items, total, chosen, criterion))
+    return sorted(exchange_items(items, total, chosen, criterion))

@@ -28,7 +28,7 @@ from updyn.linalg.threads import alone
 from updyn.model import Model
 from updyn.sensitivity import contract
 from updyn.updating.problem.noise.known import Stated, two_part, unit_kinds
-from updyn.updating.problem.optimal_design import initial
+from updyn.updating.problem.optimal_design import initial_information
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import SPREAD, Part
 from updyn.updating.problem.session import Record, Session
@@ -313,7 +313,7 @@ class PairInformation:
         diagonal = packed[:, :, 0, lower[0] == lower[1]].sum(axis=(0, 1)) + weight**2
         scale = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
         packed /= scale[lower[0]] * scale[lower[1]]
-        return cls(packed, initial(n) + np.diag((weight / scale) ** 2), scale)
+        return cls(packed, initial_information(n) + np.diag((weight / scale) ** 2), scale)
 
     @property
     def shape(self) -> tuple[int, int]:

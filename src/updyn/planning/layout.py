@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.planning.information import PairInformation
-from updyn.updating.problem.optimal_design import DesignScore, exchanged, greedy
+from updyn.updating.problem.optimal_design import DesignScore, exchange_items, select_greedily
 
 __all__ = ["Layout", "OverPoints", "best_layout"]
 
@@ -80,7 +80,7 @@ def _further(
 ) -> list[int]:
     """Return further items by greedy selection."""
     left = np.setdiff1d(np.arange(len(items)), chosen)
-    order, _ = greedy(items[left], total, count, criterion)
+    order, _ = select_greedily(items[left], total, count, criterion)
     return [int(i) for i in left[order]]
 
 
@@ -89,13 +89,13 @@ def _improve_layout(
 ) -> Layout:
     """Return the layout from some references by greedy selection and exchange."""
     items = information.of_responses(columns)
-    rows, _ = greedy(items, information.before, n_rows, criterion)
+    rows, _ = select_greedily(items, information.before, n_rows, criterion)
     for _ in range(_ROUNDS):
         before = Layout(tuple(rows), tuple(columns))
         items = information.of_responses(columns)
-        rows = exchanged(items, information.of_layout(rows, columns), rows, criterion)
+        rows = exchange_items(items, information.of_layout(rows, columns), rows, criterion)
         items = information.of_references(rows)
-        columns = exchanged(items, information.of_layout(rows, columns), columns, criterion)
+        columns = exchange_items(items, information.of_layout(rows, columns), columns, criterion)
         if before == Layout(tuple(rows), tuple(columns)):
             break
     return Layout(tuple(rows), tuple(columns))

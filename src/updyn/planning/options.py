@@ -13,7 +13,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.group import is_number
 from updyn.model import Model
 from updyn.updating.problem.coordinates import Coordinates
-from updyn.updating.problem.lines import named_unknowns
+from updyn.updating.problem.lines import find_unknowns
 from updyn.updating.problem.noise import ASSUMED, Stated, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 
@@ -74,7 +74,7 @@ def find_wanted(interest: str | Iterable[str] | None, unknowns: ParameterSet) ->
     if not patterns:
         raise OptionError("interest: no unknown is named; omit it for all", key=("interest",))
     with key_path("interest"):
-        return tuple(named_unknowns("interest", patterns, unknowns.names))
+        return tuple(find_unknowns("interest", patterns, unknowns.names))
 
 
 def find_noise(given: Mapping[str, float] | None) -> Stated:

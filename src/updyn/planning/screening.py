@@ -22,7 +22,7 @@ from updyn.dofs import DofSet
 from updyn.dynamics.reduction import Across, Reduction
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.information import Candidates, PairInformation
-from updyn.updating.problem.optimal_design import DesignScore, greedy
+from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 from updyn.updating.problem.session import Record
 
 __all__ = ["is_many", "screen", "where_reduced"]
@@ -109,9 +109,9 @@ def _responses(
     layouts: list[tuple[float, list[int]]] = []
     for first in firsts.tolist():
         others = np.setdiff1d(np.arange(n_j), [first])
-        order, _ = greedy(alone[others], before + alone[first], counts[1] - 1, score)
+        order, _ = select_greedily(alone[others], before + alone[first], counts[1] - 1, score)
         items = information.of_responses([first, *others[order].tolist()])
-        rows, total = greedy(items, before, counts[0], score)
+        rows, total = select_greedily(items, before, counts[0], score)
         layouts.append((float(score.score(total)), rows))
     layouts.sort(key=lambda layout: -layout[0])
     of_layouts = list(dict.fromkeys(itertools.chain(*(rows for _, rows in layouts))))[:kept]
@@ -188,7 +188,7 @@ def _best(items: _Real, before: _Real, count: int, score: DesignScore) -> NDArra
     if len(items) <= count or not count:
         return np.arange(min(len(items), count))
     total = np.broadcast_to(before, items.shape[1:])
-    chosen, _ = greedy(items, total, count // 2, score)
+    chosen, _ = select_greedily(items, total, count // 2, score)
     alone = score.score(items + before)
     alone[chosen] = np.inf
     return np.sort(np.argsort(-alone, kind="stable")[:count])

@@ -9,7 +9,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.judge.causes.diagnosis import diagnosed
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.problem.data import Test, check
+from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
 from updyn.updating.problem.problem import Part
@@ -75,7 +75,7 @@ def diagnose(
         unknowns = _all_unknowns(model)
     selection = Selection.of(unknowns)
     test = Test(selection.start_of(model), frf, "", None, noise)
-    check([test], selection.parameters)
+    check_tests([test], selection.parameters)
     exact = None if tier == "reduced" else tier
     session = Session(memory=Recent())
     part = Part.build(

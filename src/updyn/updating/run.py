@@ -50,14 +50,14 @@ from updyn.updating.problem.data import (
     ModalSplit,
     Split,
     Test,
-    check,
     check_measured,
+    check_tests,
     has_quantity,
-    held_out,
+    list_validation,
     split_data,
     split_modes,
 )
-from updyn.updating.problem.lines import Lines, on_lines
+from updyn.updating.problem.lines import Lines, restrict_to_lines
 from updyn.updating.problem.modal import ModalPart, check_any_pair
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.noise.modes import choose_modal_noise
@@ -144,14 +144,14 @@ def run(
     selection = Selection.of(parameters)
     unknowns = selection.parameters
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
-    check(tests, unknowns)
+    check_tests(tests, unknowns)
     for test in tests:
         if isinstance(test.data, FRF):
             warn_of_labels(test.model, test.data)
     check_channels(unknowns, strategy)
     for i, test in enumerate(tests):
         if test.validation is not None:  # read once, for the fit and for the fingerprint
-            tests[i] = replace(test, validation=held_out(test.validation))
+            tests[i] = replace(test, validation=list_validation(test.validation))
     of_frfs = [test for test in tests if isinstance(test.data, FRF)]
     splits = [split_data(test.frf, test.validation) for test in of_frfs]
     for test, split in zip(of_frfs, splits, strict=True):
@@ -563,8 +563,8 @@ def _beside_start(whole: Problem) -> Problem:
     is_mass = np.array([p.quantity == "mass" for p in coordinates.parameters])
     step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
-    moved = coordinates.moved(x + step)
-    return whole.with_coordinates(moved)
+    shifted = coordinates.with_start(x + step)
+    return whole.with_coordinates(shifted)
 
 
 def _fitted_from_start(
@@ -588,7 +588,7 @@ def _fitted_from_start(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = whole.with_parts(list(map(on_lines, whole.parts, lines)))
+            problem = whole.with_parts(list(map(restrict_to_lines, whole.parts, lines)))
             finest = ROUNDING if reduced is None else FINEST
             problem = problem.with_parts(
                 [part.without_rounding(x, finest) for part in problem.parts]

@@ -22,7 +22,7 @@ from updyn.updating.fit.methods import make_method
 from updyn.updating.fit.monitor import JUDGE, Progress
 from updyn.updating.judge.assessment import analyse_start
 from updyn.updating.judge.identifiability import Analysis, Identifiability
-from updyn.updating.problem.data import Test, check
+from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.tests import problem_of
@@ -325,6 +325,6 @@ def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) 
     """Return the analysis on which `joint_identifiability` is based; it raises the same errors."""
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
-    check(tests, chosen.parameters)
+    check_tests(tests, chosen.parameters)
     analysis, advice = analyse_start(*problem_of(tests, chosen.parameters))
     return replace(analysis, report=replace(analysis.report, advice=advice))

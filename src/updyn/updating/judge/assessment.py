@@ -31,10 +31,10 @@ from updyn.updating.judge.modal_figures import correlate_measured_modes
 from updyn.updating.judge.noise_split import covariance_over_ratios
 from updyn.updating.judge.rounding import Rounding, find_worst_rounding
 from updyn.updating.problem.data import ModalSplit, Split
-from updyn.updating.problem.levelled import levelled
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
+from updyn.updating.problem.normalised import make_normalised_residual
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Stopped
@@ -275,7 +275,7 @@ def _equal_row_jacobian(
     deficiency = null_space(R).shape[1]
     if deficiency == 0 or not R.any():
         return None
-    local = levelled(problem, noises).local(problem, x)
+    local = make_normalised_residual(problem, noises).local(problem, x)
     return local.R if local is not None and null_space(local.R).shape[1] < deficiency else None
 
 

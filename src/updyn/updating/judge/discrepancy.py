@@ -19,7 +19,7 @@ from updyn.errors import SolverError
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import WIDEST, complement
-from updyn.updating.problem.local import Local, joined
+from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, LineResidual, reduced
 from updyn.updating.problem.session import Record
@@ -271,7 +271,7 @@ def _reduce_with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
     found = []
     for i, (part, index) in enumerate(zip(problem.parts, dofs, strict=True)):
         found.append(_reduce_cached(_LocalErrors(residual.of(i).weight, index), part, x, n))
-    return joined(found, n)
+    return join_locals(found, n)
 
 
 def _reduce_cached(residual: _LocalErrors, part: Part, x: _Real, n: int) -> Local:

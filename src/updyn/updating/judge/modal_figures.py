@@ -14,7 +14,7 @@ from updyn.correlation.shapes import moving
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
 from updyn.updating.problem.data import ModalSplit
-from updyn.updating.problem.modal import ModalPart, Target, informative
+from updyn.updating.problem.modal import ModalPart, ModalTarget, drop_excluded_shapes
 
 __all__ = ["correlate_measured_modes"]
 
@@ -50,8 +50,8 @@ def correlate_measured_modes(
 
 def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[str, float]:
     """Return the figures of some modes; frequency and damping errors are over the paired modes."""
-    modes = informative(modes, part.noise)
-    selected = replace(part, target=Target.of(part.system, modes))
+    modes = drop_excluded_shapes(modes, part.noise)
+    selected = replace(part, target=ModalTarget.of(part.system, modes))
     try:
         rows = selected.rows(x, derivatives=False)
         macs, close = _with_subspaces(selected, x, rows.mac)
@@ -59,7 +59,7 @@ def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) ->
         return {}
     figures = {
         "modes_measured": float(len(modes)),
-        "modes_paired": float(np.sum(macs >= selected.like)),
+        "modes_paired": float(np.sum(macs >= selected.least_mac)),
     }
     if modes.has_shapes:
         figures |= {"mac_median": float(np.median(macs)), "mac_min": float(macs.min())}
@@ -67,8 +67,8 @@ def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) ->
         figures["modes_close"] = float(len(close))
     by_subspace = [
         close[k]
-        for k in rows.lost(selected.like).tolist()
-        if k in close and macs[k] >= selected.like
+        for k in rows.unpaired(selected.least_mac).tolist()
+        if k in close and macs[k] >= selected.least_mac
     ]
     frequency_errors = np.append(rows.r[rows.of("frequency")], by_subspace)
     if frequency_errors.size:
@@ -89,7 +89,7 @@ def _with_subspaces(
     is the logarithm of computed over measured frequency of the close modes, by measured mode.
     """
     target = part.target
-    if not target.tells_apart:
+    if not target.can_distinguish_shapes:
         return macs, {}
     modes = part.pairs(x).modes
     move = moving(modes.shapes[target.rows], modes.shapes)
@@ -97,7 +97,7 @@ def _with_subspaces(
         return macs, {}
     frequency = np.sqrt(modes.value[move]) / (2.0 * np.pi)
     found = pair_clusters(
-        target.seen(modes.shapes[:, move]),
+        target.at_sensors(modes.shapes[:, move]),
         target.shapes,
         (frequency, target.frequency),
         PairingRule(GATE, LEAST_MAC, CLOSE),

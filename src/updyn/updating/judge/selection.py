@@ -17,7 +17,7 @@ from updyn.text_table import counted
 from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import analyse_identifiability
-from updyn.updating.problem.data import Test, check
+from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.tests import problem_of
@@ -582,7 +582,7 @@ def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> _Matrix:
     """Return the Jacobian of all data at the start, reduced and whitened by the noise."""
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
-    check(tests, parameters)
+    check_tests(tests, parameters)
     return linearise_at_start(*problem_of(tests, parameters))[0].R
 
 

@@ -9,7 +9,7 @@ from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_table import ModalRow, ModalTable
 from updyn.updating.judge.modal_trust import BAD, HARM, SMALL
 from updyn.updating.judge.trust import Trust
-from updyn.updating.problem.modal import LIKE
+from updyn.updating.problem.modal import SIMILAR_MAC
 
 __all__ = ["WorsenedMode", "find_worsened_modes", "judge_modes"]
 
@@ -54,7 +54,7 @@ def _compare_row(row: ModalRow) -> list[WorsenedMode]:
     hertz, found = row.test.frequency, []
     before, after = row.start.change, row.updated.change
     macs = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
-    if before is not None and after is not None and min(macs, default=1.0) >= LIKE:
+    if before is not None and after is not None and min(macs, default=1.0) >= SIMILAR_MAC:
         error_before, error_after = abs(before), abs(after)
         if error_after > SMALL and error_after > HARM * error_before:
             statement = (

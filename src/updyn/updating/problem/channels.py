@@ -101,7 +101,9 @@ def calibration(
             raise ParameterError(f"calibration: expected an FRF, found {type(one).__name__}")
     drives: list[Drive] = []
     for quantity, given in zip(CHANNELS, (responses, references), strict=True):
-        drives += [Drive(label, quantity) for label in _chosen(data, CHANNELS[quantity], given)]
+        drives += [
+            Drive(label, quantity) for label in _select_sensors(data, CHANNELS[quantity], given)
+        ]
     if not drives:
         raise ParameterError("calibration: no sensor is chosen")
     limits = bounds_pair(bounds, "calibration: bounds")
@@ -115,36 +117,36 @@ def calibration(
     return ParameterSet((Parameter(name, "calibration", 1.0, *limits, prior_std, tuple(drives)),))
 
 
-def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
+def _select_sensors(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
     known: dict[str, None] = {}
     for frf in data:
-        known |= dict.fromkeys(_plain(getattr(frf, f"{kind}s")))
-    there = list(known)
+        known |= dict.fromkeys(_unsigned_labels(getattr(frf, f"{kind}s")))
+    labels = list(known)
     if isinstance(given, str):
         if given != "all":
             raise ParameterError(
                 f"calibration: {kind}s = {given!r}; expected 'all' or labels in a list",
                 key=(f"{kind}s",),
             )
-        return there
+        return labels
     out = []
     for dof in given:
-        label = _label(Dof.parse(dof))
-        if label not in there:
+        label = _unsigned_label(Dof.parse(dof))
+        if label not in labels:
             raise ParameterError(
-                f"calibration: {dof} is no {kind} of the measurement; {suggest(label, there)}",
+                f"calibration: {dof} is no {kind} of the measurement; {suggest(label, labels)}",
                 key=(f"{kind}s",),
             )
         out.append(label)
     return out
 
 
-def _label(dof: Dof) -> str:
+def _unsigned_label(dof: Dof) -> str:
     return f"{dof.node}:{dof.direction}"
 
 
-def _plain(dofs: DofSet) -> list[str]:
-    return list(map(_label, dofs))
+def _unsigned_labels(dofs: DofSet) -> list[str]:
+    return list(map(_unsigned_label, dofs))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +171,7 @@ class Gains:
             return None
         tables = []
         for quantity, kind in CHANNELS.items():
-            labels = _plain(getattr(frf, f"{kind}s"))
+            labels = _unsigned_labels(getattr(frf, f"{kind}s"))
             powers = np.zeros((len(parameters), len(labels)))
             for i, p in enumerate(parameters):
                 for d in p.acts_on:
@@ -199,10 +201,10 @@ class Gains:
 def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> None:
     """Raise if the sensor `label` of a calibration factor is in none of the tests."""
     kind = CHANNELS[quantity]
-    there: list[str] = []
+    labels: list[str] = []
     for frf in data:
-        there += _plain(getattr(frf, f"{kind}s"))
-    if label not in there:
+        labels += _unsigned_labels(getattr(frf, f"{kind}s"))
+    if label not in labels:
         raise ParameterError(
-            f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, there)}"
+            f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, labels)}"
         )

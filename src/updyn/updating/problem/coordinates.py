@@ -74,7 +74,7 @@ class Coordinates:
     @property
     def bounds(self) -> tuple[_Vector, _Vector]:
         """Bounds in x, each shape (n,)."""
-        return self._boxed(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
+        return self._clip_to_box(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
 
     @property
     def relaxed_lower(self) -> _Vector:
@@ -84,9 +84,11 @@ class Coordinates:
         cannot cross this bound may stop there.
         """
         lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
-        return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
+        return self._clip_to_box(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[
+            0
+        ]
 
-    def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
+    def _clip_to_box(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
         if self.box is None:
             return lower, upper
         # A box outside the bounds is reduced to their nearest point.
@@ -107,12 +109,12 @@ class Coordinates:
 
     def with_one(self, x: _Vector, i: int, value: float) -> _Vector:
         """Return x with coordinate `i` at `value`, clipped to the bounds."""
-        moved = x.copy()
-        moved[i] = value
-        return np.clip(moved, *self.bounds)
+        changed = x.copy()
+        changed[i] = value
+        return np.clip(changed, *self.bounds)
 
-    def moved(self, x: _Vector) -> Coordinates:
+    def with_start(self, x: _Vector) -> Coordinates:
         """Return a copy with the start of the unknowns at x and the same priors."""
-        own = self.parameters
-        start = np.clip(self.to_values(x), own.lower, own.upper)
-        return replace(self, parameters=own.with_start(start), centre=self.prior[0])
+        parameters = self.parameters
+        start = np.clip(self.to_values(x), parameters.lower, parameters.upper)
+        return replace(self, parameters=parameters.with_start(start), centre=self.prior[0])

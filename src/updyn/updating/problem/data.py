@@ -25,10 +25,10 @@ __all__ = [
     "ModalSplit",
     "Split",
     "Test",
-    "check",
     "check_measured",
+    "check_tests",
     "complete_parts",
-    "held_out",
+    "list_validation",
     "split_data",
     "split_modes",
 ]
@@ -85,7 +85,7 @@ class Test:
         raise OptionError(f"{named} measured modes; this takes FRFs")
 
 
-def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
+def check_tests(tests: Sequence[Test], parameters: ParameterSet) -> None:
     """Raise if tests and unknowns do not fit together; warn of unknowns without effect."""
     for test in tests:
         _check_type(test.model, Model)
@@ -111,38 +111,40 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
             check_measured(test.data, test.name)
             _warn_of_no_mass(test.model, test.data, test.name)
             _warn_of_axes(test.model, test.data)
-    _warn_of_idle(tests, parameters)
+    _warn_of_ineffective(tests, parameters)
 
 
 def check_measured(frf: FRF, name: str = "") -> None:
     """Raise if all values to be fitted are zero."""
     if not frf.values.any():
-        raise DataError(f"{_of_test(name)}all values to be fitted are zero: nothing was measured")
+        raise DataError(
+            f"{_test_prefix(name)}all values to be fitted are zero: nothing was measured"
+        )
 
 
 def _warn_of_no_mass(model: Model, frf: FRF, name: str) -> None:
     """Warn of a model without mass if the data extend above 0 Hz."""
-    if frf.freq[-1] > 0.0 and not any(_is_there(group.mass) for group in model.groups.values()):
+    if frf.freq[-1] > 0.0 and not any(_is_nonzero(group.mass) for group in model.groups.values()):
         text = (
-            f"{_of_test(name)}the model has no mass: no group has a mass matrix other than zero, so"
-            f" that up to the {frf.freq[-1]:g} Hz of the data it answers as springs and dampers do"
+            f"{_test_prefix(name)}the model has no mass: all mass matrices are zero, so that its"
+            f" response up to the {frf.freq[-1]:g} Hz of the data is that of springs and dampers"
         )
         warnings.warn(text, UpdynWarning, stacklevel=4)
 
 
-def _of_test(name: str) -> str:
+def _test_prefix(name: str) -> str:
     return f"test {name!r}: " if name else ""
 
 
-def _is_there(matrix: Matrix | None) -> bool:
+def _is_nonzero(matrix: Matrix | None) -> bool:
     """Return whether a matrix exists and is not zero."""
     return matrix is not None and bool(matrix.data.any())
 
 
-def _warn_of_idle(tests: Sequence[Test], parameters: ParameterSet) -> None:
+def _warn_of_ineffective(tests: Sequence[Test], parameters: ParameterSet) -> None:
     """Warn of unknowns of the model without effect, because all their matrices are zero."""
     for p in parameters:
-        if p.is_channel or any(_acts(test.model, d) for test in tests for d in p.acts_on):
+        if p.is_channel or any(_has_effect(test.model, d) for test in tests for d in p.acts_on):
             continue
         what = GROUP_QUANTITIES[p.acts_on[0].quantity]
         groups = ", ".join(dict.fromkeys(repr(d.group) for d in p.acts_on))
@@ -153,10 +155,10 @@ def _warn_of_idle(tests: Sequence[Test], parameters: ParameterSet) -> None:
         warnings.warn(text, UpdynWarning, stacklevel=4)
 
 
-def _acts(model: Model, drive: Drive) -> bool:
+def _has_effect(model: Model, drive: Drive) -> bool:
     """Return whether the model has a matrix other than zero that a drive acts on."""
     group = model.groups.get(drive.group)
-    return group is not None and _is_there(getattr(group, GROUP_QUANTITIES[drive.quantity]))
+    return group is not None and _is_nonzero(getattr(group, GROUP_QUANTITIES[drive.quantity]))
 
 
 def _check_type(given: object, *kinds: type) -> None:
@@ -237,7 +239,7 @@ class Split:
 
 def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] | None) -> Split:
     """Split data into fitted data and validation data (responses, or a band in Hz)."""
-    given = held_out(validation)
+    given = list_validation(validation)
     if not given:
         return Split(frf, frf)
     if all(map(is_number, given)):
@@ -267,7 +269,7 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
     )
 
 
-def held_out(validation: object) -> list[Any]:
+def list_validation(validation: object) -> list[Any]:
     """Return the validation labels, or the two limits of the band, as a list."""
     if validation is None:
         return []
@@ -303,7 +305,7 @@ def split_modes(
     modes: ModeSet, validation: Iterable[str | Dof] | tuple[float, float] | None
 ) -> ModalSplit:
     """Split modes into fitted modes and those of a validation band in Hz."""
-    given = held_out(validation)
+    given = list_validation(validation)
     if not given:
         return ModalSplit(modes, modes)
     if len(given) != 2 or not all(map(is_number, given)):
@@ -392,11 +394,11 @@ def complete_parts(
             f"values at {lines[i]:g} Hz, response {rows[j]}, reference {columns[k]} is infinite;"
             " what is missing is not-a-number"
         )
-    there = ~np.isnan(array)
-    if not there.any():
+    is_measured = ~np.isnan(array)
+    if not is_measured.any():
         raise DataError("values: all are missing")
-    if not there.all():
-        source = f"{source}; {_missing(there)}".removeprefix("; ")
+    if not is_measured.all():
+        source = f"{source}; {_describe_missing(is_measured)}".removeprefix("; ")
     quality: dict[str, NDArray[Any]] = {}
     for name, given in (("coherence", coherence), ("variance", variance)):
         if given is None:
@@ -408,7 +410,7 @@ def complete_parts(
                 f" {quality[name].shape}"
             )
     parts = []
-    for at in _rectangles(there):
+    for at in _find_rectangles(is_measured):
         block = np.ix_(*at)
         own: dict[str, Any] = {name: table[block] for name, table in quality.items()}
         frf = FRF(
@@ -427,12 +429,12 @@ def complete_parts(
     return tuple(parts)
 
 
-def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
+def _find_rectangles(is_measured: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
     """Return lines, responses and references of rectangles that cover each True once."""
     by_lines: dict[bytes, dict[int, list[int]]] = {}
-    for j, k in np.ndindex(there.shape[1:]):
-        if there[:, j, k].any():
-            by_lines.setdefault(there[:, j, k].tobytes(), {}).setdefault(j, []).append(k)
+    for j, k in np.ndindex(is_measured.shape[1:]):
+        if is_measured[:, j, k].any():
+            by_lines.setdefault(is_measured[:, j, k].tobytes(), {}).setdefault(j, []).append(k)
     out: list[tuple[NDArray[np.intp], ...]] = []
     for lines, pairs in by_lines.items():
         by_references: dict[tuple[int, ...], list[int]] = {}
@@ -444,13 +446,13 @@ def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
     return out
 
 
-def _missing(there: NDArray[np.bool_]) -> str:
+def _describe_missing(is_measured: NDArray[np.bool_]) -> str:
     """Return the missing values as text: ``1 of 42 channels misses 17 of 400 lines``."""
-    missing = (~there).sum(axis=0).ravel()
+    missing = (~is_measured).sum(axis=0).ravel()
     n_channels = int((missing > 0).sum())
     counts = np.unique(missing[missing > 0])
     n_lines = f"{counts[0]}"
     if len(counts) > 1:
         n_lines += f" to {counts[-1]}"
     verb = "misses" if n_channels == 1 else "miss"
-    return f"{n_channels} of {missing.size} channels {verb} {n_lines} of {len(there)} lines"
+    return f"{n_channels} of {missing.size} channels {verb} {n_lines} of {len(is_measured)} lines"

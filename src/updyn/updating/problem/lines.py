@@ -15,20 +15,20 @@ from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.optimal_design import (
     AOptimal,
     DOptimal,
-    exchanged,
-    greedy,
-    initial,
-    scaled,
+    exchange_items,
+    initial_information,
+    scale_information,
+    select_greedily,
 )
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
 __all__ = [
-    "a_optimal",
     "choose_lines",
-    "d_optimal",
-    "named_unknowns",
-    "on_lines",
+    "find_unknowns",
+    "restrict_to_lines",
+    "select_a_optimal",
+    "select_d_optimal",
 ]
 
 _RELATIVE_FLOOR = 1e-2
@@ -77,15 +77,15 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
                 key=("lines",),
             )
         if found[1] == "d":
-            return d_optimal(part, count)
+            return select_d_optimal(part, count)
         wanted = None
         if found[3]:
             patterns = [pattern.strip() for pattern in found[3].split(",")]
             with key_path(otherwise=("lines",)):
-                wanted = named_unknowns(
+                wanted = find_unknowns(
                     f"lines {lines!r}", patterns, part.coordinates.parameters.names
                 )
-        return a_optimal(part, count, wanted)
+        return select_a_optimal(part, count, wanted)
     if np.ndim(lines) == 0:  # a number of lines, more likely than one frequency
         raise OptionError(
             f"lines = {lines!r}: expected frequencies in Hz, in a list, or 'd-optimal:N' for the N"
@@ -95,7 +95,7 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
     return frf.find_lines(lines)
 
 
-def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
+def select_d_optimal(part: Part, count: int) -> NDArray[np.intp]:
     """Return positions of `count` lines selected by the determinant of the Fisher information.
 
     Lines are selected one by one by the largest increase, at the start of the unknowns, for
@@ -110,17 +110,19 @@ def d_optimal(part: Part, count: int) -> NDArray[np.intp]:
     this increases the determinant (Fedorov's exchange): the first lines were selected when the
     information was still nearly singular.
     """
-    return _chosen(
-        part, f"d-optimal {count}", lambda information: _most_telling(information, count)
+    return _select_by_information(
+        part, f"d-optimal {count}", lambda information: _maximise_determinant(information, count)
     )
 
 
-def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> NDArray[np.intp]:
+def select_a_optimal(
+    part: Part, count: int, wanted: Sequence[int] | None = None
+) -> NDArray[np.intp]:
     """Return positions of `count` lines selected by the variance of the unknowns `wanted`.
 
     Lines are selected one by one by the largest decrease of the mean over these unknowns (by
     default all) of their variance relative to that with all lines; for one unknown it is
-    c-optimality. The information is that of `d_optimal`, and all unknowns are fitted.
+    c-optimality. The information is that of `select_d_optimal`, and all unknowns are fitted.
 
     Notes
     -----
@@ -128,14 +130,14 @@ def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> ND
     Experiments, 1972, chapter 2).
     """
     at = list(range(part.n)) if wanted is None else list(wanted)
-    return _chosen(
+    return _select_by_information(
         part,
         f"a-optimal {count} {at}",
-        lambda information: _least_uncertain(information, count, at),
+        lambda information: _minimise_variance(information, count, at),
     )
 
 
-def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> list[int]:
+def find_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> list[int]:
     """Return the positions of the unknowns that match globs; raise if a glob matches none."""
     at: set[int] = set()
     for pattern in patterns:
@@ -146,11 +148,11 @@ def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> 
     return sorted(at)
 
 
-def _chosen(
+def _select_by_information(
     part: Part, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
 ) -> NDArray[np.intp]:
     """Select lines by the information of each line, shape (n_f, n, n)."""
-    x = _start(part)
+    x = _design_point(part)
     floor = _RELATIVE_FLOOR * level_by_unit(part.frf)
 
     def compute() -> Record:
@@ -160,26 +162,26 @@ def _chosen(
     return part.recall("lines", x, compute, kind)[0]
 
 
-def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    information, _ = scaled(information)
+def _maximise_determinant(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+    information, _ = scale_information(information)
     n = information.shape[1]
-    chosen, total = greedy(information, initial(n), count, DOptimal())
+    chosen, total = select_greedily(information, initial_information(n), count, DOptimal())
     if count <= _FEW * n:
-        chosen = exchanged(information, total, chosen, DOptimal())
+        chosen = exchange_items(information, total, chosen, DOptimal())
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _least_uncertain(
+def _minimise_variance(
     information: NDArray[np.float64], count: int, wanted: list[int]
 ) -> NDArray[np.intp]:
-    information, _ = scaled(information)
-    none = initial(information.shape[1])
-    criterion = AOptimal.of(none + information.sum(axis=0), wanted)
-    chosen, _ = greedy(information, none, count, criterion)
+    information, _ = scale_information(information)
+    initial = initial_information(information.shape[1])
+    criterion = AOptimal.of(initial + information.sum(axis=0), wanted)
+    chosen, _ = select_greedily(information, initial, count, criterion)
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _start(part: Part) -> NDArray[np.float64]:
+def _design_point(part: Part) -> NDArray[np.float64]:
     coordinates = part.coordinates
     x = coordinates.home
     highest = coordinates.to_x(coordinates.parameters.upper)
@@ -201,7 +203,7 @@ def _information(
 Lines = str | ArrayLike | None
 
 
-def on_lines(part: Part, lines: Lines) -> Part:
+def restrict_to_lines(part: Part, lines: Lines) -> Part:
     """Return the part restricted to selected lines."""
     at = choose_lines(lines, part)
     if len(at) == len(part.frf.freq):

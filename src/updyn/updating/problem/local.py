@@ -14,9 +14,9 @@ from updyn.linalg.threads import alone
 
 __all__ = [
     "Local",
-    "joined",
+    "join_locals",
     "qr_triangle",
-    "reduce",
+    "reduce_blocks",
 ]
 
 _Vector = NDArray[np.float64]
@@ -53,7 +53,7 @@ _PANEL = 16
 _TOGETHER = 8
 
 
-def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
+def reduce_blocks(blocks: Iterable[_Matrix], n: int) -> Local:
     """Stack blocks [J r], shape (m, n + 1), by QR in the given order; return the local problem.
 
     A block may be a triangle with the same normal matrix.
@@ -89,13 +89,13 @@ def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
     `columns` has the shape (n, m); the matrix is usually tall.
     """
     if len(last) > _TALL * (len(columns) + 1) and len(columns):
-        found = _preconditioned(columns, last)
+        found = _triangle_by_cholesky(columns, last)
         if found is not None:
             return found
-    return _householder(_rows_of(columns, last, slice(None)))
+    return _householder(_copy_rows(columns, last, slice(None)))
 
 
-def _preconditioned(columns: _Matrix, last: _Vector) -> _Matrix | None:
+def _triangle_by_cholesky(columns: _Matrix, last: _Vector) -> _Matrix | None:
     """Return R by Cholesky of preconditioned columns, or None if rows differ too much.
 
     R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal. R_2 of their Gram
@@ -105,12 +105,12 @@ def _preconditioned(columns: _Matrix, last: _Vector) -> _Matrix | None:
     n, m = len(columns) + 1, len(last)
     # Spread evenly, and not in step with responses, references or lines.
     some = np.sort((np.arange(_SAMPLE * n) * _GOLDEN % 1.0 * m).astype(np.intp))
-    sample = _householder(_rows_of(columns, last, some))
+    sample = _householder(_copy_rows(columns, last, some))
     if not np.diag(sample).all():
         return None
     gram = np.zeros((n, n), order="F")
     for first in range(0, m, _STRIP):
-        strip = _rows_of(columns, last, slice(first, first + _STRIP))
+        strip = _copy_rows(columns, last, slice(first, first + _STRIP))
         Q = blas.dtrsm(1.0, sample, strip, side=1, overwrite_b=True)
         gram = blas.dsyrk(1.0, Q, trans=1, beta=1.0, c=gram, overwrite_c=True)
     factor, failed = lapack.dpotrf(gram, clean=1)
@@ -120,7 +120,7 @@ def _preconditioned(columns: _Matrix, last: _Vector) -> _Matrix | None:
     return np.asarray(factor @ sample, dtype=np.float64)
 
 
-def _rows_of(columns: _Matrix, last: _Vector, rows: Any) -> _Matrix:
+def _copy_rows(columns: _Matrix, last: _Vector, rows: Any) -> _Matrix:
     """Return a copy of some rows of [columns^T last] in Fortran order."""
     end = last[rows]
     out = np.empty((len(columns) + 1, len(end)))
@@ -143,10 +143,10 @@ def _householder(block: _Matrix) -> _Matrix:
     return np.asarray(np.triu(factors[: block.shape[1]]), dtype=np.float64)
 
 
-def joined(locals_: Sequence[Local], n: int) -> Local:
+def join_locals(locals_: Sequence[Local], n: int) -> Local:
     """Return the sum of local problems in `n` unknowns as one."""
     if len(locals_) == 1:
         return locals_[0]
     rest = sum(max(local.cost - 0.5 * float(local.q @ local.q), 0.0) for local in locals_)
-    whole = reduce([np.hstack([local.R, local.q[:, None]]) for local in locals_], n)
+    whole = reduce_blocks([np.hstack([local.R, local.q[:, None]]) for local in locals_], n)
     return Local(whole.cost + rest, whole.R, whole.q)

@@ -27,33 +27,33 @@ from updyn.modal.sensitivity import RealModes, separated, slopes_of_all
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
-from updyn.updating.problem.local import Local, reduce
+from updyn.updating.problem.local import Local, reduce_blocks
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
-from updyn.updating.problem.modal_span import Projection
+from updyn.updating.problem.modal_span import SpanProjection
 from updyn.updating.problem.noise.modes import ModalNoise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
 
-__all__ = ["LIKE", "ModalError", "ModalPart", "Pairs", "Target", "check_any_pair"]
+__all__ = ["SIMILAR_MAC", "ModalError", "ModalPart", "ModalTarget", "Pairs", "check_any_pair"]
 
 _Real = NDArray[np.float64]
 
 #: Smallest MAC at which a measured mode and a mode of the model count as similar.
-LIKE = 0.8
+SIMILAR_MAC = 0.8
 #: Cost in the pairing of a factor e between two frequencies, in MAC: decides between shapes that
 #: are alike because sensors are few.
-_APART = 0.5
+_FREQUENCY_COST = 0.5
 #: Singular values of unit-length shapes below this share of the largest are rounding error.
 _FLAT = 1e-9
 #: Modes are computed up to this multiple of the highest measured frequency.
 _BEYOND = 1.5
 #: Residual of a measured mode without a counterpart: a factor e in frequency, the whole shape, all
 #: damping.
-_LOST = 1.0
+_UNPAIRED_RESIDUAL = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Target:
+class ModalTarget:
     """The measured modes of one test at the DOFs of the model.
 
     Attributes
@@ -91,7 +91,7 @@ class Target:
     digest: str
 
     @classmethod
-    def of(cls, system: AffineSystem, modes: ModeSet) -> Target:
+    def of(cls, system: AffineSystem, modes: ModeSet) -> ModalTarget:
         """Return measured modes at the DOFs of a compiled model."""
         match = system.dofs.match(modes.dofs, "DOF of the modes")
         if (modes.frequency == 0).any():
@@ -122,7 +122,7 @@ class Target:
             modes.digest,
         )
 
-    def select(self, which: Sequence[int]) -> Target:
+    def select(self, which: Sequence[int]) -> ModalTarget:
         """Return the modes with the given numbers."""
         at = np.asarray(which, dtype=np.intp)
         return replace(
@@ -137,7 +137,7 @@ class Target:
             digest=f"{self.digest}/{at.tolist()}",
         )
 
-    def seen(self, shapes: _Real) -> _Real:
+    def at_sensors(self, shapes: _Real) -> _Real:
         """Return shapes of the model at the sensors, with their weights, shape (k, n)."""
         return np.asarray(shapes[self.rows] * self.weight[:, None])
 
@@ -147,7 +147,7 @@ class Target:
         return len(self.rows) > 0
 
     @property
-    def tells_apart(self) -> bool:
+    def can_distinguish_shapes(self) -> bool:
         """Whether shapes can be distinguished: a single sensor cannot."""
         return len(self.rows) > 1
 
@@ -162,15 +162,19 @@ class Target:
 
         A mode that was identified twice is not a cluster: its shapes have one direction.
         """
-        if not self.tells_apart:
+        if not self.can_distinguish_shapes:
             return []
-        found = [own for own in close_modes(self.frequency) if len(own) > 1]
-        return [own for own in found if orthonormal(self.shapes[:, own]).shape[1] == len(own)]
+        found = [members for members in close_modes(self.frequency) if len(members) > 1]
+        return [
+            members
+            for members in found
+            if orthonormal(self.shapes[:, members]).shape[1] == len(members)
+        ]
 
 
-def informative(modes: ModeSet, noise: ModalNoise) -> ModeSet:
+def drop_excluded_shapes(modes: ModeSet, noise: ModalNoise) -> ModeSet:
     """Return the modes without their shapes if the noise excludes these, also from the pairing."""
-    if not (noise.hides_shapes and modes.has_shapes):
+    if not (noise.excludes_shapes and modes.has_shapes):
         return modes
     return ModeSet(
         modes.frequency,
@@ -220,15 +224,15 @@ class Pairs:
         state: State,
         unknowns: Unknowns,
         values: _Real,
-        target: Target,
-        like: float = LIKE,
+        target: ModalTarget,
+        like: float = SIMILAR_MAC,
     ) -> Pairs:
         """Compute modes of the model and pair them with the measured ones.
 
         The pairs are one to one and maximise the sum of MAC less half the logarithm of the
         frequency ratio (Hungarian assignment; Kuhn 1955). Close measured modes are compared by the
         span of their shapes, and paired in ascending order, if the span of as many modes of the
-        model contains all of their shapes (MAC of at least `like`); else one by one. If shapes
+        model contains all of their shapes (MAC of at least `least_mac`); else one by one. If shapes
         cannot be distinguished, the pairs minimise the sum of squares of these logarithms, which
         keeps the order of the frequencies.
         """
@@ -239,24 +243,24 @@ class Pairs:
                 f"modal: {len(target.value)} modes were measured; besides rigid-body motions the"
                 f" model has {len(modes.value)}. Give n_modes, or fewer modes"
             )
-        modes = separated(modes, system, unknowns, values, target.seen, target.shapes)
+        modes = separated(modes, system, unknowns, values, target.at_sensors, target.shapes)
         clusters = target.clusters
         move = np.zeros(len(modes.value), dtype=np.bool_)
         if target.has_shapes:
             move = moving(modes.shapes[target.rows], modes.shapes)
         while True:
-            pairs = cls._paired(modes, move, target, clusters)
-            held = [own for own in clusters if pairs.mac[own].min() >= like]
-            if len(held) == len(clusters):
+            pairs = cls._assign(modes, move, target, clusters)
+            confirmed = [members for members in clusters if pairs.mac[members].min() >= like]
+            if len(confirmed) == len(clusters):
                 return pairs
-            clusters = held
+            clusters = confirmed
 
     @classmethod
-    def _paired(
+    def _assign(
         cls,
         modes: RealModes,
         move: NDArray[np.bool_],
-        target: Target,
+        target: ModalTarget,
         clusters: Sequence[NDArray[np.intp]],
     ) -> Pairs:
         """Return the best pairs, with the measured modes of `clusters` compared by their spans.
@@ -269,26 +273,30 @@ class Pairs:
         if target.has_shapes:
             macs[~move] = 0.0
             if move.any():
-                seen = target.seen(modes.shapes[:, move])
-                macs[move] = mac(seen, target.shapes)
-                for own in clusters:
-                    macs[np.ix_(move, own)] = _within(seen, target.shapes[:, own])[:, None]
-        apart = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
-        cost = _APART * apart if target.tells_apart else apart**2
+                shapes = target.at_sensors(modes.shapes[:, move])
+                macs[move] = mac(shapes, target.shapes)
+                for members in clusters:
+                    macs[np.ix_(move, members)] = _subspace_mac(shapes, target.shapes[:, members])[
+                        :, None
+                    ]
+        log_ratio = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
+        cost = _FREQUENCY_COST * log_ratio if target.can_distinguish_shapes else log_ratio**2
         first, second = linear_sum_assignment(macs - cost, maximize=True)
         which = first[np.argsort(second)]
-        own_mac = macs[which, np.arange(len(which))]
+        mac_of_pairs = macs[which, np.arange(len(which))]
         spans = [which[k : k + 1] for k in range(len(which))]
-        for own in clusters:
-            which[own] = span = np.sort(which[own])
-            seen = target.seen(modes.shapes[:, span])
-            own_mac[own] = _within(target.shapes[:, own], seen) if move[span].all() else 0.0
-            for k in own:
+        for members in clusters:
+            which[members] = span = np.sort(which[members])
+            shapes = target.at_sensors(modes.shapes[:, span])
+            mac_of_pairs[members] = (
+                _subspace_mac(target.shapes[:, members], shapes) if move[span].all() else 0.0
+            )
+            for k in members:
                 spans[k] = span
-        return cls(modes, which, own_mac, tuple(spans))
+        return cls(modes, which, mac_of_pairs, tuple(spans))
 
 
-def _within(shapes: _Real, span: _Real) -> _Real:
+def _subspace_mac(shapes: _Real, span: _Real) -> _Real:
     """Return the MAC of each shape with the best combination of the shapes of a span, (m,)."""
     basis, size, _ = np.linalg.svd(span / np.linalg.norm(span, axis=0), full_matrices=False)
     basis = basis[:, size > _FLAT * size[0]]
@@ -308,7 +316,7 @@ class ModalPart:
         The terms of the model that the unknowns scale.
     coordinates : Coordinates
         The optimiser's coordinates.
-    target : Target
+    target : ModalTarget
         The measured modes.
     noise : ModalNoise
         Their standard deviations, as far as known before a fit.
@@ -316,22 +324,22 @@ class ModalPart:
         Cache of evaluations and stop request.
     name : str
         Name of the test if there are several.
-    like : float
+    least_mac : float
         Smallest MAC at which a measured mode and a mode of the model count as similar.
     """
 
     system: AffineSystem
     unknowns: Unknowns
     coordinates: Coordinates
-    target: Target
+    target: ModalTarget
     noise: ModalNoise = field(default_factory=ModalNoise)
     session: Session = field(default_factory=Session, repr=False)
     name: str = ""
-    like: float = LIKE
+    least_mac: float = SIMILAR_MAC
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.target, self.noise)
-        return ModalPart, (self.system, *about, Session(), self.name, self.like)
+        return ModalPart, (self.system, *about, Session(), self.name, self.least_mac)
 
     @classmethod
     def build(
@@ -346,7 +354,7 @@ class ModalPart:
     ) -> ModalPart:
         """Return the part for a model, measured modes and unknowns."""
         system = AffineSystem.compile(model)
-        target = Target.of(system, informative(modes, noise))
+        target = ModalTarget.of(system, drop_excluded_shapes(modes, noise))
         middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(target.frequency))))
         return cls(
             system,
@@ -367,11 +375,11 @@ class ModalPart:
     def n_numbers(self) -> int:
         """Number of measured numbers: frequencies, normalised shapes, and loss factors if used."""
         k, m = self.target.shapes.shape
-        damped = int(np.isfinite(self.target.loss_factor).sum()) if self.sees_damping else 0
+        damped = int(np.isfinite(self.target.loss_factor).sum()) if self.has_damping_unknowns else 0
         return int(m * max(k, 1) + damped)
 
     @property
-    def sees_damping(self) -> bool:
+    def has_damping_unknowns(self) -> bool:
         """Whether an unknown changes the damping of a group independently of its stiffness."""
         viscous = [self.system.terms[at].quantity == "viscous" for at in self.unknowns.at]
         return bool(any(viscous) or not self.unknowns.scales.all())
@@ -387,7 +395,7 @@ class ModalPart:
     def key(self, kind: str, x: _Real, *about: object) -> list[object]:
         """Return the cache key of an evaluation at x."""
         sought = "\n".join(self.coordinates.parameters.names)
-        own = digest(("modes", self.name, self.target.digest, str(self.like), sought))
+        own = digest(("modes", self.name, self.target.digest, str(self.least_mac), sought))
         return [kind, own, x, *about]
 
     def recall(self, kind: str, x: _Real, compute: Callable[[], Record]) -> Record:
@@ -399,36 +407,38 @@ class ModalPart:
     def pairs(self, x: _Real) -> Pairs:
         """Return the pairs of modes at x."""
         about = self.system, self.state(x), self.unknowns, self.values(x)
-        return Pairs.at(*about, self.target, self.like)
+        return Pairs.at(*about, self.target, self.least_mac)
 
     def rows(self, x: _Real, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
         """Return the residuals at x and their derivatives, which may be zero if not needed."""
 
         def compute(*, derivatives: bool = True) -> Record:
-            found = self._rows(x, shapes=shapes, derivatives=derivatives)
+            found = self._compute_rows(x, shapes=shapes, derivatives=derivatives)
             return found.r, found.J, found.kind, found.mode, found.std, found.mac
 
-        if not derivatives and not self.session.knows(self.key(_kind(shapes=shapes), x)):
+        if not derivatives and not self.session.knows(self.key(_cache_kind(shapes=shapes), x)):
             few = partial(compute, derivatives=False)
-            return ModalRows(*self.recall(f"{_kind(shapes=shapes)} alone", x, few))
-        return ModalRows(*self.recall(_kind(shapes=shapes), x, compute))
+            return ModalRows(*self.recall(f"{_cache_kind(shapes=shapes)} alone", x, few))
+        return ModalRows(*self.recall(_cache_kind(shapes=shapes), x, compute))
 
-    def left_out(self, rows: ModalRows) -> dict[str, str]:
+    def record_unpaired(self, rows: ModalRows) -> dict[str, str]:
         """Return the record of the frequencies of modes that resemble no mode of the model."""
-        lost = self.target.frequency[rows.lost(self.like)]
-        if not len(lost):
+        frequencies = self.target.frequency[rows.unpaired(self.least_mac)]
+        if not len(frequencies):
             return {}
-        return {"left_out": ", ".join(f"{f:.4g}" for f in lost) + " Hz"}
+        return {"left_out": ", ".join(f"{f:.4g}" for f in frequencies) + " Hz"}
 
-    def _rows(self, x: _Real, *, shapes: bool, derivatives: bool) -> ModalRows:
+    def _compute_rows(self, x: _Real, *, shapes: bool, derivatives: bool) -> ModalRows:
         pairs = self.pairs(x)
-        paired = np.flatnonzero(pairs.mac >= self.like)
-        found: list[_Residual] = []
+        paired = np.flatnonzero(pairs.mac >= self.least_mac)
+        found: list[_ModalResidual] = []
         owners: list[int] = []
-        moved = self._moved(pairs, paired, x, shapes=shapes, derivatives=derivatives)
-        for k, mode in zip(paired.tolist(), moved, strict=True):
+        derivatives_of_modes = self._derivatives_of_modes(
+            pairs, paired, x, shapes=shapes, derivatives=derivatives
+        )
+        for k, mode in zip(paired.tolist(), derivatives_of_modes, strict=True):
             self.session.check()
-            own = list(self._of_mode(pairs, k, mode))
+            own = list(self._residuals_of_mode(pairs, k, mode))
             found += own
             owners += [k] * len(own)
         sizes = [len(one.r) for one in found]
@@ -441,7 +451,7 @@ class ModalPart:
             pairs.mac,
         )
 
-    def _moved(
+    def _derivatives_of_modes(
         self,
         pairs: Pairs,
         paired: NDArray[np.intp],
@@ -449,18 +459,18 @@ class ModalPart:
         *,
         shapes: bool,
         derivatives: bool,
-    ) -> Iterator[_Moved]:
+    ) -> Iterator[_ModeDerivatives]:
         """Yield the derivatives of each paired mode by x; zeros without `derivatives`."""
         target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
-        which, losses = pairs.which[paired], list[_Loss | None]()
-        state = self.state(x) if self.sees_damping else None
+        which, losses = pairs.which[paired], list[_LossFactor | None]()
+        state = self.state(x) if self.has_damping_unknowns else None
         for k, own in zip(paired, which, strict=True):
             loss = None
             if state is not None and np.isfinite(target.loss_factor[k]):
                 phi, value = pairs.modes.shapes[:, own], float(pairs.modes.value[own])
-                loss = _Loss.of(self.system, self.unknowns, state, values, phi, value)
+                loss = _LossFactor.of(self.system, self.unknowns, state, values, phi, value)
             losses.append(loss)
-        rows = target.rows if shapes and target.tells_apart else target.rows[:0]
+        rows = target.rows if shapes and target.can_distinguish_shapes else target.rows[:0]
         number = len(rows)
         damped = any(loss is not None for loss in losses)
         needed = np.unique(np.concatenate([which, *(pairs.spans[k] for k in paired)]))
@@ -486,38 +496,48 @@ class ModalPart:
             value, shape = by_value[place], by_shape[place]
             by_loss = np.zeros(self.n)
             if loss is not None:
-                by_loss = loss.moved(value, shape[-1], slope)
+                by_loss = loss.derivatives(value, shape[-1], slope)
             span = by_shape[np.searchsorted(needed, pairs.spans[k]), :number]
-            yield _Moved(value, span, loss, by_loss)
+            yield _ModeDerivatives(value, span, loss, by_loss)
 
-    def _of_mode(self, pairs: Pairs, k: int, moved: _Moved) -> Iterator[_Residual]:
+    def _residuals_of_mode(
+        self, pairs: Pairs, k: int, derivatives: _ModeDerivatives
+    ) -> Iterator[_ModalResidual]:
         """Yield the residuals of a paired measured mode, by kind."""
-        target, own = self.target, float(pairs.modes.value[pairs.which[k]])
-        off = 0.5 * np.log(own / target.value[k])
-        yield _Residual.of("frequency", off, 0.5 * moved.value / own, target.std_frequency[k])
-        if moved.loss is not None:
+        target, eigenvalue = self.target, float(pairs.modes.value[pairs.which[k]])
+        error = 0.5 * np.log(eigenvalue / target.value[k])
+        yield _ModalResidual.of(
+            "frequency", error, 0.5 * derivatives.value / eigenvalue, target.std_frequency[k]
+        )
+        if derivatives.loss is not None:
             measured = float(target.loss_factor[k])
-            off = moved.loss.factor / measured - 1.0
-            by_loss = moved.by_loss / measured
-            yield _Residual.of("loss_factor", off, by_loss, target.std_loss_factor[k])
-        if moved.span.shape[1] and pairs.mac[k] > 0.0:
-            yield from self._of_shape(k, pairs.modes.shapes[:, pairs.spans[k]], moved.span)
+            error = derivatives.loss.factor / measured - 1.0
+            by_loss = derivatives.by_loss / measured
+            yield _ModalResidual.of("loss_factor", error, by_loss, target.std_loss_factor[k])
+        if derivatives.span.shape[1] and pairs.mac[k] > 0.0:
+            yield from self._residuals_of_shape(
+                k, pairs.modes.shapes[:, pairs.spans[k]], derivatives.span
+            )
 
-    def _of_shape(self, k: int, span: _Real, by_x: _Real) -> Iterator[_Residual]:
+    def _residuals_of_shape(self, k: int, span: _Real, by_x: _Real) -> Iterator[_ModalResidual]:
         """Yield the residuals of a shape; `by_x` are the derivatives of a span at the sensors."""
         target = self.target
-        moved, unit = by_x * target.weight[:, None], np.sqrt(len(target.rows))
-        found = Projection.of(target.shapes[:, k], target.seen(span), moved)
-        by_shape = unit * found.within_by_x
-        yield _Residual.of("shape", unit * found.off, by_shape, target.std_shapes[:, k])
-        yield _Residual.of("mac", *found.lack_of_mac)
+        weighted_derivatives, unit = by_x * target.weight[:, None], np.sqrt(len(target.rows))
+        projection = SpanProjection.of(
+            target.shapes[:, k], target.at_sensors(span), weighted_derivatives
+        )
+        by_shape = unit * projection.within_by_x
+        yield _ModalResidual.of(
+            "shape", unit * projection.difference, by_shape, target.std_shapes[:, k]
+        )
+        yield _ModalResidual.of("mac", *projection.mac_residual)
         if np.isfinite(target.length[k]):
-            size = np.log(found.size / target.length[k])
-            yield _Residual.of("scale", size, found.size_by_x / found.size)
+            size = np.log(projection.size / target.length[k])
+            yield _ModalResidual.of("scale", size, projection.size_by_x / projection.size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Moved:
+class _ModeDerivatives:
     """Derivatives of one mode of the model by x.
 
     Attributes
@@ -527,7 +547,7 @@ class _Moved:
     span : ndarray of float, shape (s, k, n)
         Derivatives of the shapes of its span at the sensors' DOFs; of shape (s, 0, n) if shapes are
         not compared.
-    loss : _Loss or None
+    loss : _LossFactor or None
         Its loss factor, if measured and changed by unknowns.
     by_loss : ndarray of float, shape (n,)
         Derivatives of the loss factor.
@@ -535,12 +555,12 @@ class _Moved:
 
     value: _Real
     span: _Real
-    loss: _Loss | None
+    loss: _LossFactor | None
     by_loss: _Real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Residual:
+class _ModalResidual:
     """Residuals of one kind of one mode.
 
     Attributes
@@ -561,7 +581,7 @@ class _Residual:
     std: _Real
 
     @classmethod
-    def of(cls, kind: str, r: Any, J: _Real, std: Any = 0.0) -> _Residual:
+    def of(cls, kind: str, r: Any, J: _Real, std: Any = 0.0) -> _ModalResidual:
         """Return residuals; `r` may be a single number."""
         rows = np.atleast_1d(r)
         return cls(kind, rows, np.atleast_2d(J), np.broadcast_to(std, rows.shape))
@@ -570,23 +590,26 @@ class _Residual:
 def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True) -> None:
     """Raise DataError if no measured mode resembles a mode of its model at x."""
     rows = [part.rows(x, shapes=shapes) for part in parts]
-    if any(len(one.lost(part.like)) < len(one.mac) for part, one in zip(parts, rows, strict=True)):
+    if any(
+        len(one.unpaired(part.least_mac)) < len(one.mac)
+        for part, one in zip(parts, rows, strict=True)
+    ):
         return
     part, best = max(zip(parts, rows, strict=True), key=lambda both: float(both[1].mac.max()))
     frequency = part.target.frequency[np.argmax(best.mac)]
     raise DataError(
         "modal: no measured mode resembles a mode of the model at its start: the largest MAC is"
-        f" {best.mac.max():.2f}, at {frequency:.4g} Hz (expected {part.like:g})"
+        f" {best.mac.max():.2f}, at {frequency:.4g} Hz (expected {part.least_mac:g})"
     )
 
 
-def _kind(*, shapes: bool) -> str:
+def _cache_kind(*, shapes: bool) -> str:
     """Return the kind of evaluation in the cache key."""
     return "modes and shapes" if shapes else "frequencies"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Loss:
+class _LossFactor:
     """Loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
 
     The loss factor from the energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust.
@@ -601,7 +624,7 @@ class _Loss:
         D phi, with D the imaginary part of the dynamic stiffness at omega.
     own : ndarray of float, shape (n,)
         Derivative of phi^T D phi by the values of the unknowns for constant shape and omega.
-    steeper : float
+    by_eigenvalue : float
         Derivative of phi^T D phi by omega^2.
     value : float
         omega^2.
@@ -610,7 +633,7 @@ class _Loss:
     factor: float
     force: _Real
     own: _Real
-    steeper: float
+    by_eigenvalue: float
     value: float
 
     @classmethod
@@ -622,27 +645,27 @@ class _Loss:
         values: _Real,
         phi: _Real,
         value: float,
-    ) -> _Loss:
+    ) -> _LossFactor:
         omega = np.array([np.sqrt(value)])
         by_term = system.coefficients(state, omega).imag[:, 0]
         force, energy = np.zeros_like(phi), np.zeros(len(system.terms))
         for t, term in enumerate(system.terms):
-            pushed = term.local @ phi[term.own]
-            energy[t] = phi[term.own] @ pushed
-            force[term.own] += by_term[t] * pushed
+            product = term.local @ phi[term.own]
+            energy[t] = phi[term.own] @ product
+            force[term.own] += by_term[t] * product
         own = np.zeros(unknowns.n)
         by_drive = unknowns.slopes(system, state, values, omega).imag[:, 0]
         np.add.at(own, unknowns.owner, by_drive * energy[unknowns.at])
         steeper = float((state.factor * state.rate) @ energy) / (2.0 * float(omega[0]))
         return cls(float(by_term @ energy) / value, force, own, steeper, value)
 
-    def moved(self, value: _Real, along: _Real, slope: _Real) -> _Real:
+    def derivatives(self, value: _Real, along: _Real, slope: _Real) -> _Real:
         """Return the derivatives of the loss factor by x, shape (n,).
 
         Arguments are the derivatives by x of omega^2, force^T phi and the values, all of shape
         (n,).
         """
-        energy = self.own * slope + 2.0 * along + self.steeper * value
+        energy = self.own * slope + 2.0 * along + self.by_eigenvalue * value
         return np.asarray((energy - self.factor * value) / self.value)
 
 
@@ -666,22 +689,22 @@ class ModalError:
     @property
     def kind(self) -> str:
         """Kind of its evaluations in the cache key."""
-        return _kind(shapes=self.shapes)
+        return _cache_kind(shapes=self.shapes)
 
     def rows(self, part: ModalPart, x: _Real) -> ModalRows:
         """Return the unweighted residuals at x."""
         return part.rows(x, shapes=self.shapes)
 
-    def solved(self, part: ModalPart, x: _Real) -> Local:
+    def local(self, part: ModalPart, x: _Real) -> Local:
         """Return the reduced least-squares problem at x."""
         rows = self.rows(part, x)
         weight = 1.0 / self.noise.std(rows)
         block = np.hstack([rows.J, rows.r[:, None]]) * weight[:, None]
         if not np.isfinite(block).all():
             raise SolverError("the derivatives of the model's modes are not finite")
-        local = reduce([np.asfortranarray(block)], part.n)
-        lost = 0.5 * self._lost(part, rows)
-        return replace(local, cost=local.cost + lost)
+        local = reduce_blocks([np.asfortranarray(block)], part.n)
+        square_of_unpaired = 0.5 * self._square_of_unpaired(part, rows)
+        return replace(local, cost=local.cost + square_of_unpaired)
 
     def power(self, part: ModalPart, x: _Real) -> tuple[float, int]:
         """Return the weighted sum of squares of the paired modes, and its number of residuals."""
@@ -698,18 +721,25 @@ class ModalError:
         k = max(len(part.target.rows), 1)
         share = np.where(rows.kind == KINDS.index("shape"), (k - 1.0) / k, 1.0)[used]
         paired = np.sum(0.5 * (rows.r[used] / std[used]) ** 2 + share * np.log(std[used]))
-        size = sum(number * float(np.log(std)) for number, std in self._of_lost(part))
-        return float(paired) + len(rows.lost(part.like)) * size + 0.5 * self._lost(part, rows)
+        size = sum(number * float(np.log(std)) for number, std in self._residuals_of_unpaired(part))
+        return (
+            float(paired)
+            + len(rows.unpaired(part.least_mac)) * size
+            + 0.5 * self._square_of_unpaired(part, rows)
+        )
 
-    def _lost(self, part: ModalPart, rows: ModalRows) -> float:
+    def _square_of_unpaired(self, part: ModalPart, rows: ModalRows) -> float:
         """Return the weighted sum of squares of the measured modes without a counterpart."""
-        one = sum(number * (_LOST / std) ** 2 for number, std in self._of_lost(part))
-        return len(rows.lost(part.like)) * float(one)
+        one = sum(
+            number * (_UNPAIRED_RESIDUAL / std) ** 2
+            for number, std in self._residuals_of_unpaired(part)
+        )
+        return len(rows.unpaired(part.least_mac)) * float(one)
 
-    def _of_lost(self, part: ModalPart) -> list[tuple[int, float]]:
+    def _residuals_of_unpaired(self, part: ModalPart) -> list[tuple[int, float]]:
         """Return number and standard deviation of the residuals of a mode, by kind."""
-        counts = {"frequency": 1, "loss_factor": int(part.sees_damping)}
-        if self.shapes and part.target.tells_apart:
+        counts = {"frequency": 1, "loss_factor": int(part.has_damping_unknowns)}
+        if self.shapes and part.target.can_distinguish_shapes:
             counts |= {"shape": len(part.target.rows) - 1, "mac": 1}
         added = self.noise.added
         return [(n, added[kind]) for kind, n in counts.items() if n and kind in added]

@@ -1,4 +1,4 @@
-"""`Projection` of a measured shape onto the span of one or several modes of the model.
+"""`SpanProjection` of a measured shape onto the span of one or several modes of the model.
 
 Close measured modes are an arbitrary basis of their span (see `updyn.correlation.clusters`), so
 each of their shapes is compared with the nearest combination of the shapes of the model.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Projection"]
+__all__ = ["SpanProjection"]
 
 _Real = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ _ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Projection:
+class SpanProjection:
     """Projection of a measured shape of unit length onto a span, with its derivatives by x.
 
     Attributes
@@ -45,11 +45,11 @@ class Projection:
     size_by_x: _Real
 
     @classmethod
-    def of(cls, measured: _Real, seen: _Real, moved: _Real) -> Projection:
+    def of(cls, measured: _Real, shapes: _Real, derivatives: _Real) -> SpanProjection:
         """Return the projection of a measured shape of unit length, shape (k,).
 
-        `seen`, shape (k, s), are shapes of the model that span, at the sensors; `moved`, shape (s,
-        k, n), are their derivatives by x.
+        `shapes`, shape (k, s), are the shapes of the model that span, at the sensors;
+        `derivatives`, shape (s, k, n), are their derivatives by x.
 
         Notes
         -----
@@ -58,34 +58,34 @@ class Projection:
         Anal. 10 (1973) 413-432, eq. 4.12). Derivatives of the shapes within their own span, which
         are large for close frequencies, have no effect.
         """
-        U, sizes, Vt = _decompose(seen)
+        U, sizes, Vt = _decompose(shapes)
         share = Vt.T @ (U.T @ measured / sizes)
-        within = seen @ share
-        along = np.einsum("skn,s->kn", moved, share)
-        across = np.einsum("skn,k->sn", moved, measured - within)
-        turned = U @ ((Vt @ across) / sizes[:, None])  # G^T Phi'^T (1 - P) psi
-        by_x = along - U @ (U.T @ along) + turned
-        share_by_x = Vt.T @ ((U.T @ (turned - along)) / sizes[:, None])
+        within = shapes @ share
+        along = np.einsum("skn,s->kn", derivatives, share)
+        across = np.einsum("skn,k->sn", derivatives, measured - within)
+        rotation = U @ ((Vt @ across) / sizes[:, None])  # G^T Phi'^T (1 - P) psi
+        by_x = along - U @ (U.T @ along) + rotation
+        share_by_x = Vt.T @ ((U.T @ (rotation - along)) / sizes[:, None])
         length, square = float(np.linalg.norm(share)), float(within @ within)
         if length == 0.0:
-            return cls(measured, within, by_x, 0.0, np.zeros(moved.shape[-1]))
+            return cls(measured, within, by_x, 0.0, np.zeros(derivatives.shape[-1]))
         size_by_x = 2.0 * (within @ by_x) / length - square * (share @ share_by_x) / length**3
         return cls(measured, within, by_x, square / length, size_by_x)
 
     @property
-    def off(self) -> _Real:
+    def difference(self) -> _Real:
         """P psi - psi, shape (k,); its squared length is 1 - MAC."""
         return self.within - self.measured
 
     @property
-    def lack_of_mac(self) -> tuple[float, _Real]:
+    def mac_residual(self) -> tuple[float, _Real]:
         """(1 - sqrt(MAC)) / sqrt(MAC) and its derivatives, shape (n,)."""
         root = float(np.linalg.norm(self.within))
         return (1.0 - root) / root, np.asarray(-(self.within @ self.within_by_x) / root**3)
 
 
-def _decompose(seen: _Real) -> tuple[_Real, _Real, _Real]:
+def _decompose(shapes: _Real) -> tuple[_Real, _Real, _Real]:
     """Return the singular value decomposition without directions that are rounding error."""
-    U, sizes, Vt = np.linalg.svd(seen, full_matrices=False)
-    kept = sizes > _ROUNDING * sizes.max(initial=0.0)
-    return U[:, kept], sizes[kept], Vt[kept]
+    U, sizes, Vt = np.linalg.svd(shapes, full_matrices=False)
+    is_kept = sizes > _ROUNDING * sizes.max(initial=0.0)
+    return U[:, is_kept], sizes[is_kept], Vt[is_kept]

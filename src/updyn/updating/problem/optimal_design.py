@@ -1,9 +1,9 @@
 """Optimal design: selection of items by the Fisher information that each adds.
 
 An item is a frequency line, a sensor or a force. Its information is a matrix (n, n) of the
-unknowns, scaled by that of all items (`scaled`); the information of a design is the sum over its
-items. A criterion gives each design a score; `greedy` and `exchanged` maximise it (Fedorov, Theory
-of Optimal Experiments, 1972, chapter 3).
+unknowns, scaled by that of all items (`scale_information`); the information of a design is the sum
+over its items. A criterion gives each design a score; `select_greedily` and `exchange_items`
+maximise it (Fedorov, Theory of Optimal Experiments, 1972, chapter 3).
 """
 
 from __future__ import annotations
@@ -15,7 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AOptimal", "DOptimal", "DesignScore", "exchanged", "greedy", "initial", "scaled"]
+__all__ = [
+    "AOptimal",
+    "DOptimal",
+    "DesignScore",
+    "exchange_items",
+    "initial_information",
+    "scale_information",
+    "select_greedily",
+]
 
 _Real = NDArray[np.float64]
 
@@ -95,7 +103,7 @@ def _variances(information: _Real, wanted: list[int]) -> _Real:
     return np.asarray(np.einsum("...pp->...p", covariance)[..., wanted])
 
 
-def scaled(information: _Real) -> tuple[_Real, _Real]:
+def scale_information(information: _Real) -> tuple[_Real, _Real]:
     """Return items, shape (n_items, n, n), scaled by their sum, and the scale, shape (n,).
 
     The diagonal of the sum of the scaled items is 1; rows and columns are divided by the scale.
@@ -104,12 +112,12 @@ def scaled(information: _Real) -> tuple[_Real, _Real]:
     return information / scale[:, None] / scale, scale
 
 
-def initial(n: int) -> _Real:
+def initial_information(n: int) -> _Real:
     """Return the information of `n` scaled unknowns before the first item, shape (n, n)."""
     return _INITIAL * np.eye(n)
 
 
-def greedy(
+def select_greedily(
     information: _Real, total: _Real, count: int, criterion: DesignScore
 ) -> tuple[list[int], _Real]:
     """Select items one by one, each with the largest increase of the score.
@@ -118,18 +126,18 @@ def greedy(
     added. `information` has the shape (n_items, ..., n, n) and is scaled.
     """
     chosen: list[int] = []
-    left = np.ones(len(information), dtype=np.bool_)
+    is_available = np.ones(len(information), dtype=np.bool_)
     for _ in range(count):
         score = criterion.score(total + information)
-        score[~left] = -np.inf
+        score[~is_available] = -np.inf
         best = int(np.argmax(score))
         chosen.append(best)
-        left[best] = False
+        is_available[best] = False
         total = total + information[best]
     return chosen, total
 
 
-def exchanged(
+def exchange_items(
     information: _Real, total: _Real, chosen: Sequence[int], criterion: DesignScore
 ) -> list[int]:
     """Exchange selected items for others, the best pair first, while the score increases.
@@ -143,11 +151,11 @@ def exchanged(
         if not others.size:
             break
         now = criterion.score(total)
-        rises = [
+        increases = [
             criterion.score(total - information[c] + information[others]) - now for c in chosen
         ]
-        out, into = np.unravel_index(int(np.argmax(rises)), (len(chosen), len(others)))
-        if rises[out][into] < _RISE:
+        out, into = np.unravel_index(int(np.argmax(increases)), (len(chosen), len(others)))
+        if increases[out][into] < _RISE:
             break
         total = total - information[chosen[out]] + information[others[into]]
         chosen[out] = int(others[into])

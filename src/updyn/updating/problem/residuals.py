@@ -19,7 +19,7 @@ from updyn.errors import DataError, SolverError
 from updyn.frf import FRF, QUANTITIES, ROUNDING
 from updyn.linalg.threads import alone
 from updyn.registry import Registry
-from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
+from updyn.updating.problem.local import Local, join_locals, qr_triangle, reduce_blocks
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import Part, Problem
@@ -423,7 +423,9 @@ def log_error(problem: Problem) -> EachOf[LogError]:
     the ratio of their assumed noise.
     """
     errors = tuple(map(LogError.clear_of_noise, problem.parts))
-    return EachOf(errors, tuple(ModalError(part.noise.levelled()) for part in problem.modal))
+    return EachOf(
+        errors, tuple(ModalError(part.noise.in_units_of_frequency()) for part in problem.modal)
+    )
 
 
 def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
@@ -432,7 +434,7 @@ def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     if not weight.any():
         return local
     residual = weight * (x - centre)
-    return joined(
+    return join_locals(
         [local, Local(0.5 * float(residual @ residual), np.diag(weight), residual)], problem.n
     )
 
@@ -451,7 +453,7 @@ def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
 def reduced(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
     """Return the reduced problem at x for a residual with n derivatives."""
     items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
-    local = reduce(part.each(_block_triangle, items), n)
+    local = reduce_blocks(part.each(_block_triangle, items), n)
     if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
         raise SolverError(f"{residual.name}: the model's answer is not finite")
     return local
@@ -478,10 +480,10 @@ def _local(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -
         found = [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)]
         if isinstance(residual, EachOf):
             for modal, error in zip(problem.modal, residual.modal, strict=True):
-                found.append(error.solved(modal, x))
+                found.append(error.local(modal, x))
     except SolverError:
         return None
-    return joined(found, problem.n)
+    return join_locals(found, problem.n)
 
 
 def _block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> tuple[_Complex, _Complex]:

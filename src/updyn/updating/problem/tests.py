@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from updyn.modal import ModeSet
 from updyn.updating.problem.data import Test
-from updyn.updating.problem.lines import on_lines
+from updyn.updating.problem.lines import restrict_to_lines
 from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.noise.modes import choose_modal_noise
@@ -25,6 +25,6 @@ def problem_of(tests: Sequence[Test], parameters: ParameterSet) -> tuple[Problem
             modal.append(ModalPart.build(test.model, test.data, parameters, noise, name=test.name))
             continue
         part = Part.build(test.model, test.data, parameters, name=test.name)
-        parts.append(on_lines(part, test.lines))
+        parts.append(restrict_to_lines(part, test.lines))
         noises.append(choose_noise(test.noise, test.data))
     return Problem.of(parts, modal), noises

@@ -24,7 +24,7 @@ from updyn.updating.fit.regularisation import (
     minimum,
 )
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.problem.local import reduce
+from updyn.updating.problem.local import reduce_blocks
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
@@ -44,7 +44,7 @@ class Linear:
     name = "linear"
 
     def local(self, problem, x):
-        return reduce([np.column_stack([self.A, self.A @ x - self.b])], self.A.shape[1])
+        return reduce_blocks([np.column_stack([self.A, self.A @ x - self.b])], self.A.shape[1])
 
     def search(self, problem, monitor):
         return problem.coordinates.to_x(problem.coordinates.parameters.start)
@@ -199,7 +199,7 @@ def test_steps_in_a_subspace_stay_there_and_within_the_bounds():
     within = np.linalg.qr(rng.standard_normal((6, 3)))[0]
 
     def evaluate(x):
-        return reduce([np.column_stack([A, A @ x - b])], 6)
+        return reduce_blocks([np.column_stack([A, A @ x - b])], 6)
 
     outcome = TrustRegion(radius=100.0).minimise(evaluate, np.zeros(6), *FREE, within=within)
     a = np.linalg.lstsq(A @ within, b)[0]

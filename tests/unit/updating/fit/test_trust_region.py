@@ -7,21 +7,21 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from updyn.updating.fit.trust_region import Step, TrustRegion
-from updyn.updating.problem.local import Local, reduce
+from updyn.updating.problem.local import Local, reduce_blocks
 
 FREE = np.array([-np.inf, -np.inf]), np.array([np.inf, np.inf])
 
 
 def linear(A, b):
     """|A x - b|^2 / 2 in reduced form."""
-    return lambda x: reduce([np.column_stack([A, A @ x - b])], A.shape[1])
+    return lambda x: reduce_blocks([np.column_stack([A, A @ x - b])], A.shape[1])
 
 
 def rosenbrock(x):
     """r = (10 (x2 - x1^2), 1 - x1): a curved valley with its minimum, zero, at (1, 1)."""
     r = np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
     J = np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
-    return reduce([np.column_stack([J, r])], 2)
+    return reduce_blocks([np.column_stack([J, r])], 2)
 
 
 def test_gradient_of_the_reduced_problem():
@@ -95,7 +95,7 @@ def test_minima_of_large_residual(function, start, least, radius):
 
     def local(x):
         r, J = function(x)
-        return reduce([np.column_stack([J, r])], len(x))
+        return reduce_blocks([np.column_stack([J, r])], len(x))
 
     outcome = TrustRegion(1000, radius=radius).minimise(local, np.array(start), -np.inf, np.inf)
     assert outcome.reason == "converged"
@@ -147,7 +147,7 @@ def test_bounded_linear_problems_against_an_independent_solver(seed, n, closenes
 def test_short_step_of_a_small_radius_is_not_convergence():
     """A small radius limits what a step can gain; that says nothing about the minimum."""
     A, b = np.diag([1.0, 2.0]), np.array([3.0, 4.0])
-    outcome = TrustRegion(200, radius=1e-7, relative_fall=1e-6).minimise(
+    outcome = TrustRegion(200, radius=1e-7, min_relative_decrease=1e-6).minimise(
         linear(A, b), np.zeros(2), *FREE
     )
     assert outcome.x == pytest.approx([3.0, 2.0], rel=1e-6)
@@ -159,7 +159,7 @@ def valley(far, slope=0.3):
     def local(x):
         r = np.array([30.0 * (x[1] - x[0] ** 2), slope * (x[0] - far)])
         J = np.array([[-60.0 * x[0], 30.0], [slope, 0.0]])
-        return reduce([np.column_stack([J, r])], 2)
+        return reduce_blocks([np.column_stack([J, r])], 2)
 
     return local
 
@@ -189,7 +189,7 @@ def test_an_undetermined_combination_beyond_the_noise_comes_within_it():
 def test_a_whole_step_that_gains_little_ends_the_iteration_whatever_the_radius():
     A, b = np.diag([1.0, 2.0]), np.array([3.0, 4.0])
     steps = []
-    outcome = TrustRegion(radius=1e-7, fall=1e-3).minimise(
+    outcome = TrustRegion(radius=1e-7, min_decrease=1e-3).minimise(
         linear(A, b), np.array([3.03, 2.0]), *FREE, observe=steps.append
     )
     assert outcome.reason == "converged"

@@ -8,9 +8,9 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError
 from updyn.updating.problem import lines, optimal_design
-from updyn.updating.problem.lines import a_optimal, choose_lines, d_optimal
+from updyn.updating.problem.lines import choose_lines, select_a_optimal, select_d_optimal
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.optimal_design import DOptimal, exchanged
+from updyn.updating.problem.optimal_design import DOptimal, exchange_items
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 
@@ -73,7 +73,7 @@ def test_more_lines_than_there_are(problem, text):
 
 @pytest.mark.parametrize("count", [4, 10, 25])
 def test_d_optimal_beats_random_and_even_choices(chain12, problem, count):
-    chosen = d_optimal(problem, count)
+    chosen = select_d_optimal(problem, count)
     assert len(set(chosen)) == count
     assert (np.diff(chosen) > 0).all()
     best, rng = log_determinant(chain12, problem, chosen), np.random.default_rng(0)
@@ -86,7 +86,7 @@ def test_d_optimal_beats_random_and_even_choices(chain12, problem, count):
 
 
 def test_d_optimal_of_all_lines_is_all_lines(problem):
-    assert list(d_optimal(problem, 60)) == list(range(60))
+    assert list(select_d_optimal(problem, 60)) == list(range(60))
 
 
 def test_d_optimal_of_a_single_oscillator_takes_the_half_power_flanks():
@@ -96,7 +96,7 @@ def test_d_optimal_of_a_single_oscillator_takes_the_half_power_flanks():
     )
     data = updyn.response(model, np.linspace(5, 15, 201), ["1:X"], ["1:X"])
     problem = Part.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
-    freq = data.freq[d_optimal(problem, 6)]
+    freq = data.freq[select_d_optimal(problem, 6)]
     assert (np.abs(freq - 10.0) < 10 * 0.04).all()
 
 
@@ -109,13 +109,13 @@ def test_d_optimal_does_not_depend_on_units(mixed_model):
         problem = Part.build(
             model, data, updyn.parameters(model, stiffness="all", loss_factor="all")
         )
-        chosen.append(list(d_optimal(problem, 10)))
+        chosen.append(list(select_d_optimal(problem, 10)))
     assert chosen[0] == chosen[1] == chosen[2]
 
 
 def covariance(problem, at):
     """Of the unknowns at their start, by the very information that the choice is made from."""
-    x, floor = lines._start(problem), lines._RELATIVE_FLOOR * level_by_unit(problem.frf)
+    x, floor = lines._design_point(problem), lines._RELATIVE_FLOOR * level_by_unit(problem.frf)
     information = lines._information(problem, (x, floor, slice(0, len(problem.frf.freq))))
     return np.linalg.pinv(information[at].sum(axis=0), hermitian=True, rcond=1e-14)
 
@@ -124,15 +124,15 @@ def test_the_exchange_reaches_the_best_of_all_sets():
     """Two unknowns, five lines: greedy takes the line along the diagonal first; the best pair is the two axes."""
     directions = np.array([[1.0, 0.0], [0.0, 1.0], [0.8, 0.8], [0.5, 0.1], [0.2, 0.6]])
     information = np.einsum("fp,fq->fpq", directions, directions)
-    scaled = optimal_design.scaled(information)[0]
+    scaled = optimal_design.scale_information(information)[0]
     best = max(
         itertools.combinations(range(5), 2),
         key=lambda c: np.linalg.slogdet(1e-9 * np.eye(2) + scaled[list(c)].sum(0))[1],
     )
     assert best == (0, 1)
-    assert list(lines._most_telling(information, 2)) == [0, 1]
+    assert list(lines._maximise_determinant(information, 2)) == [0, 1]
     total = 1e-9 * np.eye(2) + scaled[[2, 1]].sum(axis=0)
-    assert sorted(exchanged(scaled, total, [2, 1], DOptimal())) == [0, 1]
+    assert sorted(exchange_items(scaled, total, [2, 1], DOptimal())) == [0, 1]
 
 
 def test_a_optimal_lines_leave_less_variance_than_d_optimal_ones(problem):
@@ -140,7 +140,7 @@ def test_a_optimal_lines_leave_less_variance_than_d_optimal_ones(problem):
         of_all = np.diag(covariance(problem, np.arange(60)))
         a, d = (
             np.mean(np.diag(covariance(problem, f(problem, count))) / of_all)
-            for f in (a_optimal, d_optimal)
+            for f in (select_a_optimal, select_d_optimal)
         )
         assert a < d
 
@@ -151,16 +151,16 @@ def test_lines_for_some_unknowns(problem):
         i = names.index(name)
         own = choose_lines(f"a-optimal:10:{name}", problem)
         assert len(own) == 10
-        for others in (a_optimal(problem, 10), d_optimal(problem, 10)):
+        for others in (select_a_optimal(problem, 10), select_d_optimal(problem, 10)):
             assert covariance(problem, own)[i, i] < covariance(problem, others)[i, i]
     assert list(choose_lines("a-optimal:9:part1.*, part4.mass", problem)) == list(
-        a_optimal(
+        select_a_optimal(
             problem,
             9,
             [i for i, n in enumerate(names) if n.startswith("part1.") or n == "part4.mass"],
         )
     )
-    assert list(choose_lines("a-optimal:9", problem)) == list(a_optimal(problem, 9))
+    assert list(choose_lines("a-optimal:9", problem)) == list(select_a_optimal(problem, 9))
     with pytest.raises(
         OptionError, match=r"no unknown 'part1.stifness'; did you mean 'part1.stiffness'"
     ):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from updyn.updating.problem import local
-from updyn.updating.problem.local import qr_triangle, reduce
+from updyn.updating.problem.local import qr_triangle, reduce_blocks
 
 M, N = 3000, 12
 
@@ -78,7 +78,7 @@ def test_blocks_that_are_not_finite_stay_so():
 
 def test_gradient_and_cost_of_blocks():
     A = [block(graded(), seed) for seed in range(3)]
-    found = reduce([a.copy(order="F") for a in A], N - 1)
+    found = reduce_blocks([a.copy(order="F") for a in A], N - 1)
     whole = np.vstack(A)
     assert found.cost == pytest.approx(0.5 * whole[:, -1] @ whole[:, -1], rel=1e-12)
     J, r = whole[:, :-1], whole[:, -1]

@@ -89,7 +89,7 @@ def test_damping_is_not_compared_where_no_unknown_changes_it() -> None:
     model = shaft()
     modes = modes_of(model, 3, loss_factor=[0.05, 0.06, 0.04])
     part = ModalPart.build(model, modes, updyn.parameters(model, stiffness="piece*"), ModalNoise())
-    assert not part.sees_damping
+    assert not part.has_damping_unknowns
     rows = part.rows(part.coordinates.home)
     assert not rows.of("loss_factor").any()
     np.testing.assert_allclose(rows.r, 0.0, atol=1e-9)
@@ -104,8 +104,8 @@ def test_a_mode_that_resembles_none_counts_more_than_any_that_does() -> None:
     both = [part_of(model, m) for m in (modes, stray)]
     x = both[0].coordinates.home
     error = ModalError(ModalNoise())
-    known, lost = (error.solved(part, x).cost for part in both)
-    assert list(both[1].rows(x).lost(both[1].like)) == [3]
+    known, lost = (error.local(part, x).cost for part in both)
+    assert list(both[1].rows(x).unpaired(both[1].least_mac)) == [3]
     expected = 0.5 * (1.0 / 0.01**2 + 7.0 / 0.1**2 + 1.0 / 0.2**2)
     assert lost - known == pytest.approx(expected, rel=1e-12)
 
@@ -197,7 +197,7 @@ def test_few_residuals_of_a_kind_have_the_usual_size(shape: float, expected: flo
 def test_weights_and_unknowns_minimise_one_function() -> None:
     """s^2 = (sum r^2 + 2 s_0^2) / (n + 2): the usual size counts as two residuals."""
     rows = without_spare(0.5)
-    found = ModalNoise().weighing(rows)
+    found = ModalNoise().estimate_for_weights(rows)
     for kind, n in (("frequency", 3), ("shape", 57), ("loss_factor", 3)):
         r, usual = rows.r[rows.of(kind)], ASSUMED_OF_MODES[kind]
         expected = np.sqrt((r @ r + 2.0 * usual**2) / (n + 2.0))

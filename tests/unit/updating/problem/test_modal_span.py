@@ -11,7 +11,7 @@ from updyn.modal import ModeSet
 from updyn.model import Group, Model
 from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.modal_rows import KINDS
-from updyn.updating.problem.modal_span import Projection
+from updyn.updating.problem.modal_span import SpanProjection
 from updyn.updating.problem.noise.modes import ModalNoise
 
 N = 3
@@ -76,7 +76,7 @@ def test_residuals_of_a_pair_do_not_depend_on_its_basis(turn: float) -> None:
     rows = part.rows(part.coordinates.home)
     aligned = part_of(mast(np.ones(N), np.full(N, 1.02)), measured(TRUE, 0.0, scaled=True))
     expected = aligned.rows(aligned.coordinates.home)
-    assert not len(rows.lost(part.like))
+    assert not len(rows.unpaired(part.least_mac))
     for kind in ("frequency", "mac", "scale"):
         assert rows.r[rows.of(kind)] == pytest.approx(expected.r[expected.of(kind)], abs=1e-9)
     size = [float(np.sum(one.r[one.of("shape")] ** 2)) for one in (rows, expected)]
@@ -102,13 +102,13 @@ def test_projection_is_that_of_least_squares() -> None:
     psi = rng.standard_normal(7)
     psi /= np.linalg.norm(psi)
     span, moved = rng.standard_normal((7, 2)), rng.standard_normal((2, 7, 3))
-    found = Projection.of(psi, span, moved)
+    found = SpanProjection.of(psi, span, moved)
     share = np.linalg.lstsq(span, psi, rcond=None)[0]
     assert found.within == pytest.approx(span @ share)
     nearest = span @ share / np.linalg.norm(share)
     assert found.size == pytest.approx(psi @ nearest)
     for i in range(3):
-        ends = [Projection.of(psi, span + t * moved[:, :, i].T, moved) for t in (1e-6, -1e-6)]
+        ends = [SpanProjection.of(psi, span + t * moved[:, :, i].T, moved) for t in (1e-6, -1e-6)]
         by_x = (ends[0].within - ends[1].within) / 2e-6
         np.testing.assert_allclose(found.within_by_x[:, i], by_x, rtol=1e-6, atol=1e-8)
         assert found.size_by_x[i] == pytest.approx((ends[0].size - ends[1].size) / 2e-6, rel=1e-6)
@@ -127,7 +127,7 @@ def test_a_plane_of_which_the_model_has_one_direction_is_compared_one_by_one() -
     modes = ModeSet(both.frequency[:4], both.shapes[:, :4], LABELS)
     part = ModalPart.build(planar, modes, updyn.parameters(planar, stiffness="X"), ModalNoise())
     rows = part.rows(part.coordinates.home)
-    assert rows.lost(part.like).tolist() == [1, 3]
+    assert rows.unpaired(part.least_mac).tolist() == [1, 3]
     np.testing.assert_allclose(rows.r, 0.0, atol=1e-9)
 
 

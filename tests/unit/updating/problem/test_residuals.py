@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import updyn
 from updyn.dynamics import fields
 from updyn.errors import DataError
-from updyn.updating.problem.local import reduce
+from updyn.updating.problem.local import reduce_blocks
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import (
     _BIAS,
@@ -167,7 +167,7 @@ def test_reduce_keeps_cost_gradient_and_information(seed, n, m, cuts):
     """However the rows are cut into blocks, and even if there are fewer rows than unknowns."""
     rng = np.random.default_rng(seed)
     J, r = rng.standard_normal((m, n)), rng.standard_normal(m)
-    local = reduce(np.array_split(np.column_stack([J, r]), cuts), n)
+    local = reduce_blocks(np.array_split(np.column_stack([J, r]), cuts), n)
     assert local.cost == pytest.approx(0.5 * r @ r, rel=1e-12)
     assert local.gradient == pytest.approx(J.T @ r, abs=1e-12)
     assert pytest.approx(J.T @ J, abs=1e-12) == local.R.T @ local.R

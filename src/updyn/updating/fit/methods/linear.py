@@ -15,10 +15,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.errors import OptionError, ParameterError, SolverError
-from updyn.updating.fit.method import Fit, Method, spread_of
+from updyn.updating.fit.method import Fit, Method, residual_std
 from updyn.updating.fit.monitor import Monitor, condition
 from updyn.updating.fit.trust_region import Step
-from updyn.updating.problem.local import Local, joined
+from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import EachOf, LineResidual, solved
@@ -26,15 +26,15 @@ from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "Amounts",
-    "Plain",
+    "PlainIteration",
     "basic_solution",
     "check_unknowns",
-    "fit_of",
+    "describe_negative",
+    "describe_unmeasured",
     "linear_step",
-    "local_of",
-    "not_measured",
+    "linearise",
+    "make_unweighted_fit",
     "scaled_solution",
-    "turned_negative",
 ]
 
 _Vector = NDArray[np.float64]
@@ -86,7 +86,7 @@ class Amounts:
                 pairs.append((sharing[0][0], j))
         return cls(tuple(pairs))
 
-    def columns(self, J: NDArray[np.float64], values: _Vector) -> NDArray[np.float64]:
+    def transform_jacobian(self, J: NDArray[np.float64], values: _Vector) -> NDArray[np.float64]:
         """Return derivatives by the amounts, shape (m, n), from those by the values, same shape."""
         out = J.copy()
         for i, j in self.pairs:
@@ -95,7 +95,7 @@ class Amounts:
             out[:, j] /= values[i]
         return out
 
-    def moved(self, values: _Vector, change: _Vector) -> _Vector:
+    def apply_change(self, values: _Vector, change: _Vector) -> _Vector:
         """Return the values after a change of the amounts, both shape (n,)."""
         amounts = values.copy()
         for i, j in self.pairs:
@@ -108,7 +108,7 @@ class Amounts:
 
 
 @dataclass(frozen=True, slots=True)
-class Plain:
+class PlainIteration:
     """Plain iteration: repeated linear solves with full steps.
 
     Parameters
@@ -197,7 +197,9 @@ class Plain:
         share = 1.0
         for _ in range(_HALVINGS + 1):
             try:
-                moved = _checked(problem, values, values + share * (wanted - values), here, number)
+                moved = _apply_step(
+                    problem, values, values + share * (wanted - values), here, number
+                )
                 there = evaluate(moved)
                 if (
                     not self.halving
@@ -212,7 +214,7 @@ class Plain:
         return None
 
 
-def _checked(
+def _apply_step(
     problem: Problem, before: _Vector, values: _Vector, here: Local, number: int
 ) -> _Vector:
     """Return x after a step to given values; refuse factors that are not positive."""
@@ -224,11 +226,11 @@ def _checked(
         raise SolverError(f"The unknowns grow beyond all bounds {where}")
     negative = np.flatnonzero(parameters.is_factor & (values <= 0.0))
     if negative.size:
-        raise SolverError(f"{turned_negative(parameters, before, values, negative)} {where}")
+        raise SolverError(f"{describe_negative(parameters, before, values, negative)} {where}")
     return problem.coordinates.to_x(values)
 
 
-def turned_negative(
+def describe_negative(
     parameters: ParameterSet, before: _Vector, after: _Vector, negative: NDArray[np.intp]
 ) -> str:
     """Return the beginning of a sentence on the factors that a step makes negative."""
@@ -244,7 +246,7 @@ def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
     return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= _ROUNDING)
 
 
-def not_measured(problem: Problem) -> str:
+def describe_unmeasured(problem: Problem) -> str:
     """Return the number of unmeasured DOFs as the beginning of a sentence; may be empty.
 
     Of several tests, the one with the most unmeasured DOFs is described.
@@ -260,8 +262,8 @@ def not_measured(problem: Problem) -> str:
 def linear_step(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
     """Return the values, shape (n,), that minimise the residual linearised at x in the amounts."""
     values = problem.coordinates.to_values(x)
-    J = amounts.columns(local.R / problem.coordinates.slope(x), values)
-    return amounts.moved(values, scaled_solution(J, -local.q))
+    J = amounts.transform_jacobian(local.R / problem.coordinates.slope(x), values)
+    return amounts.apply_change(values, scaled_solution(J, -local.q))
 
 
 def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
@@ -288,7 +290,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     return out * weight
 
 
-def local_of(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector) -> Local:
+def linearise(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector) -> Local:
     """Return the reduced problem of all tests at x.
 
     Raises
@@ -296,7 +298,7 @@ def local_of(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector)
     SolverError
         If the model cannot be solved there.
     """
-    return joined(
+    return join_locals(
         [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
     )
 
@@ -324,7 +326,7 @@ def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) ->
         )
 
 
-def fit_of(
+def make_unweighted_fit(
     problem: Problem,
     residual: LineResidual | EachOf[Any],
     x: _Vector,
@@ -334,10 +336,10 @@ def fit_of(
 ) -> Fit:
     """Return the fit that ended at x; noise is estimated from the residual, equal everywhere."""
     try:
-        local = local_of(problem, residual, x)
+        local = linearise(problem, residual, x)
     except Stopped:
-        return Fit.blind(x, "stopped")
-    sigma = spread_of(local, problem.n_values, problem.n)
+        return Fit.without_jacobian(x, "stopped")
+    sigma = residual_std(local, problem.n_values, problem.n)
     record = {"kind": kind, "chi_square": 1.0, "inflation": 1.0}
     return Fit(
         x, reason, local.R / sigma if sigma > 0 else local.R, (record,) * len(problem.parts), note

@@ -34,17 +34,17 @@ from updyn.updating.fit.method import (
     Rival,
     Starts,
     descend,
-    in_units,
-    known_length,
-    stopped_at,
+    divide_by_std,
+    make_stopped_fit,
+    record_correlation_length,
 )
 from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import coarse, scattered
+from updyn.updating.fit.search import scatter_points, thin_problem
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import find_valleys, fix_unknown
-from updyn.updating.problem.local import Local, joined
+from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.estimated import FEW
@@ -129,7 +129,7 @@ class MaximumLikelihood(SearchingMethod):
         """Return the best basins of the log error; with modes only, the unknowns' start."""
         if not self.starts or not problem.parts:
             return Method.search(self, problem, noises, monitor)
-        rough = coarse(problem, noises)
+        rough = thin_problem(problem, noises)
         with monitor.stage("search", rough):
             return self.tries.run(rough, noises, monitor)
 
@@ -149,7 +149,7 @@ class MaximumLikelihood(SearchingMethod):
         starts: Starts,
     ) -> Fit:
         """Fit the unknowns from all starts, and search for other answers that fit equally well."""
-        if not self.starts or starts.in_vain:
+        if not self.starts or starts.data_fault:
             return self.fit(problem, noises, monitor, starts.points[0])
         first, *others = starts.points
         models = Models(problem)
@@ -195,7 +195,7 @@ class MaximumLikelihood(SearchingMethod):
             return replace(fit, reason="unsettled", rivals=tuple(rivals))
         return replace(fit, rivals=tuple(rivals))
 
-    def answer(
+    def evaluate_answer(
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
@@ -220,7 +220,7 @@ class MaximumLikelihood(SearchingMethod):
         assert start_weighted is not None
         return _limit_likelihood(answer, valley_start, with_prior(start_weighted, problem, x))
 
-    def others(
+    def find_candidates(
         self,
         models: Models,
         noises: Sequence[NoiseModel],
@@ -254,7 +254,7 @@ class MaximumLikelihood(SearchingMethod):
         """
         if monitor.stopped:
             return []
-        rough, found = coarse(problem, noises), list[Answer]()
+        rough, found = thin_problem(problem, noises), list[Answer]()
         back = last = 0
         explained = self._has_noise_residual(problem, best)
         for number in range(_MOST_TRIES):
@@ -264,7 +264,7 @@ class MaximumLikelihood(SearchingMethod):
                 break
             x = None
             with monitor.stage("search", rough), suppress(Stopped):
-                x = self.tries.beside(rough, best.x, number, monitor)
+                x = self.tries.try_nearby(rough, best.x, number, monitor)
             if x is None:
                 continue
             with monitor.stage(self.name):
@@ -304,9 +304,11 @@ class MaximumLikelihood(SearchingMethod):
         best, found, ends = first, [first], [first.negative_log_likelihood]
         n_before = len(monitor.history)
         overdetermined = problem.n_numbers > problem.n
-        settings = TrustRegion(min(_SHORT_DESCENT, self.max_iterations), self.tolerance, fall=_NEAR)
+        settings = TrustRegion(
+            min(_SHORT_DESCENT, self.max_iterations), self.tolerance, min_decrease=_NEAR
+        )
         far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
-        for start in scattered(coordinates.home, far, _TRIES * self.starts, self.seed):
+        for start in scatter_points(coordinates.home, far, _TRIES * self.starts, self.seed):
             agreed = sum(end <= best.negative_log_likelihood + _WORTH for end in ends)
             number = len(select_as_likely(best, found, _WORTH))
             enough = overdetermined and agreed > 2 * number**2 + 3 * number + 2
@@ -337,7 +339,7 @@ class MaximumLikelihood(SearchingMethod):
         if monitor.stopped or cls._has_noise_residual(problem, answer):
             return False
         with suppress(Stopped):
-            return monitor.is_in_vain()
+            return monitor.has_data_fault()
         return False
 
     @staticmethod
@@ -390,7 +392,9 @@ class MaximumLikelihood(SearchingMethod):
         """
         found: list[Answer] = []
         n_before = len(monitor.history)
-        settings = TrustRegion(min(_SHORT_DESCENT, self.max_iterations), self.tolerance, fall=_NEAR)
+        settings = TrustRegion(
+            min(_SHORT_DESCENT, self.max_iterations), self.tolerance, min_decrease=_NEAR
+        )
         for x in points:
             if monitor.stopped or (most is not None and len(monitor.history) - n_before >= most):
                 break
@@ -417,7 +421,7 @@ class MaximumLikelihood(SearchingMethod):
         """
         if at.local is None:
             return [], []
-        settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
+        settings = TrustRegion(_FOLLOWING, self.tolerance, min_decrease=_NEAR)
 
         def refit(x: _Vector, fixed_unknown: int) -> Answer | None:
             with suppress(SolverError):
@@ -468,7 +472,9 @@ class MaximumLikelihood(SearchingMethod):
                     reason = "stopped" if monitor.stopped else "max-iterations"
                     break
                 before = len(monitor.history)
-                settings = TrustRegion(remaining, self.tolerance, fall=_FALL, noise=_unit_std)
+                settings = TrustRegion(
+                    remaining, self.tolerance, min_decrease=_FALL, noise=_unit_std
+                )
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
                 remaining -= len(monitor.history) - before
                 moved, x, reason, local = outcome.x - x, outcome.x, outcome.reason, outcome.local
@@ -494,7 +500,9 @@ class MaximumLikelihood(SearchingMethod):
                     problem, answer.x, answer.noises, answer.residual, answer.reason
                 )
                 return replace(fit, cause=_UNSETTLED_CAUSE if fit.reason == "unsettled" else "")
-        return stopped_at(coarse(problem, noises), answer.x)  # from values that the search cached
+        return make_stopped_fit(
+            thin_problem(problem, noises), answer.x
+        )  # from values that the search cached
 
     def _make_fit(
         self,
@@ -511,7 +519,7 @@ class MaximumLikelihood(SearchingMethod):
         ]
         local = residual.local(problem, x)
         assert local is not None
-        whitened = joined([known.local for known in found if known is not None], problem.n)
+        whitened = join_locals([known.local for known in found if known is not None], problem.n)
         records = [record for known in found if known is not None for record in known.records]
         records = _with_common_freedom(problem, records)
         modal = "" if found[1] is None else found[1].note
@@ -621,7 +629,7 @@ def _information_of_frfs(
     freedom = 2 * problem.n_values - problem.n
     # The noise can be estimated from the misfit only with degrees of freedom.
     chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
-    known = known_length(
+    known = record_correlation_length(
         problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values)
     )
     length = known.get("correlation_length", 1.0)
@@ -636,7 +644,7 @@ def _information_of_frfs(
         "inflation": inflation,
     }
     by_part = [{"kind": noise.kind, **record, **noise.figures()} for noise in noises]
-    return _Information(in_units(local, inflation), by_part)
+    return _Information(divide_by_std(local, inflation), by_part)
 
 
 def _information_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Information | None:
@@ -650,15 +658,15 @@ def _information_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Info
         chi_square = squares / spare if spare > 0.0 else 1.0
         stated = error.noise.size_known
         inflation = float(np.sqrt(max(chi_square, 1.0))) if stated else 1.0
-        locals_.append(in_units(error.solved(part, x), inflation))
+        locals_.append(divide_by_std(error.local(part, x), inflation))
         rows = error.rows(part, x)
         record: dict[str, Any] = {
             "kind": error.noise.kind,
             "chi_square": chi_square,
             "inflation": inflation,
             **error.noise.figures(rows),
-            "modes": len(rows.mac) - len(rows.lost(part.like)),
-            **part.left_out(rows),
+            "modes": len(rows.mac) - len(rows.unpaired(part.least_mac)),
+            **part.record_unpaired(rows),
         }
         missing += [record["left_out"]] if "left_out" in record else []
         if error.noise.by_ratio:
@@ -669,7 +677,7 @@ def _information_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Info
     note = _modal_note(records, missing)
     if not all(part.target.has_shapes for part in problem.modal):
         note = f"{BY_FREQUENCY} {note}".rstrip()
-    return _Information(joined(locals_, problem.n), records, note)
+    return _Information(join_locals(locals_, problem.n), records, note)
 
 
 def _with_common_freedom(
@@ -744,7 +752,7 @@ def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
     """Return the modal residuals, weighted by the known and estimated noise."""
     found = [ModalError(part.noise) for part in problem.modal]
     return tuple(
-        ModalError(part.noise.weighing(error.rows(part, x)))
+        ModalError(part.noise.estimate_for_weights(error.rows(part, x)))
         for part, error in zip(problem.modal, found, strict=True)
     )
 
@@ -762,7 +770,7 @@ def _refit_modes(problem: Problem, of_frfs: Each, x: _Vector) -> tuple[ModalErro
         rest.append(local.R)
     for i, part in enumerate(problem.modal):
         others = [
-            error.solved(one, x).R
+            error.local(one, x).R
             for one, error in zip(problem.modal, found, strict=True)
             if one is not part
         ]

@@ -16,8 +16,8 @@ from updyn.modal import ModeSet, identify_modes
 from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.problem.local import Local, joined
-from updyn.updating.problem.modal import ModalError, ModalPart, Target, check_any_pair
+from updyn.updating.problem.local import Local, join_locals
+from updyn.updating.problem.modal import ModalError, ModalPart, ModalTarget, check_any_pair
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.modes import ModalNoise
 from updyn.updating.problem.parameters import CHANNELS
@@ -149,16 +149,16 @@ class ModalMethod(Method):
                 spread = partial(_spread, whole, error)
                 outcome = descend_to_scale(whole, residual, x, monitor, settings, spread)
                 x = outcome.x
-                local = joined([error.solved(part, x) for part in whole.modal], problem.n)
+                local = join_locals([error.local(part, x) for part in whole.modal], problem.n)
                 sigma = spread(x)
                 records = _records(whole, error, x)
             except Stopped:
-                return Fit.blind(x, "stopped")
+                return Fit.without_jacobian(x, "stopped")
         missing = [record["left_out"] for record in records if "left_out" in record]
         note = ""
         if missing:
-            said = ", ".join(missing)
-            note = f"Measured modes that resemble no mode of the model are omitted: {said}."
+            omitted = ", ".join(missing)
+            note = f"Measured modes that resemble no mode of the model are omitted: {omitted}."
         return Fit(
             x,
             outcome.reason,
@@ -180,7 +180,7 @@ class ModalMethod(Method):
         """Return the modes of each test: those of its FRFs, and those that are data themselves."""
         found = []
         for part in problem.parts:
-            target = Target.of(part.solver.system, self._measured(part))
+            target = ModalTarget.of(part.solver.system, self._select_modes(part))
             found.append(
                 ModalPart(
                     part.solver.system,
@@ -194,17 +194,17 @@ class ModalMethod(Method):
         for given in problem.modal:
             number = min(self.n_modes or len(given.target.value), len(given.target.value))
             found.append(replace(given, target=given.target.select(range(number))))
-        return [replace(part, like=self.mac) for part in found]
+        return [replace(part, least_mac=self.mac) for part in found]
 
     def _check_unknowns(self, problem: Problem) -> None:
-        unseen = []
+        unsupported = []
         for p in problem.coordinates.parameters:
             if any(d.quantity in self.cannot for d in p.acts_on):
-                unseen.append(p.name)
-        if unseen:
-            shown = ", ".join(unseen[:4])
-            if len(unseen) > 4:
-                shown += f" and {len(unseen) - 4} more"
+                unsupported.append(p.name)
+        if unsupported:
+            shown = ", ".join(unsupported[:4])
+            if len(unsupported) > 4:
+                shown += f" and {len(unsupported) - 4} more"
             raise ParameterError(
                 "method 'modal': real modes show neither damping nor the level of a channel"
                 f" ({shown}); leave these unknowns out, or use a method that fits the FRFs, such as"
@@ -225,15 +225,15 @@ class ModalMethod(Method):
                     f"option modes: no test {name!r}; {suggest(str(name), names)}", key=("modes",)
                 )
 
-    def _measured(self, part: Part) -> ModeSet:
-        given = self.modes
-        if isinstance(given, Mapping):
-            given = given.get(part.name)
-        if given is None:
+    def _select_modes(self, part: Part) -> ModeSet:
+        modes = self.modes
+        if isinstance(modes, Mapping):
+            modes = modes.get(part.name)
+        if modes is None:
             # The rate is 1 for a viscous matrix, and the coefficient for Rayleigh damping.
             viscous = bool(part.solver.system.start.rate.any())
-            given = identify_modes(part.frf, damping="viscous" if viscous else "structural")
-        return given.select(range(min(self.n_modes or len(given), len(given))))
+            modes = identify_modes(part.frf, damping="viscous" if viscous else "structural")
+        return modes.select(range(min(self.n_modes or len(modes), len(modes))))
 
 
 def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None = None) -> float:
@@ -254,7 +254,7 @@ def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[s
     """
     own = [(part, error.rows(part, x)) for part in problem.modal]
     off = np.concatenate([one.r[one.of("frequency")] for _, one in own])
-    macs = np.concatenate([one.mac[one.mac >= part.like] for part, one in own])
+    macs = np.concatenate([one.mac[one.mac >= part.least_mac] for part, one in own])
     common = {
         "kind": error.noise.kind,
         "modes": float(len(macs)),
@@ -264,4 +264,4 @@ def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[s
         "chi_square": 1.0,
         "inflation": 1.0,
     }
-    return tuple(common | part.left_out(one) for part, one in own)
+    return tuple(common | part.record_unpaired(one) for part, one in own)

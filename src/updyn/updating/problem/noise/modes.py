@@ -85,11 +85,11 @@ class ModalNoise:
         return self.stated >= ASSUMED_OF_MODES.keys()
 
     @property
-    def hides_shapes(self) -> bool:
+    def excludes_shapes(self) -> bool:
         """Whether shapes have a stated standard deviation of 1 or more and are not used."""
         return "shape" in self.stated and self.added["shape"] >= 1.0
 
-    def levelled(self) -> ModalNoise:
+    def in_units_of_frequency(self) -> ModalNoise:
         """Return the assumed noise in units of that of a frequency; ignores stated numbers."""
         unit = ASSUMED_OF_MODES["frequency"]
         added = {kind: share / unit for kind, share in ASSUMED_OF_MODES.items()}
@@ -105,15 +105,15 @@ class ModalNoise:
                 variance[mine] = own + self.added[kind] ** 2
         return np.asarray(np.sqrt(variance))
 
-    def weighing(self, rows: ModalRows) -> ModalNoise:
+    def estimate_for_weights(self, rows: ModalRows) -> ModalNoise:
         """Return the noise with sizes that weight residuals in a fit; itself if all are stated."""
-        number = {kind: float(rows.freedom(kind)) for kind in self._sought(rows)}
+        number = {kind: float(rows.freedom(kind)) for kind in self._estimated_kinds(rows)}
         if not number:
             return self
         found = self
         for _ in range(_ROUNDS):
             before = dict(found.added)
-            found = replace(self, added={**before, **_sizes(rows, number, before)})
+            found = replace(self, added={**before, **_estimate_sizes(rows, number, before)})
             if all(abs(found.added[k] - before[k]) <= _SETTLED * before[k] for k in number):
                 break
         return found
@@ -123,15 +123,15 @@ class ModalNoise:
 
         `rest`, shape (k, n), is the reduced, whitened Jacobian of all other data and priors.
         """
-        sought = self._sought(rows)
+        sought = self._estimated_kinds(rows)
         if not sought:
             return self
         found = replace(self, kind="estimated")
         for _ in range(_ROUNDS):
             before = dict(found.added)
-            leverage = _leverage(rows, found.std(rows), rest)
+            leverage = _compute_leverage(rows, found.std(rows), rest)
             spare = {kind: rows.freedom(kind) - leverage[rows.of(kind)].sum() for kind in sought}
-            sizes = _sizes(rows, spare, before)
+            sizes = _estimate_sizes(rows, spare, before)
             found = replace(found, added={**before, **sizes})
             if all(abs(sizes[k] - before[k]) <= _SETTLED * before[k] for k in sought):
                 break
@@ -146,7 +146,7 @@ class ModalNoise:
             return replace(found, kind="standard deviations")
         return replace(found, by_ratio=short, degrees_of_freedom=few)
 
-    def _sought(self, rows: ModalRows) -> list[str]:
+    def _estimated_kinds(self, rows: ModalRows) -> list[str]:
         """Return the kinds of residuals whose size is not stated."""
         return [k for k in self.added if k not in self.stated and rows.of(k).any()]
 
@@ -160,7 +160,7 @@ class ModalNoise:
         return out
 
 
-def _leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
+def _compute_leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
     """Return the leverage of the unknowns on each residual, 0 to 1, shape (r,)."""
     J = rows.J / std[:, None]
     whole = np.vstack([J, rest])
@@ -172,7 +172,7 @@ def _leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
     return np.asarray(np.sum(inner**2, axis=1))
 
 
-def _sizes(
+def _estimate_sizes(
     rows: ModalRows, number: Mapping[str, float], before: Mapping[str, float]
 ) -> dict[str, float]:
     """Return the size of each kind for its effective number of residuals."""
@@ -181,11 +181,11 @@ def _sizes(
     for kind, n in number.items():
         mine = rows.of(kind)
         usual = exact * ASSUMED_OF_MODES.get(kind, 1.0)
-        found[kind] = _size(rows.r[mine], rows.std[mine], float(n), usual)
+        found[kind] = _estimate_size(rows.r[mine], rows.std[mine], float(n), usual)
     return found
 
 
-def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
+def _estimate_size(r: _Real, std: _Real, number: float, usual: float) -> float:
     """Return s with sum r^2 / (std^2 + s^2) = number, at least `_SMALLEST`.
 
     If the data have no standard deviations, the typical size enters with its weight.

@@ -14,13 +14,13 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EachOf, LineResidual, clear_of_noise
 
-__all__ = ["Levelled", "levelled"]
+__all__ = ["NormalisedDerivatives", "make_normalised_residual"]
 
 _Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Levelled(LineResidual):
+class NormalisedDerivatives(LineResidual):
     """Rows d ln H / dx, normalised to a norm of at most 1; the residual is 0.
 
     On a resonance of loss factor eta, d ln H / dx is as large as 1 / eta. A test of rank compares
@@ -36,7 +36,7 @@ class Levelled(LineResidual):
     """
 
     weight: NDArray[np.float64]
-    name: str = "levelled"
+    name: str = "normalised"
 
     @property
     def cache_key(self) -> object:
@@ -57,11 +57,13 @@ class Levelled(LineResidual):
         return np.zeros_like(block.H), slope * (weight / np.maximum(norm, 1.0))
 
 
-def levelled(problem: Problem, noises: Sequence[NoiseModel]) -> EachOf[Levelled]:
+def make_normalised_residual(
+    problem: Problem, noises: Sequence[NoiseModel]
+) -> EachOf[NormalisedDerivatives]:
     """Return the rows of all values that are neither rounding error nor of infinite variance."""
     errors = []
     for part, noise in zip(problem.parts, noises, strict=True):
         without = np.where(np.isfinite(noise.beforehand(part.frf)), 0.0, np.inf)
-        errors.append(Levelled(clear_of_noise(part.frf.values, without, part.frf)))
-    modal = tuple(ModalError(part.noise.levelled()) for part in problem.modal)
+        errors.append(NormalisedDerivatives(clear_of_noise(part.frf.values, without, part.frf)))
+    modal = tuple(ModalError(part.noise.in_units_of_frequency()) for part in problem.modal)
     return EachOf(tuple(errors), modal)

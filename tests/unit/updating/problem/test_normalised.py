@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.problem.levelled import levelled
 from updyn.updating.problem.noise import Stated
+from updyn.updating.problem.normalised import make_normalised_residual
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
@@ -71,7 +71,7 @@ def test_rows_are_those_of_the_log_error_and_none_is_longer_than_one(model):
     data = measured(model)
     part = Part.build(model, data, springs(model))
     lines, x = slice(0, len(data.freq)), part.coordinates.home
-    (own,) = levelled(Problem.of([part]), [Stated(0.01, 0.0)]).errors
+    (own,) = make_normalised_residual(Problem.of([part]), [Stated(0.01, 0.0)]).errors
     r, rows = own.block(part, x, lines)
     _, slopes = LogError().block(part, x, lines)
     length = np.linalg.norm(slopes, axis=0)
@@ -92,7 +92,7 @@ class Blind(Stated):
 
 def test_values_that_do_not_count_have_no_rows(model):
     part = Part.build(model, measured(model), springs(model))
-    (own,) = levelled(Problem.of([part]), [Blind(0.01, 0.0)]).errors
+    (own,) = make_normalised_residual(Problem.of([part]), [Blind(0.01, 0.0)]).errors
     assert np.argwhere(own.weight == 0.0).tolist() == [[3, 1, 0], [4, 1, 0]]
     lines = slice(2, 6)
     _, rows = own.on(part, lines).block(part, part.coordinates.home, lines)
