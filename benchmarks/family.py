@@ -17,7 +17,7 @@ import numpy as np
 from servo import updated
 
 import updyn
-from updyn.control.antiresonances import raised_magnitude
+from updyn.control.antiresonances import fill_antiresonances
 from updyn.control.demo import BAND, INPUTS, OUTPUTS, QUANTITIES
 from updyn.updating.result import UpdateResult
 
@@ -41,7 +41,7 @@ def row(result: UpdateResult, error: str, members: int, alone: int) -> str:
             model, INPUTS, OUTPUTS, BAND, route=family.facts["route"], **about
         ).response(freq)
         off = np.abs(member.response(freq).values - other.values)
-        level = raised_magnitude(freq, other.values)  # at an antiresonance the level around it
+        level = fill_antiresonances(freq, other.values)  # at an antiresonance the level around it
         if error == "peak":
             level = level.max(axis=0)
         apart = max(apart, float((off / level).max()))

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 __all__ = [
     "Dip",
     "ZeroShift",
-    "dips",
+    "antiresonance_shifts",
+    "fill_antiresonances",
     "find_antiresonances",
-    "raised_magnitude",
+    "find_dips",
     "resolve_antiresonances",
-    "shifts",
 ]
 
 _Real = NDArray[np.float64]
@@ -89,7 +89,7 @@ class ZeroShift:
     plant_depth: float
 
 
-def dips(freq: _Real, values: _Complex) -> list[Dip]:
+def find_dips(freq: _Real, values: _Complex) -> list[Dip]:
     """Return the antiresonances of one channel from its values at lines in Hz, ascending.
 
     At each minimum the response is interpolated by (a + b f) / (1 + c f) through three lines, whose
@@ -116,7 +116,7 @@ def dips(freq: _Real, values: _Complex) -> list[Dip]:
 def find_antiresonances(freq: _Real, values: _Complex) -> list[Dip]:
     """Return the antiresonances of one channel with the phase change of a zero."""
     out = []
-    for dip in dips(freq, values):
+    for dip in find_dips(freq, values):
         ends = dip.frequency - dip.width, dip.frequency + dip.width
         real, imag = np.interp(ends, freq, values.real), np.interp(ends, freq, values.imag)
         turn = np.angle((real[1] + 1j * imag[1]) * (real[0] - 1j * imag[0]))
@@ -137,7 +137,7 @@ def resolve_antiresonances(
         steps = _AROUND if number == _ROUNDS - 1 else np.array([-1.0, 0.0, 1.0])
         new: list[_Real] = []
         for i, j in np.ndindex(values.shape[1:]):
-            for dip in dips(freq, values[:, i, j]):
+            for dip in find_dips(freq, values[:, i, j]):
                 new.append(dip.frequency + dip.width * steps)
         if not new:
             break
@@ -154,7 +154,7 @@ def resolve_antiresonances(
     return freq, values
 
 
-def raised_magnitude(freq: _Real, values: _Complex) -> _Real:
+def fill_antiresonances(freq: _Real, values: _Complex) -> _Real:
     """Return the magnitude of each channel, at antiresonances that one width away.
 
     Around a resonance sharper than a loss factor of 0.0005 it is that of the peak. The lines must
@@ -178,7 +178,7 @@ def _highest(freq: _Real, size: _Real) -> _Real:
     return np.stack([size[a:b].max(axis=0) for a, b in zip(first, last, strict=True)])
 
 
-def shifts(
+def antiresonance_shifts(
     freq: _Real, values: _Complex, answer: _Complex, zeros: _Complex
 ) -> list[tuple[float, float, float, float]]:
     """Return frequency, shift (percent), depth and the plant's depth (dB) of each antiresonance.

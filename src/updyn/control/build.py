@@ -15,8 +15,8 @@ from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
-from updyn.control.rational_states import fewest_states
-from updyn.control.realised import realise, with_errors
+from updyn.control.rational_states import find_fewest_states
+from updyn.control.realised import measure_errors, realise
 from updyn.control.structure import CompiledStructure
 from updyn.control.task import task_of
 from updyn.errors import OptionError, ToleranceError
@@ -157,7 +157,7 @@ def _plant_of_measurement(
     slow = SlowMotion.none(len(outputs), len(inputs))
     pairs = collocated_channels(outputs, inputs)
     approximation = Approximation(target, slow, powers, data.poles, pairs)
-    found = fewest_states(approximation, tolerance)
+    found = find_fewest_states(approximation, tolerance)
     if not found.holds:
         raise ToleranceError(
             f"plant: no order holds a tolerance of {tolerance:g} from {limits[0]:g} to"
@@ -190,4 +190,4 @@ def _plant_of_measurement(
         modes,
         facts=facts,
     )
-    return with_errors(realised, target)
+    return measure_errors(realised, target)

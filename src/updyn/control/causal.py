@@ -35,9 +35,9 @@ __all__ = [
     "NOTHING",
     "ChannelDifference",
     "Circle",
-    "differences",
+    "channel_differences",
+    "error_lower_bound",
     "hankel_norm",
-    "least_error",
 ]
 
 _Real = NDArray[np.float64]
@@ -128,7 +128,7 @@ def _half_steps(n: int) -> _Complex:
 @lru_cache(maxsize=2)
 def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Complex]:
     """Return the share of the band at each point, and the logarithm of its outer function."""
-    share = _inside(np.abs(circle.freq), band, circle.margin)
+    share = _band_share(np.abs(circle.freq), band, circle.margin)
     follows = circle.outer(share)
     share.flags.writeable = follows.flags.writeable = False
     return share, follows
@@ -183,7 +183,9 @@ class ChannelDifference:
     growth: int = 0
 
 
-def least_error(channel: ChannelDifference, band: tuple[float, float], known: float = 0.0) -> float:
+def error_lower_bound(
+    channel: ChannelDifference, band: tuple[float, float], known: float = 0.0
+) -> float:
     """Return a lower bound on the largest error of any stable system in a band, as a share.
 
     `known` is a bound such as that of another channel, which is returned if this one is lower; 0 if
@@ -223,7 +225,7 @@ def least_error(channel: ChannelDifference, band: tuple[float, float], known: fl
     return float(np.exp(brentq(excess, np.log(floor), np.log(reached), xtol=_ACCURATE)))
 
 
-def _inside(size: _Real, band: tuple[float, float], margin: float) -> _Real:
+def _band_share(size: _Real, band: tuple[float, float], margin: float) -> _Real:
     """Return 1 in the band, 0 outside, and a smooth step within its margins."""
     low, high = band
     with np.errstate(divide="ignore", over="ignore"):
@@ -234,7 +236,7 @@ def _inside(size: _Real, band: tuple[float, float], margin: float) -> _Real:
         return np.asarray(1.0 / (1.0 + np.exp(1.0 / step - 1.0 / (1.0 - step))))
 
 
-def differences(
+def channel_differences(
     freq: _Real,
     structure: Callable[[_Real], _Complex],
     level: _Real,
@@ -264,7 +266,7 @@ def differences(
     whole = np.ones(len(outside.frequency), dtype=np.bool_)
     natural = np.concatenate([outside.frequency, found.conversion.frequency])
     limits = []
-    for lines in _beside(band, natural):
+    for lines in _adjacent_lines(band, natural):
         if not len(lines):
             limits.append(np.ones(level.shape[1:]))
             continue
@@ -292,7 +294,7 @@ def differences(
     return [channel(i, j) for i, j in np.ndindex(*level.shape[1:])]
 
 
-def _beside(band: tuple[float, float], natural: _Real) -> tuple[_Real, _Real]:
+def _adjacent_lines(band: tuple[float, float], natural: _Real) -> tuple[_Real, _Real]:
     """Return lines below and above a band, including natural frequencies."""
     low, high = band
     below, above = np.zeros(0), np.geomspace(high, _REACH * high, _OUTSIDE)[1:]

@@ -6,13 +6,13 @@ from updyn.control.causal import GAIN
 from updyn.control.complex_modes import ComplexModes, FittedModes, fit_outputs
 from updyn.control.conversions import REFUSED, error_of
 from updyn.control.rational import Rational
-from updyn.control.rational_states import fewest_states, with_poles_of
+from updyn.control.rational_states import find_fewest_states, refit_poles
 from updyn.control.real_modes import Biot
-from updyn.control.target import CandidateSelection, fewest, judge_selection
+from updyn.control.target import CandidateSelection, judge_selection, select_fewest
 from updyn.control.task import PlantTask
 from updyn.errors import ModelError, OptionError, ToleranceError, suggest
 
-__all__ = ["ROUTES", "check_route", "choose_route", "like_another"]
+__all__ = ["ROUTES", "check_route", "choose_route", "reuse_selection"]
 
 #: Conversions of structural damping to poles.
 ROUTES = ("auto", "modal", "complex", "rational", "biot")
@@ -46,9 +46,9 @@ def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> 
     mode_routes = tuple(route for route in routes if route != "rational")
     best = _first_conversion(task, mode_routes, tolerance, reached, refused)
     if "rational" in routes:
-        largest = None if best is None else _states(best) - 1
+        largest = None if best is None else _count_states(best) - 1
         try:
-            found = fewest_states(task.approximation(), tolerance, largest)
+            found = find_fewest_states(task.approximation(), tolerance, largest)
         except ModelError as error:
             refused["rational"] = error
         else:
@@ -67,12 +67,15 @@ def choose_route(task: PlantTask, routes: tuple[str, ...], tolerance: float) -> 
         advice += f", or try route {others}"
     raise ToleranceError(
         f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
-        f" {task.band[1]:g} Hz; reached: {errors}.{_why(task, reached, tolerance)} {advice}"
+        f" {task.band[1]:g} Hz; reached:"
+        f" {errors}.{_explain_causal_limit(task, reached, tolerance)} {advice}"
     )
 
 
-def _why(task: PlantTask, reached: dict[str, CandidateSelection], tolerance: float) -> str:
-    """Return whether causality prevents the tolerance from being reached."""
+def _explain_causal_limit(
+    task: PlantTask, reached: dict[str, CandidateSelection], tolerance: float
+) -> str:
+    """Return a sentence if causality prevents the tolerance; else an empty text."""
     if not task.space.lossy:
         return ""
     least = task.least(min(reached.values(), key=lambda kept: kept.error))
@@ -103,7 +106,7 @@ def _first_conversion(
         for route in (r for r in routes if r not in refused):
             try:
                 for conversion in task.fitted_conversions(route):
-                    found = fewest(conversion, task.target, tolerance, lenient=lenient)
+                    found = select_fewest(conversion, task.target, tolerance, lenient=lenient)
                     if found.holds:
                         return found
                     if route not in reached or found.error < reached[route].error:
@@ -115,20 +118,20 @@ def _first_conversion(
     return None
 
 
-def _states(found: CandidateSelection) -> int:
+def _count_states(found: CandidateSelection) -> int:
     """Return the number of states of a selection."""
     if isinstance(found.conversion, Rational):
         return found.conversion.n_states
     return len(found.conversion.matrices(found.mask)[0])
 
 
-def like_another(
+def reuse_selection(
     task: PlantTask, like: CandidateSelection, tolerance: float
 ) -> CandidateSelection | None:
     """Return the selection of another state of the model for a task; None if it does not apply."""
     other, target = like.conversion, task.target
     if isinstance(other, Rational):
-        return with_poles_of(task.approximation(), other, tolerance)
+        return refit_poles(task.approximation(), other, tolerance)
     terms = len(other.terms[0].b) if isinstance(other, Biot) and other.terms else 4
     try:
         conversion = task.conversion(other.name, terms)

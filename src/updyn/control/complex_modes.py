@@ -33,7 +33,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.control.space import Matrices, ModalSpace, imaginary, rates
+from updyn.control.space import Matrices, ModalSpace, derivative_factors, laplace_variable
 from updyn.control.target import ResponseTarget
 from updyn.errors import ModelError
 
@@ -96,12 +96,12 @@ class ComplexModes:
         return np.abs(self.poles) / _TWO_PI
 
     @property
-    def always(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> NDArray[np.bool_]:
         """Mask without any candidate, as rigid-body motion is not a candidate."""
         return np.zeros(len(self.poles), dtype=np.bool_)
 
     @property
-    def is_held(self) -> bool:
+    def is_supported(self) -> bool:
         """Whether no pole is at 0: the structure does not move away under a constant force."""
         size = np.abs(np.linalg.eigvals(self.slow[0]))
         largest = max(size.max(initial=0.0), np.abs(self.poles).max(initial=0.0))
@@ -109,20 +109,20 @@ class ComplexModes:
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return the relative change without each mode."""
-        s = imaginary(freq)
+        s = laplace_variable(freq)
         out = np.empty(len(self.poles))
         for j, pole in enumerate(self.poles):
             R = np.outer(self.at_outputs[:, j], self.at_inputs[:, j])
             contribution = (
                 R / (s - pole)[:, None, None] + R.conj() / (s - pole.conj())[:, None, None]
-            ) * rates(self.powers, s)
+            ) * derivative_factors(self.powers, s)
             static = np.where((self.powers == 0)[:, None], -2.0 * (R / pole).real, 0.0)
             out[j] = (np.abs(contribution - static) / level).max()
         return out
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with a selection of modes."""
-        s = imaginary(freq)
+        s = laplace_variable(freq)
         out = self.slow_response(s)
         poles, left, right = self.poles[kept], self.at_outputs[:, kept], self.at_inputs[:, kept]
         growth = poles[None, :] ** self.powers[:, None]  # factor of an output at each pole
@@ -209,10 +209,10 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
 
     Raises ModelError if a pole is defective.
     """
-    slow_A, slow_B, slow_C, n_slow = _slow(space)
+    slow_A, slow_B, slow_C, n_slow = _slow_matrices(space)
     r = len(space)
     wanted = (2 * r - n_slow) // 2
-    poles, vectors = _above(space, space.structural(0.0), wanted)
+    poles, vectors = _highest_poles(space, space.structural(0.0), wanted)
     if space.has_table:  # loss factors at the frequency of each pole
         poles, vectors = _follow_poles(space, poles, vectors, wanted)
     poles = np.where(poles.real > 0.0, 1j * poles.imag, poles)
@@ -227,7 +227,7 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
 
 def slow_motion(space: ModalSpace) -> tuple[_Real, _Real, _Real, NDArray[np.intp]]:
     """Return A, B, C (of displacements) of the motion with real poles, and its velocity states."""
-    A, B, C, n = _slow(space)
+    A, B, C, n = _slow_matrices(space)
     still = len(_undamped_rigid(space))
     return A, B @ space.inputs.T, space.outputs @ C, np.arange(n - still, n)
 
@@ -239,7 +239,7 @@ def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-def _above(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, _Complex]:
+def _highest_poles(space: ModalSpace, D: _Real, wanted: int) -> tuple[_Complex, _Complex]:
     """Return the poles with the largest imaginary parts, and their vectors."""
     values, vectors = np.linalg.eig(_first_order(space, np.diag(space.omega**2) + 1j * D))
     top = np.argsort(-values.imag, kind="stable")[:wanted]
@@ -257,14 +257,14 @@ def _follow_poles(
     poles, vectors = poles.copy(), vectors.copy()
     for j in range(len(poles)):
         for _ in range(3):
-            found, U = _above(space, space.structural(abs(poles[j]) / _TWO_PI), wanted)
+            found, U = _highest_poles(space, space.structural(abs(poles[j]) / _TWO_PI), wanted)
             overlap = np.abs(vectors[:, j].conj() @ U) / np.linalg.norm(U, axis=0)
             near = int(np.argmax(overlap / (1.0 + np.abs(found - poles[j]) / np.abs(poles[j]))))
             poles[j], vectors[:, j] = found[near], U[:, near]
     return poles, vectors
 
 
-def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
+def _slow_matrices(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
     """Return A, B (of modal forces) and C (modal motion) of the real poles, without D."""
     r, still = len(space), _undamped_rigid(space)
     A = np.zeros((0, 0))
@@ -343,9 +343,9 @@ class FittedModes:
         return self.base.frequency
 
     @property
-    def always(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> NDArray[np.bool_]:
         """Mask without any candidate, as rigid-body motion is not a candidate."""
-        return self.base.always
+        return self.base.always_kept
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return the relative change without each mode, before the fit."""
@@ -355,7 +355,7 @@ class FittedModes:
         """Return the response with a selection of modes."""
         rows, through = self._fit(kept)
         modal = np.einsum("yk,fku->fyu", rows, self._states(kept, freq))
-        return np.asarray(self.base.slow_response(imaginary(freq)) + modal + through)
+        return np.asarray(self.base.slow_response(laplace_variable(freq)) + modal + through)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
         """Return A, B, C, D: the slow part, a block per pair of poles, real poles."""
@@ -368,7 +368,7 @@ class FittedModes:
 
     def _states(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the states of modes and real poles, shape (n_f, k, n_u), for unit inputs."""
-        s, right = imaginary(freq), self.base.at_inputs[:, kept].T
+        s, right = laplace_variable(freq), self.base.at_inputs[:, kept].T
         poles = self.base.poles[kept]
         up = right / (s[:, None, None] - poles[:, None])
         down = right.conj() / (s[:, None, None] - poles.conj()[:, None])
@@ -389,7 +389,7 @@ class FittedModes:
         """Return the rows of the outputs for these states, and the feed-through."""
         target, n_u = self.target, len(self.base.at_inputs)
         states = self._states(kept, target.freq)
-        wanted = target.values - self.base.slow_response(imaginary(target.freq))
+        wanted = target.values - self.base.slow_response(laplace_variable(target.freq))
         weight = 1.0 / np.maximum(target.broad, np.abs(target.values))
         if target.measure == "relative":
             weight = 1.0 / target.reference
@@ -403,7 +403,7 @@ class FittedModes:
             known, still = states, rest
             if power != 1:  # velocities have no feed-through
                 known, still = np.concatenate([states, eye], axis=1), np.vstack([rest, np.eye(n_u)])
-            zero = self.at_rest and power > 0 and self.base.is_held
+            zero = self.at_rest and power > 0 and self.base.is_supported
             A = (known * weight[:, i, None, :]).transpose(0, 2, 1)
             A = A.reshape(len(known) * n_u, known.shape[1])
             b = (wanted[:, i] * weight[:, i]).ravel()
@@ -423,8 +423,8 @@ class FittedModes:
         """Return the states at s = 0, shape (k, n_u), and the slow part of a supported model."""
         zero = np.zeros(1)
         slow = np.zeros((len(self.base.powers), len(self.base.at_inputs)))
-        if self.base.is_held:
-            slow = self.base.slow_response(imaginary(zero))[0].real
+        if self.base.is_supported:
+            slow = self.base.slow_response(laplace_variable(zero))[0].real
         return self._states(kept, zero)[0].real, slow
 
 

@@ -321,9 +321,9 @@ def plant_family(
     test_result = _check_ended(result_of_test(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if draws is None:
-        drawn = _from_covariance(test_result, int(n), seed)
+        drawn = _draw_from_covariance(test_result, int(n), seed)
     else:
-        drawn = _from_draws(result, draws, int(n))
+        drawn = _thin_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
     making = _PlantMaker(
         test_result.start, test_result.parameters, *ports, band, tolerance, options
@@ -482,7 +482,7 @@ def _check_ended(result: UpdateResult) -> UpdateResult:
     return result
 
 
-def _from_covariance(result: UpdateResult, n: int, seed: int) -> _ParameterDraws:
+def _draw_from_covariance(result: UpdateResult, n: int, seed: int) -> _ParameterDraws:
     """Return draws from the covariance."""
     parameters = result.parameters
     unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
@@ -525,7 +525,7 @@ def _number(n_unknowns: int) -> int:
     return max(_TRAINING, int(np.ceil(_FOR_EACH * n_unknowns)))
 
 
-def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _ParameterDraws:
+def _thin_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _ParameterDraws:
     """Return thinned draws."""
     from updyn.uncertainty.draws import Draws  # imports scipy.stats: slow and rarely needed
 

@@ -58,14 +58,14 @@ def dense_lines(
     lines = [np.geomspace(low, high, max(count, 2))]
     for roots, offsets in ((sharp, _FINE), (others, _COARSE)):
         for some in roots:
-            lines.append(_about(some, offsets))
+            lines.append(_lines_around(some, offsets))
     every = np.sort(np.concatenate(lines))
     every = every[(every >= low) & (every <= high)]
     kept = np.concatenate([[True], np.diff(np.log(every)) > _MERGED])
     return np.asarray(every[kept])
 
 
-def _about(roots: _Complex, offsets: _Real) -> _Real:
+def _lines_around(roots: _Complex, offsets: _Real) -> _Real:
     size = np.abs(roots)
     is_relevant = (roots.imag > 0) & (size > 0) & (np.abs(roots.real) < _DAMPED * size)
     size, damping = (

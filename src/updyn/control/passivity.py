@@ -46,12 +46,12 @@ def collocated_channels(
     out = []
     for i, output in enumerate(outputs):
         for j, given in enumerate(inputs):
-            if _along(output, given):
+            if _is_collocated(output, given):
                 out.append((i, j))
     return out
 
 
-def _along(a: Port, b: Port) -> bool:
+def _is_collocated(a: Port, b: Port) -> bool:
     one = {label: weight for label, weight in _unsigned_weights(a).items() if weight}
     other = {label: weight for label, weight in _unsigned_weights(b).items() if weight}
     if one.keys() != other.keys():
@@ -103,7 +103,7 @@ def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real
     found = []
     for low, high in pairwise(edges):
         lines = np.geomspace(low, high, 23)[1:-1]
-        G = _values(A, B, C, D, lines)
+        G = _response(A, B, C, D, lines)
         share = active_part(G, power) / np.maximum(np.abs(G), 1e-300)
         worst = int(np.argmin(share))
         if share[worst] < -_ROUNDING:
@@ -111,7 +111,7 @@ def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real
     return np.array(found)
 
 
-def _values(A: _Real, B: _Real, C: _Real, D: _Real, omega: _Real) -> _Complex:
+def _response(A: _Real, B: _Real, C: _Real, D: _Real, omega: _Real) -> _Complex:
     shift = 1j * omega[:, None, None] * np.eye(len(A)) - A
     solved = np.linalg.solve(shift, np.broadcast_to(B, (len(omega), *B.shape)))
     return np.asarray((C @ solved + D)[:, 0, 0])

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.control.space import Matrices, imaginary
+from updyn.control.space import Matrices, laplace_variable
 
 __all__ = ["Rational", "SlowMotion", "states_of_poles"]
 
@@ -117,7 +117,7 @@ class Rational:
         return np.concatenate([self.slow.frequency, np.abs(self.pairs) / _TWO_PI])
 
     @property
-    def always(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> NDArray[np.bool_]:
         """Mask without any pair, as none is rigid."""
         return np.zeros(len(self.frequency), dtype=np.bool_)
 
@@ -132,7 +132,7 @@ class Rational:
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response."""
-        s = imaginary(freq)
+        s = laplace_variable(freq)
         pole_response = np.einsum(
             "yk,fku->fyu", self.rows, states_of_poles(s, self.pairs, self.rates, self.right)
         )

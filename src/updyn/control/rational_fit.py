@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from updyn.control.passivity import active_part, constrained_least_squares, violations
 from updyn.control.rational import Rational, SlowMotion, states_of_poles
-from updyn.control.space import imaginary
+from updyn.control.space import laplace_variable
 from updyn.control.target import ResponseTarget
 from updyn.modal.vector_fitting import Basis, relocated, stacked
 
@@ -82,7 +82,7 @@ class Approximation:
     known: _Complex = field(init=False)
 
     def __post_init__(self) -> None:
-        s = imaginary(self.target.freq)
+        s = laplace_variable(self.target.freq)
         object.__setattr__(self, "known", self.slow.response(s, self.powers))
         if self.weight is None:
             object.__setattr__(self, "weight", 1.0 / self.level)
@@ -132,12 +132,12 @@ class Approximation:
         weight = self.weight
         if n:
             pairs, rates, weight, residues = self._relocate_poles(pairs, rates, tolerance)
-            right = self._right(pairs, rates, residues)
+            right = self._input_vectors(pairs, rates, residues)
         else:
             right = np.zeros((self.target.values.shape[2], 0), dtype=np.complex128)
         if min(self.target.values.shape[1:]) > 1 and right.size:
             pairs, rates, right = self._refine(pairs, rates, right, weight)
-        return self._outputs(pairs, rates, right, weight, tolerance)
+        return self._fit_all_outputs(pairs, rates, right, weight, tolerance)
 
     def refit(self, like: Rational, tolerance: float, steps: int) -> Rational:
         """Return the approximation with the poles and vectors b of a similar one, refined.
@@ -150,7 +150,7 @@ class Approximation:
         pairs, rates, right = self._move_pairs(like), like.rates, like.right
         if steps:
             pairs, rates, right = self._refine(pairs, rates, right, weight, steps)
-        return self._outputs(pairs, rates, right, weight, tolerance)
+        return self._fit_all_outputs(pairs, rates, right, weight, tolerance)
 
     def _move_pairs(self, like: Rational) -> _Complex:
         """Return the pairs of another approximation, moved with the poles of the structure."""
@@ -162,7 +162,7 @@ class Approximation:
             pairs[j] += self.poles[np.argmin(np.abs(self.poles - pole))] - pole
         return np.where(pairs.real < 0.0, pairs, like.pairs)
 
-    def _next_to(self, pairs: _Complex) -> _Complex:
+    def _nearest_poles(self, pairs: _Complex) -> _Complex:
         """Return the nearest pole of the structure for each pair; nan if none is near."""
         if not len(self.poles):
             return np.full(len(pairs), np.nan, dtype=np.complex128)
@@ -175,7 +175,7 @@ class Approximation:
         self, pairs: _Complex, rates: _Real, tolerance: float
     ) -> tuple[_Complex, _Real, _Real, _Complex]:
         """Return poles, weights and residues (m + k, n_y, n_u) of the best vector fit."""
-        x = imaginary(self.target.freq) / self.unit
+        x = laplace_variable(self.target.freq) / self.unit
         poles = np.asarray(np.concatenate([pairs, -rates]) / self.unit, dtype=np.complex128)
         shape = self.target.values.shape
         Y = (self.target.values - self.known).reshape(len(x), -1)
@@ -188,7 +188,7 @@ class Approximation:
         following = _FOLLOWING if min(shape[1:]) == 1 else 0
         for number in range(_SWEEPS + following):
             poles = _fit_poles(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
-            poles = poles * _outwards(np.abs(poles), self.slowest / self.unit)
+            poles = poles * _move_outwards(np.abs(poles), self.slowest / self.unit)
             found, residues = _residues(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
             error = np.abs(found - Y) / level
             if error.max() < best[0]:
@@ -209,7 +209,7 @@ class Approximation:
             residues * self.unit,
         )
 
-    def _right(self, pairs: _Complex, rates: _Real, residues: _Complex) -> _Complex:
+    def _input_vectors(self, pairs: _Complex, rates: _Real, residues: _Complex) -> _Complex:
         """Return the vectors b of the nearest residues of rank one, shape (n_u, n)."""
         n_u = residues.shape[2]
         poles = np.concatenate([np.abs(pairs), rates])
@@ -237,7 +237,7 @@ class Approximation:
         steps: int = _STEPS,
     ) -> tuple[_Complex, _Real, _Complex]:
         """Return poles and vectors b after damped Gauss-Newton steps, outputs eliminated."""
-        current = self._linear(pairs, rates, right, weight)
+        current = self._fit_least_squares(pairs, rates, right, weight)
         cost, damping = self._cost(current, weight), 1e-3
         for _ in range(steps):
             J, r = self._jacobian(current, weight)
@@ -260,12 +260,12 @@ class Approximation:
         return current.pairs, current.rates, current.right
 
     def _cost(self, found: Rational, weight: _Real) -> float:
-        G = found.response(found.always, self.target.freq)
+        G = found.response(found.always_kept, self.target.freq)
         return float(np.sum((np.abs(G - self.target.values) * weight) ** 2))
 
     def _jacobian(self, found: Rational, weight: _Real) -> tuple[_Real, _Real]:
         """Return derivatives by poles and vectors b, outputs eliminated, and the residual."""
-        s = imaginary(self.target.freq)
+        s = laplace_variable(self.target.freq)
         m, k = len(found.pairs), len(found.rates)
         n_f, n_y, n_u = self.target.values.shape
         c = 0.5 * (found.rows[:, : 2 * m : 2] + 1j * found.rows[:, 1 : 2 * m : 2])
@@ -293,11 +293,11 @@ class Approximation:
                 single = np.zeros((n_f, n_y, n_u), dtype=np.complex128)
                 single[:, :, u] = rate * np.outer(real, row)
                 columns.append(single)
-        error = self.target.values - found.response(found.always, self.target.freq)
+        error = self.target.values - found.response(found.always_kept, self.target.freq)
         parts = []
         for i in range(n_y):
             known = _weighted_columns(
-                self._columns(s, found.pairs, found.rates, found.right, i), weight, i
+                self._basis_functions(s, found.pairs, found.rates, found.right, i), weight, i
             )
             Q = np.linalg.qr(known)[0]
             w = weight[:, i]
@@ -323,12 +323,12 @@ class Approximation:
         real = step[width * m :].reshape(len(found.rates), 1 + n_u)
         rates = found.rates * np.exp(np.clip(real[:, 0], -1.0, 1.0))
         right[:, m:] += (found.rates[:, None] * real[:, 1:]).T
-        pairs = pairs * _outwards(np.abs(pairs), self.slowest)
-        rates = rates * _outwards(rates, self.slowest)
-        return self._linear(pairs, rates, right, weight)
+        pairs = pairs * _move_outwards(np.abs(pairs), self.slowest)
+        rates = rates * _move_outwards(rates, self.slowest)
+        return self._fit_least_squares(pairs, rates, right, weight)
 
     # -- outputs --------------------------------------------------------------------------------
-    def _columns(
+    def _basis_functions(
         self, s: _Complex, pairs: _Complex, rates: _Real, right: _Complex, output: int
     ) -> _Complex:
         """Return the basis functions of an output, shape (n_f, k, n_u)."""
@@ -343,7 +343,7 @@ class Approximation:
         eye = np.broadcast_to(np.eye(n_u), (len(s), n_u, n_u))
         return np.concatenate([states, still, eye], axis=1)
 
-    def _free(
+    def _admissible_coefficients(
         self, pairs: _Complex, rates: _Real, right: _Complex, output: int
     ) -> tuple[_Real, _Real]:
         """Return a particular solution and a basis of the admissible coefficients of an output.
@@ -360,15 +360,17 @@ class Approximation:
         start = np.linalg.lstsq(rest, jump, rcond=None)[0]
         return start, scipy.linalg.null_space(rest)
 
-    def _linear(self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real) -> Rational:
+    def _fit_least_squares(
+        self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real
+    ) -> Rational:
         """Return the approximation with least-squares outputs."""
-        s = imaginary(self.target.freq)
+        s = laplace_variable(self.target.freq)
         found = []
         for i in range(len(self.powers)):
-            found.append(self._output(s, pairs, rates, right, weight, i, None))
+            found.append(self._fit_output(s, pairs, rates, right, weight, i, None))
         return self._assemble(pairs, rates, right, [x for x in found if x is not None])
 
-    def _output(
+    def _fit_output(
         self,
         s: _Complex,
         pairs: _Complex,
@@ -382,9 +384,9 @@ class Approximation:
         """Return the coefficients of an output, passive at some frequencies in rad/s; else None."""
         power = self.powers[output]
         if columns is None:
-            columns = self._columns(s, pairs, rates, right, output)
+            columns = self._basis_functions(s, pairs, rates, right, output)
         known = self.known[:, output]
-        offset, free = self._free(pairs, rates, right, output)
+        offset, free = self._admissible_coefficients(pairs, rates, right, output)
         A = _weighted_columns(columns, weight, output) @ free
         wanted = self.target.values[:, output] - known
         b = _BASIS.parts((wanted * weight[:, output]).ravel()[:, None])[:, 0]
@@ -398,7 +400,7 @@ class Approximation:
                 continue
             at = np.asarray(1j * passive_at, dtype=np.complex128)
             base = self.slow.response(at, self.powers)[:, o, u]
-            passive_columns = self._columns(at, pairs, rates, right, o)
+            passive_columns = self._basis_functions(at, pairs, rates, right, o)
             size = np.maximum(np.abs(passive_columns[:, :, u]).max(axis=1), 1e-300)
             part = active_part(passive_columns[:, :, u], int(power))
             rows.append(part @ free / size[:, None])
@@ -415,17 +417,17 @@ class Approximation:
         x = constrained_least_squares(A, b, np.vstack(rows), np.concatenate(bounds))
         return None if x is None else offset + free @ x
 
-    def _outputs(
+    def _fit_all_outputs(
         self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real, tolerance: float
     ) -> Rational:
         """Return the approximation with the smallest maximum error, collocated channels passive."""
-        s = imaginary(self.target.freq)
+        s = laplace_variable(self.target.freq)
         assert self.weight is not None
         found: list[_Real] = []
         for i in range(len(self.powers)):
-            columns = self._columns(s, pairs, rates, right, i)
+            columns = self._basis_functions(s, pairs, rates, right, i)
             at: _Real | None = None
-            best = self._equal(s, pairs, rates, right, weight, i, at, columns, tolerance)
+            best = self._equalise_errors(s, pairs, rates, right, weight, i, at, columns, tolerance)
             channels = [u for o, u in self.collocated if o == i]
             for _ in range(_PASSIVE_ROUNDS if channels else 0):
                 rows = [np.zeros(columns.shape[1])] * len(self.powers)
@@ -444,14 +446,16 @@ class Approximation:
                     break
                 about = np.multiply.outer(new, np.array([0.8, 0.95, 1.0, 1.05, 1.25])).ravel()
                 at = about if at is None else np.concatenate([at, about])
-                tried = self._equal(s, pairs, rates, right, weight, i, at, columns, tolerance)
+                tried = self._equalise_errors(
+                    s, pairs, rates, right, weight, i, at, columns, tolerance
+                )
                 if tried is None:
                     break
                 best = tried
             found.append(best)
         return self._assemble(pairs, rates, right, found)
 
-    def _equal(
+    def _equalise_errors(
         self,
         s: _Complex,
         pairs: _Complex,
@@ -468,7 +472,7 @@ class Approximation:
         W = weight.copy()
         best, least = None, np.inf
         for _ in range(_OUTPUTS):
-            x = self._output(s, pairs, rates, right, W, output, at, columns)
+            x = self._fit_output(s, pairs, rates, right, W, output, at, columns)
             if x is None:
                 break
             G = self.known[:, output] + np.einsum("k,fku->fu", x, columns)
@@ -501,11 +505,11 @@ class Approximation:
                 drift[i], through[i] = found[i][n : n + still], found[i][n + still :]
             elif power == 2:
                 through[i] = -found[i][:n] @ rest
-        parts = pairs, rates, right, rows, drift, through, self._next_to(pairs)
+        parts = pairs, rates, right, rows, drift, through, self._nearest_poles(pairs)
         return Rational(self.slow, self.powers, *parts)
 
 
-def _outwards(size: _Real, least: float) -> _Real:
+def _move_outwards(size: _Real, least: float) -> _Real:
     """Return factors that move poles below a modulus out to it."""
     return np.maximum(1.0, least / np.maximum(size, 1e-300))
 

@@ -9,7 +9,7 @@ from updyn.control.rational import Rational
 from updyn.control.rational_fit import Approximation
 from updyn.control.target import CandidateSelection
 
-__all__ = ["fewest_states", "with_poles_of"]
+__all__ = ["find_fewest_states", "refit_poles"]
 
 #: Largest number of additional states to those of the modes in the band.
 _MORE = 16
@@ -19,7 +19,7 @@ _MORE = 16
 _FEW = (0, 2)
 
 
-def fewest_states(
+def find_fewest_states(
     approximation: Approximation, tolerance: float, largest: int | None = None
 ) -> CandidateSelection:
     """Return the approximation with the fewest states that holds a tolerance.
@@ -33,7 +33,7 @@ def fewest_states(
 
     def at(n: int) -> CandidateSelection:
         if n not in tried:
-            tried[n] = _with_states(approximation, n, tolerance)
+            tried[n] = _fit_states(approximation, n, tolerance)
         return tried[n]
 
     inside = int((np.abs(approximation.poles) < approximation.unit).sum())
@@ -54,12 +54,12 @@ def fewest_states(
     return at(high)
 
 
-def _with_states(approximation: Approximation, n: int, tolerance: float) -> CandidateSelection:
+def _fit_states(approximation: Approximation, n: int, tolerance: float) -> CandidateSelection:
     """Return the approximation with n states in addition to the slow ones, and its errors."""
     return _judge_approximation(approximation, approximation.fit(n, tolerance), tolerance)
 
 
-def with_poles_of(
+def refit_poles(
     approximation: Approximation, like: Rational, tolerance: float
 ) -> CandidateSelection:
     """Return an approximation with the states of that of a similar response."""
@@ -70,23 +70,23 @@ def with_poles_of(
         found = _judge_approximation(approximation, rational, tolerance)
         if found.holds:
             return found
-    return _with_states(approximation, n, tolerance)
+    return _fit_states(approximation, n, tolerance)
 
 
 def _judge_approximation(
     approximation: Approximation, rational: Rational, tolerance: float
 ) -> CandidateSelection:
     """Return an approximation with its errors, infinite if it is not passive."""
-    target, mask = approximation.target, ~rational.always
+    target, mask = approximation.target, ~rational.always_kept
     errors = target.all_errors(rational.response(mask, target.freq))
-    if _active(approximation, rational):
+    if _is_active(approximation, rational):
         errors = np.full(5, np.inf)
     return CandidateSelection(rational, mask, errors, target.limits(tolerance))
 
 
-def _active(approximation: Approximation, rational: Rational) -> bool:
+def _is_active(approximation: Approximation, rational: Rational) -> bool:
     """Return whether a collocated channel generates power."""
-    A, B, C, D = rational.matrices(~rational.always)
+    A, B, C, D = rational.matrices(~rational.always_kept)
     for i, u in approximation.collocated:
         one = A, B[:, [u]], C[[i]], D[[i]][:, [u]]
         if len(violations(one, int(approximation.powers[i]))):

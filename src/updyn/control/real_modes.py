@@ -19,7 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from updyn.control.space import Lossy, Matrices, ModalSpace, imaginary, nonnegative, rates
+from updyn.control.space import (
+    Lossy,
+    Matrices,
+    ModalSpace,
+    derivative_factors,
+    laplace_variable,
+    nearest_semidefinite,
+)
 from updyn.errors import ModelError
 
 __all__ = [
@@ -27,10 +34,10 @@ __all__ = [
     "Relaxation",
     "SecondOrder",
     "biot",
-    "diagonal",
-    "full",
+    "diagonal_damping_modes",
+    "full_damping_modes",
     "relaxation",
-    "single_frequency",
+    "single_frequency_modes",
 ]
 
 _Real = NDArray[np.float64]
@@ -68,19 +75,19 @@ class SecondOrder:
         return self.space.omega / _TWO_PI
 
     @property
-    def always(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> NDArray[np.bool_]:
         """Mask of rigid-body modes."""
         return np.arange(len(self.space)) < self.space.rigid
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return the relative change without each mode, neglecting its coupling."""
-        space, s = self.space, imaginary(freq)
-        square = np.where(self.always, 1.0, space.omega**2)
+        space, s = self.space, laplace_variable(freq)
+        square = np.where(self.always_kept, 1.0, space.omega**2)
         with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping, on a line
             receptance = 1.0 / (
                 square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2
             )  # (n_f, r)
-        size = rates(self.powers, s)[:, :, 0]
+        size = derivative_factors(self.powers, s)[:, :, 0]
         out = np.zeros(len(space))
         for i, power in enumerate(self.powers):
             dynamic = receptance
@@ -94,8 +101,8 @@ class SecondOrder:
 
     def potential(self, freq: _Real) -> _Real:
         """Return a bound of each channel, (n_f, n_y, n_u): |H_ij|^2 <= H_ii H_jj of its ports."""
-        space, s = self.space, imaginary(freq)
-        size = np.abs(rates(self.powers, s)[:, :, 0])
+        space, s = self.space, laplace_variable(freq)
+        size = np.abs(derivative_factors(self.powers, s)[:, :, 0])
         with np.errstate(divide="ignore"):  # a mode without damping, on a line
             receptance = np.abs(
                 1.0 / (space.omega**2 + s[:, None] * np.diag(self.damping) + s[:, None] ** 2)
@@ -109,14 +116,16 @@ class SecondOrder:
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with a selection of modes."""
-        space, s = self.space, imaginary(freq)
+        space, s = self.space, laplace_variable(freq)
         Z = s[:, None, None] * self.damping[np.ix_(kept, kept)]
         at = np.arange(int(kept.sum()))
         Z[:, at, at] += space.omega[kept] ** 2 + s[:, None] ** 2
         q = np.linalg.solve(
             Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
         )
-        return (space.outputs[:, kept] @ q) * rates(self.powers, s) + self._static(kept)
+        return (space.outputs[:, kept] @ q) * derivative_factors(self.powers, s) + self._static(
+            kept
+        )
 
     def _static(self, kept: NDArray[np.bool_]) -> _Real:
         """Return the static flexibility of omitted modes for displacements."""
@@ -144,19 +153,19 @@ class SecondOrder:
         return A, B, C, D
 
 
-def full(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
+def full_damping_modes(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
     """Return the modes with the full modal damping matrix."""
     return SecondOrder("modal", space, space.viscous + _structural(space), powers)
 
 
-def diagonal(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
+def diagonal_damping_modes(space: ModalSpace, powers: NDArray[np.intp]) -> SecondOrder:
     """Return the modes with the diagonal of the damping matrix: modal damping ratios."""
     return SecondOrder(
         "diagonal", space, np.diag(np.diag(space.viscous + _structural(space))), powers
     )
 
 
-def single_frequency(space: ModalSpace, powers: NDArray[np.intp], freq: float) -> SecondOrder:
+def single_frequency_modes(space: ModalSpace, powers: NDArray[np.intp], freq: float) -> SecondOrder:
     """Return the modes with D divided by one circular frequency, given in Hz."""
     D = space.structural(freq)
     return SecondOrder("single-frequency", space, space.viscous + D / (_TWO_PI * freq), powers)
@@ -172,7 +181,7 @@ def _structural(space: ModalSpace) -> _Real:
         C[n:, n:] += modal_damping * part.relative(between.ravel() / _TWO_PI).reshape(
             modal_damping.shape
         )
-    return nonnegative(C)
+    return nearest_semidefinite(C)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,9 +254,9 @@ class Biot:
         return self.base.frequency
 
     @property
-    def always(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> NDArray[np.bool_]:
         """Mask of rigid-body modes."""
-        return self.base.always
+        return self.base.always_kept
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return the relative change without each mode."""
@@ -261,7 +270,7 @@ class Biot:
         pair = np.sqrt(np.outer(omega, omega))
         for part, term in zip(space.lossy, self.terms, strict=True):
             K -= part.matrix[np.ix_(kept, kept)] * term.at(pair).real
-        first = int(self.always[kept].sum())
+        first = int(self.always_kept[kept].sum())
         flexible = K[first:, first:]
         scale = omega[first:]
         if len(scale) and np.linalg.eigvalsh(flexible / np.outer(scale, scale))[0] <= 0.0:
@@ -280,7 +289,9 @@ class Biot:
             W = np.zeros_like(lossy[0].matrix)
             for part, term in zip(lossy, self.terms, strict=True):
                 W = W + term.a[k] * part.matrix
-            values, vectors = np.linalg.eigh(nonnegative(np.asarray(W)[np.ix_(kept, kept)]))
+            values, vectors = np.linalg.eigh(
+                nearest_semidefinite(np.asarray(W)[np.ix_(kept, kept)])
+            )
             use = values > _RANK * max(values[-1], 1e-300)
             if use.any() and values[-1] > 0:
                 out.append((float(self.terms[0].b[k]), vectors[:, use] * np.sqrt(values[use])))
@@ -288,7 +299,7 @@ class Biot:
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with a selection of modes."""
-        space, s = self.base.space, imaginary(freq)
+        space, s = self.base.space, laplace_variable(freq)
         Z = s[:, None, None] * self.base.damping[np.ix_(kept, kept)] + self._stiffness(kept)
         at = np.arange(int(kept.sum()))
         Z[:, at, at] += s[:, None] ** 2
@@ -297,7 +308,9 @@ class Biot:
         q = np.linalg.solve(
             Z, np.broadcast_to(space.inputs[:, kept].T, (len(s), len(at), len(space.inputs)))
         )
-        return (space.outputs[:, kept] @ q) * rates(self.base.powers, s) + self.base._static(kept)
+        return (space.outputs[:, kept] @ q) * derivative_factors(
+            self.base.powers, s
+        ) + self.base._static(kept)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:
         """Return A, B, C, D; the last states are the internal variables, z' = -b z + L^T q'."""

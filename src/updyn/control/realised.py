@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.antiresonances import ZeroShift, shifts
+from updyn.control.antiresonances import ZeroShift, antiresonance_shifts
 from updyn.control.complex_modes import FittedModes
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
@@ -18,7 +18,7 @@ from updyn.control.target import CandidateSelection, ResponseTarget
 from updyn.control.task import PlantTask
 from updyn.errors import ModelError
 
-__all__ = ["realise", "with_errors"]
+__all__ = ["measure_errors", "realise"]
 
 
 def realise(
@@ -62,14 +62,14 @@ def realise(
         ),
         facts=facts,
     )
-    return with_errors(plant, task.target)
+    return measure_errors(plant, task.target)
 
 
 def _flexible(found: CandidateSelection) -> NDArray[np.bool_]:
-    return ~found.conversion.always
+    return ~found.conversion.always_kept
 
 
-def with_errors(plant: Plant, target: ResponseTarget) -> Plant:
+def measure_errors(plant: Plant, target: ResponseTarget) -> Plant:
     """Return a plant with the errors of its matrices; raises ModelError for an unstable pole."""
     G = sweep(plant, target.freq)
     scale = max(float(np.abs(plant.poles).max(initial=0.0)), 1e-300)
@@ -87,16 +87,20 @@ def with_errors(plant: Plant, target: ResponseTarget) -> Plant:
         peak_error=target.peak_error(G),
         facts=facts,
         relative_error=target.relative_error(G),
-        zero_shift=tuple(_shifts(plant, target, G)),
+        zero_shift=tuple(_zero_shifts(plant, target, G)),
     )
 
 
-def _shifts(plant: Plant, target: ResponseTarget, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
+def _zero_shifts(
+    plant: Plant, target: ResponseTarget, G: NDArray[np.complex128]
+) -> Iterator[ZeroShift]:
     for i, j in np.ndindex(*target.level.shape):
         matrices = StateSpace(plant.A, plant.B[:, [j]], plant.C[[i]], plant.D[[i]][:, [j]])
         names = plant.outputs[i], plant.inputs[j]
 
         if target.level[i, j] > target.floor[i, j]:
             zeros = channel_zeros(matrices)
-            for found in shifts(target.freq, target.values[:, i, j], G[:, i, j], zeros):
+            for found in antiresonance_shifts(
+                target.freq, target.values[:, i, j], G[:, i, j], zeros
+            ):
                 yield ZeroShift(*names, *found)

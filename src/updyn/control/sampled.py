@@ -113,7 +113,7 @@ def sampled(
     facts |= _deviations(plant, _with_matrices(plant, prompt, dt=interval), float(delay), whole)
     return _with_matrices(
         plant,
-        _late(*prompt, whole),
+        _delay_input(*prompt, whole),
         dt=interval,
         delay=whole + bool(part),
         facts={**plant.facts, "sampling": facts},
@@ -164,11 +164,11 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
 # -- zero-order hold ------------------------------------------------------------------------------
 def _hold_input(plant: Plant, dt: float, part: float) -> _Matrices:
     """Return the matrices for a held input delayed by a part of an interval."""
-    transition, forced = _over(plant.A, plant.B, (1.0 - part) * dt)
+    transition, forced = _integrate_input(plant.A, plant.B, (1.0 - part) * dt)
     if not part:
         return transition, forced, plant.C, plant.D
     # From k dt the input of interval k - 1 acts for another part dt, then that of interval k.
-    first, before = _over(plant.A, plant.B, part * dt)
+    first, before = _integrate_input(plant.A, plant.B, part * dt)
     states, inputs = plant.B.shape
     A = np.block([[transition @ first, transition @ before], [np.zeros((inputs, states + inputs))]])
     B = np.vstack([forced, np.eye(inputs)])
@@ -176,7 +176,7 @@ def _hold_input(plant: Plant, dt: float, part: float) -> _Matrices:
     return A, B, np.hstack([plant.C, plant.D]), np.zeros_like(plant.D)
 
 
-def _over(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
+def _integrate_input(A: _Real, B: _Real, t: float) -> tuple[_Real, _Real]:
     """Return exp(A t) and the integral of exp(A s) B ds from 0 to t."""
     n, m = B.shape
     if n == 0:
@@ -220,7 +220,7 @@ def _tustin(plant: Plant, dt: float, prewarp: float | None) -> _Matrices:
 
 
 # -- delay ----------------------------------------------------------------------------------------
-def _late(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
+def _delay_input(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrices:
     """Return the matrices with the input delayed by whole intervals; states x, u[k-1], ...."""
     if not whole:
         return A, B, C, D
@@ -254,8 +254,8 @@ def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mappin
     else:
         hold = (-np.expm1(-step) / step)[:, None, None]
         figures = {
-            "deviation": _share(found, hold * exact),
-            "deviation_without_hold": _share(found, exact),
+            "deviation": _largest_difference(found, hold * exact),
+            "deviation_without_hold": _largest_difference(found, exact),
         }
     above = plant.modes[plant.modes > 0.5 / prompt.dt]
     return {**figures, "above_nyquist": [float(f) for f in above]}
@@ -275,7 +275,7 @@ def _lines(plant: Plant) -> _Real:
     return np.unique(lines[(lines >= start) & (lines <= high)])
 
 
-def _share(found: _Complex, exact: _Complex) -> float:
+def _largest_difference(found: _Complex, exact: _Complex) -> float:
     """Return the largest difference of a channel as a share of its peak."""
     off, peak = np.abs(found - exact).max(axis=0), np.abs(exact).max(axis=0)
     return float(np.max(off / np.where(peak > 0, peak, 1.0), initial=0.0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.choice import check_route, choose_route, like_another
+from updyn.control.choice import check_route, choose_route, reuse_selection
 from updyn.control.options import check_band, check_error, check_tolerance, quantities_of
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
@@ -85,7 +85,7 @@ class SharedPlantBasis:
         searched.
         """
         task = self._task(state)
-        found = None if like is None else like_another(task, like, self.tolerance)
+        found = None if like is None else reuse_selection(task, like, self.tolerance)
         if found is None or not found.holds:
             found = choose_route(task, check_route(route, task, self.error), self.tolerance)
         return realise(task, found, self.title, self.quantities, self.tolerance), found

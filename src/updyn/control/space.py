@@ -28,10 +28,10 @@ __all__ = [
     "Matrices",
     "ModalProjection",
     "ModalSpace",
-    "imaginary",
+    "derivative_factors",
+    "laplace_variable",
     "modal_space",
     "projection",
-    "rates",
     "shared_projection",
 ]
 
@@ -73,7 +73,7 @@ class Conversion(Protocol):
         """Natural frequency of each candidate in Hz, shape (n,)."""
 
     @property
-    def always(self) -> NDArray[np.bool_]:
+    def always_kept(self) -> NDArray[np.bool_]:
         """Mask of candidates that are always kept: rigid-body motion."""
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
@@ -86,12 +86,12 @@ class Conversion(Protocol):
         """Return real A, B, C, D with a selection of candidates."""
 
 
-def imaginary(freq: _Real) -> _Complex:
+def laplace_variable(freq: _Real) -> _Complex:
     """Return s = i omega at lines in Hz."""
     return np.asarray(2j * np.pi * freq, dtype=np.complex128)
 
 
-def rates(powers: NDArray[np.intp], s: _Complex) -> _Complex:
+def derivative_factors(powers: NDArray[np.intp], s: _Complex) -> _Complex:
     """Return s to the power (0, 1, 2) of each output, shape (n_f, n_y, 1)."""
     return np.asarray((s[:, None] ** powers)[:, :, None])
 
@@ -169,7 +169,7 @@ class ModalSpace:
         total = np.zeros((len(self), len(self)))
         for part in self.lossy:
             total += weight(part) * part.matrix
-        return nonnegative(total)
+        return nearest_semidefinite(total)
 
     def loss_factors(self) -> _Real:
         """Return the loss factor of each mode by strain energy, shape (r,); 0 for rigid bodies."""
@@ -182,7 +182,7 @@ class ModalSpace:
         return out
 
 
-def nonnegative(A: _Real) -> _Real:
+def nearest_semidefinite(A: _Real) -> _Real:
     """Return the nearest positive semidefinite matrix (Higham 1988)."""
     A = 0.5 * (A + A.T)
     values, vectors = np.linalg.eigh(A)
@@ -250,7 +250,7 @@ class ModalProjection:
                 damping[:rigid] = 0.0
                 damping[:, :rigid] = 0.0
                 lossy.append(Lossy(term.group, damping, term.table))
-        viscous = nonnegative(shapes.T @ self.combine(state, "viscous") @ shapes)
+        viscous = nearest_semidefinite(shapes.T @ self.combine(state, "viscous") @ shapes)
         solver = self.solver
         if solver is not None:
             solver = replace(solver, system=replace(solver.system, start=state))
@@ -394,10 +394,10 @@ class _Projector:
         """Return the projection onto a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
         return self._build_projection(
-            solver.system, basis.terms, basis.at, self._rigid_in(reduction), source, solver
+            solver.system, basis.terms, basis.at, self._count_rigid(reduction), source, solver
         )
 
-    def _rigid_in(self, reduction: Reduction) -> int:
+    def _count_rigid(self, reduction: Reduction) -> int:
         """Return the number of rigid-body motions in a basis, at least those seen at the ports."""
         slow = max(self.band[0], _SLOW * self.band[1])
         if reduction.shifted.below(self.system.start, slow) == 0:

@@ -1,4 +1,4 @@
-"""`ResponseTarget`: the response that a plant approximates; `fewest`: selection of its modes."""
+"""`ResponseTarget`: the response that a plant approximates; `select_fewest`: its fewest modes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.antiresonances import raised_magnitude, resolve_antiresonances
+from updyn.control.antiresonances import fill_antiresonances, resolve_antiresonances
 from updyn.control.ports import Port, port_matrix
 from updyn.control.space import Conversion
 from updyn.dynamics.reduced_solver import ReducedSolver
@@ -19,9 +19,9 @@ from updyn.model import Model
 __all__ = [
     "CandidateSelection",
     "ResponseTarget",
-    "fewest",
     "judge_selection",
     "receptance_function",
+    "select_fewest",
     "target_lines",
 ]
 
@@ -141,7 +141,7 @@ class ResponseTarget:
         lift = ((2.0 * np.pi * freq)[:, None] ** ((2 - power) * slow))[:, :, None]
         floor = resolution.max(axis=0)
         floor = np.where(floor > 0, floor, 1.0)
-        reference = np.maximum(raised_magnitude(freq, values), resolution)
+        reference = np.maximum(fill_antiresonances(freq, values), resolution)
         reference = np.where(reference > 0, reference, 1.0)
         return cls(
             freq,
@@ -313,7 +313,7 @@ class CandidateSelection:
         return float(stated[np.isfinite(self.limits[:3])].max())
 
 
-def fewest(
+def select_fewest(
     conversion: Conversion, target: ResponseTarget, tolerance: float, *, lenient: bool = False
 ) -> CandidateSelection:
     """Return the fewest candidates that hold a tolerance; those below the band are always kept.
@@ -333,7 +333,7 @@ def fewest(
         level = target.reference
     costs = conversion.costs(target.freq, level)
     # A servo closes its loop through slow motion, so no tolerance permits its omission.
-    always = conversion.always | (conversion.frequency < target.freq[0])
+    always = conversion.always_kept | (conversion.frequency < target.freq[0])
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
     limits = target.limits(tolerance)
@@ -345,7 +345,7 @@ def fewest(
     low, high, best = int(always.sum()), len(order), whole
     while low < high:
         middle = (low + high) // 2
-        tried = judge_selection(conversion, target, _first(order, middle), limits)
+        tried = judge_selection(conversion, target, _first_mask(order, middle), limits)
         if tried.holds:
             high, best = middle, tried
         else:
@@ -361,7 +361,7 @@ def fewest(
     return best
 
 
-def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
+def _first_mask(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     mask = np.zeros(len(order), dtype=np.bool_)
     mask[order[:count]] = True
     return mask

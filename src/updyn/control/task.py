@@ -8,15 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.causal import differences, least_error
+from updyn.control.causal import channel_differences, error_lower_bound
 from updyn.control.complex_modes import ComplexModes, complex_modes, fit_outputs, slow_motion
 from updyn.control.options import check_band, quantities_of
 from updyn.control.passivity import collocated_channels
 from updyn.control.ports import Port
 from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
-from updyn.control.real_modes import biot, diagonal, full, single_frequency
-from updyn.control.space import Conversion, ModalSpace, imaginary, projection, rates
+from updyn.control.real_modes import (
+    biot,
+    diagonal_damping_modes,
+    full_damping_modes,
+    single_frequency_modes,
+)
+from updyn.control.space import (
+    Conversion,
+    ModalSpace,
+    derivative_factors,
+    laplace_variable,
+    projection,
+)
 from updyn.control.spectrum import SpectralDecomposition
 from updyn.control.structure import CompiledStructure
 from updyn.control.target import (
@@ -61,15 +72,23 @@ class PlantTask:
         spectrum = self.spectrum()
 
         def structure(lines: NDArray[np.float64]) -> NDArray[np.complex128]:
-            return np.asarray(spectrum.receptance(lines) * rates(self.powers, imaginary(lines)))
+            return np.asarray(
+                spectrum.receptance(lines)
+                * derivative_factors(self.powers, laplace_variable(lines))
+            )
 
         growth = (2 - self.powers) * (self.space.rigid > 0)
-        channels = differences(
-            target.freq, structure, level, found, full(self.space, self.powers), growth
+        channels = channel_differences(
+            target.freq,
+            structure,
+            level,
+            found,
+            full_damping_modes(self.space, self.powers),
+            growth,
         )
         least = 0.0
         for channel in channels:
-            least = least_error(channel, self.band, least)
+            least = error_lower_bound(channel, self.band, least)
         return least
 
     def approximation(self) -> Approximation:
@@ -91,14 +110,16 @@ class PlantTask:
     def conversion(self, route: str, terms: int = 4) -> Conversion:
         """Return a conversion of the structure's modes; `terms` is the length of a Biot series."""
         if route == "modal":
-            return full(self.space, self.powers)
+            return full_damping_modes(self.space, self.powers)
         if route == "complex":
             return complex_modes(self.space, self.powers, self.band[1])
         if route == "biot":
-            return biot(self.space, full(self.space, self.powers), self.band, terms)
+            return biot(self.space, full_damping_modes(self.space, self.powers), self.band, terms)
         if route == "diagonal":
-            return diagonal(self.space, self.powers)
-        return single_frequency(self.space, self.powers, float(np.sqrt(self._low * self.band[1])))
+            return diagonal_damping_modes(self.space, self.powers)
+        return single_frequency_modes(
+            self.space, self.powers, float(np.sqrt(self._low * self.band[1]))
+        )
 
     @property
     def _low(self) -> float:
@@ -119,7 +140,7 @@ class PlantTask:
             yield conversion
             if isinstance(conversion, ComplexModes):
                 for at_rest in (True, False):
-                    if at_rest or (conversion.is_held and self.powers.any()):
+                    if at_rest or (conversion.is_supported and self.powers.any()):
                         for n in _EXTRA:
                             yield fit_outputs(conversion, self.target, n, at_rest=at_rest)
 
@@ -194,7 +215,7 @@ def make_task(
         quantities,
         target_lines(damped[0], band),
         slow=bool(space.omega[0] < 2.0 * np.pi * band[0]),
-        potential=full(space, powers).potential,
+        potential=full_damping_modes(space, powers).potential,
         measure=measure,
         reduced=space.solver is not None,
     )

@@ -20,8 +20,8 @@ __all__ = [
     "UncertaintyWeight",
     "Weight",
     "channels_of",
-    "closest",
     "family_lines",
+    "find_closest_lines",
     "floors_of",
     "radius_of",
     "refuse_unbounded",
@@ -157,7 +157,7 @@ def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None
     return np.where(peak > 0.0, lowest, 0.0)
 
 
-def closest(
+def find_closest_lines(
     lines: _Real, radius: _Real, floors: _Real, bounds: dict[tuple[int, int], Bound], within: float
 ) -> _Real:
     """Return additional lines in Hz at the places where a weight is closest to its radius.
@@ -351,7 +351,7 @@ def uncertainty_weight(
         if floors[at] > 0:
             bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
     for left in range(_ROUNDS - 1 if given is None else -1, -1, -1):
-        more = closest(lines, radius, floors, bounds, _CLOSE * 5.0**left)
+        more = find_closest_lines(lines, radius, floors, bounds, _CLOSE * 5.0**left)
         if not more.size:
             break
         merged = np.concatenate([lines, more])
@@ -374,9 +374,9 @@ def uncertainty_weight(
         bound = bounds[i, j]
         notes = []
         if kind == "multiplicative":
-            notes.append(_about_peak(family, lines, channel_radius, (i, j)))
+            notes.append(_peak_note(family, lines, channel_radius, (i, j)))
         if given is None:
-            notes.append(_ends(lines, channel_radius, floor))
+            notes.append(_end_notes(lines, channel_radius, floor))
         if order is None and bound.mean > 1.0 + tolerance:
             notes.append(f"The mean excess at order {bound.order} is above {1.0 + tolerance:g}.")
         channel_weights[i, j] = _weight(
@@ -455,7 +455,7 @@ def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) 
     )
 
 
-def _ends(lines: _Real, radius: _Real, floor: float) -> str:
+def _end_notes(lines: _Real, radius: _Real, floor: float) -> str:
     """Return a note if the radius still grows beyond the lines."""
     notes = []
     for end, inside, what in ((0, 1, "below"), (-1, -2, "above")):
@@ -469,7 +469,7 @@ def _ends(lines: _Real, radius: _Real, floor: float) -> str:
     return " ".join(notes)
 
 
-def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
+def _peak_note(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int, int]) -> str:
     """Return a note if the radius exceeds 1, with its cause: a zero, or a pole that moves."""
     over = np.flatnonzero(radius >= 1.0)
     if not over.size:

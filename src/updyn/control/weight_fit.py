@@ -331,7 +331,7 @@ def _descend(
     p, f, J, cost = _lift_above(np.clip(p, lower, upper), order, omega, y, weight)
     n, box = len(p), 1.0
     for _ in range(steps):
-        reach = box * _reach(p, order)
+        reach = box * _largest_step(p, order)
         low, high = np.maximum(lower - p, -reach), np.minimum(upper - p, reach)
         low[0], high[0] = -20.0, 20.0
         # Unknowns: the step, and the largest excess after it.
@@ -358,7 +358,7 @@ def _descend(
     return p, cost
 
 
-def _reach(p: _Real, order: int) -> _Real:
+def _largest_step(p: _Real, order: int) -> _Real:
     """Return the largest step: a few widths of a sharp section, else a factor of e."""
     reach = np.ones(len(p))
     first = 3 if order % 2 else 1

@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 import updyn.demos
-from updyn.control.antiresonances import raised_magnitude
+from updyn.control.antiresonances import fill_antiresonances
 from updyn.errors import DataError, DofError, OptionError
 
 BEAM = Path(updyn.demos.__file__).parent / "data/ladisk_beam.uff"
@@ -54,7 +54,7 @@ def test_the_measured_beam() -> None:
         plant.C @ np.linalg.solve(s * eye - plant.A, plant.B) + plant.D
         for s in 2j * np.pi * data.freq
     ]
-    level = raised_magnitude(data.freq, data.values)
+    level = fill_antiresonances(data.freq, data.values)
     assert (np.abs(np.array(own) - data.values) / level).max() <= 0.05
     modes = updyn.identify_modes(frf, band=band)
     largest = np.argsort(np.linalg.norm(modes.shapes[:2], axis=0))[-3:]  # of the two responses

@@ -228,13 +228,13 @@ class TestViscous:
         H = updyn.response(model, lines, model.dofs, model.dofs, quantity).values
         from updyn.control.complex_modes import complex_modes
         from updyn.control.ports import as_ports
-        from updyn.control.real_modes import full
+        from updyn.control.real_modes import full_damping_modes
         from updyn.control.space import modal_space
 
         ports = as_ports(model.dofs, "input")
         space = modal_space(model, ports, ports, (0.05, 60.0))
         powers = np.full(n, ["receptance", "mobility", "accelerance"].index(quantity))
-        for made in (full(space, powers), complex_modes(space, powers, 60.0)):
+        for made in (full_damping_modes(space, powers), complex_modes(space, powers, 60.0)):
             kept = np.ones(len(made.frequency), dtype=bool)
             A, B, C, D = made.matrices(kept)
             s = 2j * np.pi * lines

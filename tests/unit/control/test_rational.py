@@ -20,7 +20,7 @@ from updyn.control.passivity import (
 )
 from updyn.control.ports import as_ports
 from updyn.control.rational_fit import Approximation
-from updyn.control.rational_states import fewest_states, with_poles_of
+from updyn.control.rational_states import find_fewest_states, refit_poles
 from updyn.control.structure import CompiledStructure
 from updyn.control.task import task_of
 from updyn.errors import OptionError, ToleranceError
@@ -208,10 +208,10 @@ class TestALikeResponse:
 
     def test_its_poles_move_with_the_structure(self, monkeypatch) -> None:
         nominal = self.approximation(SHAFTS, ["1:RZ", "3:RZ"])
-        like = fewest_states(nominal, 0.03).conversion
+        like = find_fewest_states(nominal, 0.03).conversion
         other = self.approximation(self.shafts, ["1:RZ", "3:RZ"])
         monkeypatch.setattr(Approximation, "fit", None)  # no search from the beginning
-        found = with_poles_of(other, like, 0.03)
+        found = refit_poles(other, like, 0.03)
         assert found.holds
         moved = self.damped_poles(self.shafts) - self.damped_poles(SHAFTS)
         stands = np.isfinite(like.structure)
@@ -222,10 +222,10 @@ class TestALikeResponse:
         np.testing.assert_array_equal(found.conversion.pairs[~stands], like.pairs[~stands])
 
     def test_it_is_sought_anew_where_that_does_not_hold(self) -> None:
-        like = fewest_states(self.approximation(SHAFTS, ["1:RZ"]), 0.03).conversion
+        like = find_fewest_states(self.approximation(SHAFTS, ["1:RZ"]), 0.03).conversion
         other = self.approximation((4.0 * SHAFTS[0], 0.3 * SHAFTS[1]), ["1:RZ"])
         wrong = replace(like, structure=np.full(len(like.pairs), np.nan))
-        assert with_poles_of(other, wrong, 0.03).holds
+        assert refit_poles(other, wrong, 0.03).holds
 
 
 class TestPassivity:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import updyn
 from servo_cases import BOTH, NAMES, PI_, as_control, compare, masses, quick, rigid, two_masses
 from updyn.control.servo.loops import Cascade, Wiring
-from updyn.control.servo.stability import count_drifting, count_growing, judge_all, nyquist_count
+from updyn.control.servo.stability import count_drifting, count_growing, judge_loops, nyquist_count
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros
 
 
@@ -108,7 +108,7 @@ def test_turns_of_the_loop_function_count_the_eigenvalues(J, stiff, loss, kp, ti
             plant, controller, **{"position": None, **names}, pointing=None, disturbance=None
         ),
     )
-    for judged, position in zip(judge_all(cascade), (False, True), strict=True):
+    for judged, position in zip(judge_loops(cascade), (False, True), strict=True):
         if judged is None:
             continue
         poles = cascade.closed_loop(0, position=position).poles
@@ -137,7 +137,7 @@ def test_turns_with_dead_time_are_those_of_a_high_approximation(dead_time, kp, k
         plant, controller, "motor", "load speed" if end else "speed", "angle", None, None
     )
     cascade = Cascade(plant, controller, wiring)
-    for judged, position in zip(judge_all(cascade), (False, True), strict=True):
+    for judged, position in zip(judge_loops(cascade), (False, True), strict=True):
         poles = cascade.closed_loop(12, position=position).poles
         poles = poles[np.abs(poles) > 1e-6]
         slow = np.abs(poles) < 8 / dead_time  # where an approximation of order 12 is exact

@@ -100,7 +100,7 @@ def plant_items(plant: Plant) -> dict[str, Any]:
         "modes": plant.modes,
         "facts": dict(plant.facts),
         "relative_error": None if math.isnan(plant.relative_error) else plant.relative_error,
-        "zero_shift": [_finite(asdict(zero)) for zero in plant.zero_shift],
+        "zero_shift": [_replace_nan(asdict(zero)) for zero in plant.zero_shift],
         **{name: getattr(plant, name) for name in _MATRICES},
     }
     return {**items, _DIGEST: _digest(items)}
@@ -123,9 +123,9 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         )
     written = items
     items = _EARLIER | dict(items) if items["schema"] == 1 else items
-    _complete(items, (*_KEYS, *_LATER, *_MATRICES), "", path, optional=(_DIGEST,))
-    inputs = _ports(items["inputs"], "input", _PORT, path)
-    outputs = _ports(items["outputs"], "output", (*_PORT, "quantity"), path)
+    _check_complete(items, (*_KEYS, *_LATER, *_MATRICES), "", path, optional=(_DIGEST,))
+    inputs = _read_ports(items["inputs"], "input", _PORT, path)
+    outputs = _read_ports(items["outputs"], "output", (*_PORT, "quantity"), path)
     dt, band = items["dt"], _numbers(items["band"], 1, "band", path)
     if dt is not None and (not is_number(dt) or not math.isfinite(dt) or dt <= 0):
         raise FormatError(
@@ -160,8 +160,8 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
             modes=_numbers(items["modes"], 1, "modes", path),
             dt=None if dt is None else float(dt),
             facts=dict(items["facts"]),
-            relative_error=_known(items["relative_error"], "relative_error", path),
-            zero_shift=_zeros(items["zero_shift"], path),
+            relative_error=_number_or_nan(items["relative_error"], "relative_error", path),
+            zero_shift=_read_zeros(items["zero_shift"], path),
         )
     _check_digest(written, path)
     return plant
@@ -248,12 +248,12 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
         raise FormatError(f"format: found {found!r}, expected {FORMAT!r}: {NO_PLANT}", path)
     ports = [name.format(side) for side in ("input", "output") for name in _FLAT_PORTS]
     known = dict.fromkeys([*_KEYS, *_LATER, *_MATRICES, *ports, "quantities"])
-    if _single(flat.get("schema"), "schema", path) == 1:
+    if _single_number(flat.get("schema"), "schema", path) == 1:
         flat = {"relative_error": np.array(np.nan), "zero_shift": "[]"} | dict(flat)
-    _complete(flat, list(known), "", path, optional=(_DIGEST,))
+    _check_complete(flat, list(known), "", path, optional=(_DIGEST,))
     single: dict[str, Any] = {}
     for name in ("schema", "dt", *_COUNTS, *_NUMBERS, "relative_error"):
-        single[name] = _single(flat[name], name, path)
+        single[name] = _single_number(flat[name], name, path)
     if math.isnan(single["relative_error"]):
         single["relative_error"] = None
     if single["dt"] == 0:
@@ -310,7 +310,7 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
 _EARLIER: dict[str, Any] = {"relative_error": None, "zero_shift": []}
 
 
-def _finite(found: dict[str, Any]) -> dict[str, Any]:
+def _replace_nan(found: dict[str, Any]) -> dict[str, Any]:
     """Return items with None for nan."""
     out = {}
     for name, value in found.items():
@@ -318,21 +318,21 @@ def _finite(found: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _known(found: Any, name: str, path: str | Path) -> float:
+def _number_or_nan(found: Any, name: str, path: str | Path) -> float:
     return math.nan if found is None else _number(found, name, path)
 
 
-def _zeros(found: Any, path: str | Path) -> tuple[ZeroShift, ...]:
+def _read_zeros(found: Any, path: str | Path) -> tuple[ZeroShift, ...]:
     if not isinstance(found, list) or not all(isinstance(zero, Mapping) for zero in found):
         raise FormatError("zero_shift: expected a list of zeros", path)
     out = []
     for number, zero in enumerate(found, 1):
         place = f"zero_shift, number {number}"
-        _complete(zero, _ZERO, place, path)
+        _check_complete(zero, _ZERO, place, path)
         for name in ("output", "input"):
             if not isinstance(zero[name], str):
                 raise FormatError(f"{place}: {name}: found {zero[name]!r}; expected a text", path)
-        numbers = {name: _known(zero[name], f"{place}: {name}", path) for name in _ZERO[2:]}
+        numbers = {name: _number_or_nan(zero[name], f"{place}: {name}", path) for name in _ZERO[2:]}
         out.append(ZeroShift(zero["output"], zero["input"], **numbers))
     return tuple(out)
 
@@ -347,7 +347,7 @@ def _port_items(port: Port, unit: str) -> dict[str, Any]:
     }
 
 
-def _ports(
+def _read_ports(
     found: Any, what: str, keys: tuple[str, ...], path: str | Path
 ) -> list[tuple[Port, str]]:
     """Return ports with their quantities, empty for inputs."""
@@ -356,7 +356,7 @@ def _ports(
     out = []
     for number, one in enumerate(found, 1):
         place = f"{what}s, number {number}"
-        _complete(one, keys, place, path)
+        _check_complete(one, keys, place, path)
         if not isinstance(one["rotation"], bool):
             raise FormatError(
                 f"{place}: rotation is {one['rotation']!r}; expected true or false", path
@@ -380,7 +380,7 @@ def _ports(
     return out
 
 
-def _complete(
+def _check_complete(
     found: Mapping[str, Any],
     expected: Sequence[str],
     place: str,
@@ -445,7 +445,7 @@ def _count(found: Any, name: str, path: str | Path) -> int:
     return int(found)
 
 
-def _single(found: Any, name: str, path: str | Path) -> float:
+def _single_number(found: Any, name: str, path: str | Path) -> float:
     array = _row(found, name, path)
     if array.shape != (1,):
         raise FormatError(f"{name}: found {array.size} numbers; expected one", path)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.antiresonances import raised_magnitude, resolve_antiresonances
+from updyn.control.antiresonances import fill_antiresonances, resolve_antiresonances
 from updyn.control.build import plant
 from updyn.control.conversions import ConversionError, conversions
 from updyn.control.family import PlantFamily, plant_family
@@ -142,7 +142,7 @@ class PlantResult:
         assert self.answer is not None
         level = np.abs(self.exact).max(axis=0, keepdims=True)
         if measure == "relative":
-            level = np.maximum(raised_magnitude(self.freq, self.exact), _UNCOUPLED * level)
+            level = np.maximum(fill_antiresonances(self.freq, self.exact), _UNCOUPLED * level)
         return np.asarray(np.abs(self.answer - self.exact) / np.where(level > 0, level, 1.0))
 
 

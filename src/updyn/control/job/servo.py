@@ -141,11 +141,13 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
         return ()
     for number, table in enumerate(servo_table.nonlinear):
         with key_path("servo", "nonlinear", number):
-            out.append(_one(job, table, model, plant, servo))
+            out.append(_judge_nonlinear(job, table, model, plant, servo))
     return tuple(out)
 
 
-def _one(job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Servo) -> Nonlinear:
+def _judge_nonlinear(
+    job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Servo
+) -> Nonlinear:
     loop: dict[str, Any] = {
         "torque": servo.torque,
         "velocity": servo.velocity,
@@ -166,7 +168,7 @@ def _one(job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Ser
         frequency = table.frequency or servo.velocity_loop.margins.crossover or plant.band[1]
         law = gap.backlash(table.gap, frequency=frequency)
         cycles = limit_cycles(extended, servo.controller, law, name, **loop)
-        found = _largest(cycles)
+        found = _largest_stable_cycle(cycles)
         lossy = bool(gap.group.loss_factor)
         if table.frequency is None and found is not None and lossy:
             # The damper equivalent to the loss factor depends on the frequency of the cycle.
@@ -177,7 +179,7 @@ def _one(job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Ser
         where = f"in {table.mesh!r}, {table.gap:g} {unit} at {table.at}"
         if lossy:
             where += f"; its loss factor as a damper at {frequency:.4g} Hz"
-    simulation, begun, note = _in_time(table, extended, servo, law, cycles, name, loop)
+    simulation, begun, note = _simulate(table, extended, servo, law, cycles, name, loop)
     return Nonlinear(table.kind, where, law, cycles, simulation, begun, note)
 
 
@@ -209,13 +211,13 @@ def _extend_plant(
     )
 
 
-def _largest(cycles: LimitCycles) -> LimitCycle | None:
+def _largest_stable_cycle(cycles: LimitCycles) -> LimitCycle | None:
     """Return the stable cycle with the largest amplitude; a doubtful one only without others."""
     stable = [c for c in cycles if c.stable]
     return max(stable, key=lambda c: (not c.doubt, c.amplitude), default=None)
 
 
-def _in_time(
+def _simulate(
     table: NonlinearTable,
     plant: Plant,
     servo: Servo,
@@ -225,7 +227,7 @@ def _in_time(
     loop: dict[str, Any],
 ) -> tuple[Simulation | None, str, str]:
     """Return the simulation, its initial state in words, and a note if it is missing."""
-    found = _largest(cycles)
+    found = _largest_stable_cycle(cycles)
     if found is None and not cycles.linear_stable:
         note = "Not simulated: the linear loop is unstable, and no stable limit cycle is predicted."
         return None, "", note

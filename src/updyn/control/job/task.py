@@ -9,7 +9,7 @@ from updyn.control.job.job_tables import PLANT_PAGE
 from updyn.control.job.messages import describe_plant_result
 from updyn.control.job.plant_job import plant_job
 from updyn.job import load_job
-from updyn.web.tasks import Ended, Field, Task
+from updyn.web.tasks import Field, JobTask, TaskResult
 
 if TYPE_CHECKING:
     from updyn.web.tasks import Reporter
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 __all__ = ["PLANT"]
 
 
-def _plant(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
+def _plant(job: Path, out: Path, reporter: Reporter, _resume: bool) -> TaskResult:
     result = plant_job(load_job(job), out, say=reporter.say)
-    return Ended(
+    return TaskResult(
         "plant made" if result.holds_tolerance else "tolerance not met",
         describe_plant_result(result),
     )
 
 
-PLANT = Task(
+PLANT = JobTask(
     _plant,
     PLANT_PAGE,
     "-plant",

@@ -208,18 +208,18 @@ def limit_cycles(
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
     system = linear_loop(plant, controller, nonlinearity, at, names, pade)
-    whole = _whole(nonlinearity)
+    whole = _closed_mesh_values(nonlinearity)
     poles = np.concatenate([np.linalg.eigvals(system.A), system.poles_with(*whole)])
-    limits = _limits(band, poles)
-    scan = _scan(limits, poles)
+    limits = _frequency_limits(band, poles)
+    scan = _scan_frequencies(limits, poles)
     roots = _roots(system, nonlinearity, scan, poles)
-    found = [_cycle(system, nonlinearity, omega) for omega in roots]
+    found = [_build_cycle(system, nonlinearity, omega) for omega in roots]
     return LimitCycles(
         found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.poles_with(*whole))
     )
 
 
-def _whole(nonlinearity: Nonlinearity) -> tuple[float, float]:
+def _closed_mesh_values(nonlinearity: Nonlinearity) -> tuple[float, float]:
     """Return stiffness and damping across the mesh without the nonlinearity."""
     if isinstance(nonlinearity, Backlash):
         return nonlinearity.stiffness, nonlinearity.damping
@@ -232,7 +232,7 @@ def _stable(poles: _Complex) -> bool:
 
 
 # -- the scan -------------------------------------------------------------------------------------
-def _limits(band: Any, poles: _Complex) -> tuple[float, float]:
+def _frequency_limits(band: Any, poles: _Complex) -> tuple[float, float]:
     if band is not None:
         try:
             low, high = (float(f) for f in band)
@@ -248,7 +248,7 @@ def _limits(band: Any, poles: _Complex) -> tuple[float, float]:
     return 0.01 * float(size.min()), 10.0 * float(size.max())
 
 
-def _scan(limits: tuple[float, float], poles: _Complex) -> _Real:
+def _scan_frequencies(limits: tuple[float, float], poles: _Complex) -> _Real:
     """Return frequencies in rad/s, dense around lightly damped poles."""
     parts = [np.geomspace(*limits, _SCAN)]
     offsets = np.concatenate([-np.geomspace(30, 0.1, 15), [0.0], np.geomspace(0.1, 30, 15)])
@@ -311,7 +311,7 @@ def _tangent_roots(at: Any, low: float, high: float, side: float) -> list[float]
 
 
 # -- one cycle ------------------------------------------------------------------------------------
-def _cycle(system: LinearLoop, nonlinearity: Nonlinearity, omega: float) -> LimitCycle:
+def _build_cycle(system: LinearLoop, nonlinearity: Nonlinearity, omega: float) -> LimitCycle:
     w = np.array([omega])
     S, S3 = system.at(np.array([omega, 3.0 * omega]))
     A = float(nonlinearity.amplitude(np.abs(-1.0 / S)[None], w)[0])

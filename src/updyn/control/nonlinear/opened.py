@@ -160,7 +160,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
             f" {_format_dofs(given, K)}"
         )
     row = sp.csr_array(K[[position]]) * (sign / k)
-    _along(K, row, k, f"group {mesh!r} is not one spring: its stiffness")
+    _check_rank_one(K, row, k, f"group {mesh!r} is not one spring: its stiffness")
     c = 0.0
     parts = [
         m * s
@@ -170,7 +170,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     if parts:
         C = sum(parts[1:], parts[0])
         c = float(C[position, position])
-        _along(C, row, c, f"group {mesh!r}: its viscous damping")
+        _check_rank_one(C, row, c, f"group {mesh!r}: its viscous damping")
     entries = row.tocoo()
     weights = {
         str(given.dofs[int(i)]): float(v)
@@ -185,7 +185,7 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
     return OpenMesh(rest, port, k, c, group, mesh)
 
 
-def _along(matrix: Any, row: Any, size: float, what: str) -> None:
+def _check_rank_one(matrix: Any, row: Any, size: float, what: str) -> None:
     """Raise ModelError if a matrix is not `size` times the outer product of a row."""
     difference = matrix - size * (row.T @ row)
     if abs(difference).max() > _ONE * abs(matrix).max():

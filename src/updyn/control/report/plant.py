@@ -67,9 +67,9 @@ def plant_figures(result: PlantResult) -> dict[str, Figure]:
         return {}
     out = {}
     for i, j in channels(result):
-        out[bode_name(i, j)] = _bode(result, plant, i, j)
+        out[bode_name(i, j)] = _bode_figure(result, plant, i, j)
     for (i, j), found in result.weights.items():
-        out[weight_name(i, j)] = _weight(found)
+        out[weight_name(i, j)] = _weight_figure(found)
     return out
 
 
@@ -111,7 +111,7 @@ def unit_ratio(above: str, below: str) -> str:
     return "/".join(parts)
 
 
-def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
+def _bode_figure(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
     freq, exact, answer = result.freq, result.exact, result.answer
     assert freq is not None
     assert exact is not None
@@ -156,7 +156,7 @@ def degree_axis(values: object) -> dict[str, object]:
     return {"tick0": 0, "dtick": step, "range": [low - 0.15 * step, high + 0.15 * step]}
 
 
-def _weight(found: UncertaintyWeight) -> Figure:
+def _weight_figure(found: UncertaintyWeight) -> Figure:
     radius = np.asarray(found.radius)[:, 0, 0]
     cover = np.abs(np.asarray(found.at(found.freq))[:, 0, 0])
     traces = [
@@ -190,7 +190,7 @@ class PlantSection(ReportSection):
         """Return key figures and table cells."""
         result: PlantResult = content.further["plant"]
         context: dict[str, Any] = {
-            "about": _about(result),
+            "about": _introduction(result),
             "notes": [result.message, *result.notes],
             "plant": result.plant,
             "conversions": _conversions(result),
@@ -240,7 +240,7 @@ def share(value: float) -> str:
     return f"{100.0 * value:.0f} %" if value >= 1.0 else f"{number(100.0 * value, 2)} %"
 
 
-def _about(result: PlantResult) -> str:
+def _introduction(result: PlantResult) -> str:
     plant = result.plant
     low, high = result.band
     band = f"{number(low, 4)} to {number(high, 4)} Hz"

@@ -63,10 +63,10 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
     out: dict[str, Figure] = {}
     high = _REACH * float(servo.plant["band"][1])
     for loop in servo.loops:
-        at = _drawn(loop, high)
+        at = _plotted_lines(loop, high)
         out[f"bode-{loop.name}"] = _bode(loop, at)
         out[f"nichols-{loop.name}"] = _nichols(loop, at)
-    out["closed-loop"] = _closed_loop_figure(servo, plant, _drawn(servo.loops[-1], high))
+    out["closed-loop"] = _closed_loop_figure(servo, plant, _plotted_lines(servo.loops[-1], high))
     for name, step in (("step", servo.step), ("disturbance-step", servo.disturbance_step)):
         if step is not None:
             out[name] = _step_figure(step, torque_unit)
@@ -76,7 +76,7 @@ def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
 
 
 # -- loops ----------------------------------------------------------------------------------------
-def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
+def _plotted_lines(loop: Loop, high: float) -> NDArray[np.intp]:
     """Return the indices of the lines to plot: relevant gains, and the frequencies of margins."""
     size = _decibels(loop.L)
     near = (size < _LOUD) & (size > _QUIET) & (loop.freq <= high)
@@ -115,7 +115,7 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
     turns = np.concatenate([low_turn, high_turn])
     panels = [
         Panel("|L| (dB)", size, _db_axis(_decibels(L)), 1.2, (0.0,)),
-        Panel("phase (°)", phase, degree_axis(turns), 1.0, tuple(_critical(turn))),
+        Panel("phase (°)", phase, degree_axis(turns), 1.0, tuple(_critical_phases(turn))),
     ]
     return stack_panels(panels, log_frequency(freq), 480)
 
@@ -131,15 +131,17 @@ def _marks(loop: Loop, panel: str) -> list[dict[str, Any]]:
     ):
         assert m.gain_margin_db is not None
         return [
-            _point(m.gain_margin_at, -m.gain_margin_db, f"gain margin {m.gain_margin_db:.3g} dB")
+            _point_trace(
+                m.gain_margin_at, -m.gain_margin_db, f"gain margin {m.gain_margin_db:.3g} dB"
+            )
         ]
     if panel == "phase" and m.phase_margin is not None and m.phase_margin_at is not None:
         height = float(np.interp(np.log(m.phase_margin_at), np.log(loop.freq), loop.phase))
-        return [_point(m.phase_margin_at, height, f"phase margin {m.phase_margin:.3g}°")]
+        return [_point_trace(m.phase_margin_at, height, f"phase margin {m.phase_margin:.3g}°")]
     return []
 
 
-def _point(x: float, y: float, name: str) -> dict[str, Any]:
+def _point_trace(x: float, y: float, name: str) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "markers",
@@ -164,11 +166,11 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
     spread: list[_Real] = []
     for index, member in enumerate(members):
         turns = turn + np.degrees(np.angle(member * np.conj(L)))
-        line = _along(turns, _decibels(member), loop.freq[at], "family", "@measured", 0.8)
+        line = _curve_trace(turns, _decibels(member), loop.freq[at], "family", "@measured", 0.8)
         traces.append(line | {"showlegend": index == 0})
         spread.append(turns[(_decibels(member) > _QUIET / 2) & (_decibels(member) < _LOUD)])
-    traces.append(_along(turn, _decibels(L), loop.freq[at], "L, nominal", "@after", 1.8))
-    centres = _critical(turn[shown] if shown.any() else turn)
+    traces.append(_curve_trace(turn, _decibels(L), loop.freq[at], "L, nominal", "@after", 1.8))
+    centres = _critical_phases(turn[shown] if shown.any() else turn)
     circle = -1.0 + _MODULUS * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 181))
     for index, centre in enumerate(centres):
         around = centre + np.degrees(np.angle(-circle))
@@ -218,7 +220,9 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
     }
 
 
-def _along(x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float) -> dict[str, Any]:
+def _curve_trace(
+    x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
+) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "lines",
@@ -231,7 +235,7 @@ def _along(x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
     }
 
 
-def _critical(turn: _Real) -> list[float]:
+def _critical_phases(turn: _Real) -> list[float]:
     """Return the odd half turns in degrees that a curve passes, or the nearest one."""
     low = high = -180.0
     if turn.size:
@@ -402,7 +406,7 @@ def _servo_context(servo: Servo) -> dict[str, Any]:
     head, margins = _margins(servo.loops)
     return {
         "verdict": _verdict(servo),
-        "notes": [_sentence(note) for note in servo.notes],
+        "notes": [_to_sentence(note) for note in servo.notes],
         "key_figures": _key_figures(servo),
         "controller": _controller(servo),
         "margins_head": head,
@@ -549,7 +553,7 @@ def _margins(loops: Sequence[Loop]) -> tuple[list[str], list[list[str]]]:
 def _robust(margin: RobustMargin) -> list[str]:
     """Return the cells of a robust margin."""
     value = "∞" if math.isinf(margin.margin) else number(margin.margin, 3)
-    return [margin.of, value, _hz(margin.at), _sentence(margin.meaning)]
+    return [margin.of, value, _hz(margin.at), _to_sentence(margin.meaning)]
 
 
 def _sampled_context(sampled: SampledLoops) -> dict[str, Any]:
@@ -558,7 +562,7 @@ def _sampled_context(sampled: SampledLoops) -> dict[str, Any]:
     late = "without delay"
     if sampled.delay:
         late = f"torque delayed by {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
-    notes = [_sentence(note) for note in sampled.notes]
+    notes = [_to_sentence(note) for note in sampled.notes]
     if not sampled.stable:
         notes.insert(0, "The sampled loop is UNSTABLE.")
     return {
@@ -598,7 +602,7 @@ def _unstable(servo: Servo) -> str:
     return f"Unstable: {'; '.join(bad)}.{rest}"
 
 
-def _sentence(text: str) -> str:
+def _to_sentence(text: str) -> str:
     sentence = text[:1].upper() + text[1:]
     return sentence.removesuffix(".") + "."
 

@@ -176,7 +176,7 @@ class Notch:
     @property
     def zeros(self) -> _Complex:
         """Both zeros in rad/s."""
-        return _pair(self.frequency, self.zero_damping)
+        return _pole_pair(self.frequency, self.zero_damping)
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,12 +433,12 @@ class Controller:
     def poles(self) -> _Complex:
         """Poles of torque over velocity error, in rad/s, without the dead time."""
         out = [np.zeros(int(self.ti is not None), dtype=np.complex128)]
-        out += [_pair(n.frequency, n.pole_damping) for n in self.notches]
+        out += [_pole_pair(n.frequency, n.pole_damping) for n in self.notches]
         if self.low_pass is not None:
             if self.low_pass_damping is None:
                 out.append(np.array([-_TWO_PI * self.low_pass + 0j]))
             else:
-                out.append(_pair(self.low_pass, self.low_pass_damping))
+                out.append(_pole_pair(self.low_pass, self.low_pass_damping))
         return np.concatenate(out)
 
     @property
@@ -571,7 +571,7 @@ def _low_pass(corner: float, damping: float | None) -> StateSpace:
     )
 
 
-def _pair(frequency: float, damping: float) -> _Complex:
+def _pole_pair(frequency: float, damping: float) -> _Complex:
     w = _TWO_PI * frequency
     root = np.sqrt(complex(damping**2 - 1.0))
     return np.array([w * (-damping + root), w * (-damping - root)], dtype=np.complex128)

@@ -77,7 +77,7 @@ class SampledCascade:
         self.plant, self.wiring, self.dt = plant, wiring, plant.dt
         self.kv = controller.position_gain
         self.has_position = controller.kv is not None
-        self.notes = _left_out(controller, plant)
+        self.notes = _omission_notes(controller, plant)
         self._controller = _convert_controller(controller, plant.dt)
         outputs = (wiring.velocity, wiring.position or wiring.velocity)
         rows = [plant.outputs.index(name) for name in outputs]
@@ -87,7 +87,7 @@ class SampledCascade:
         )
         powers = np.array([to_velocity(plant, name) for name in outputs])
         powers[1] = powers[1] - 1 if self.has_position else 0
-        self._readers = tuple(_reader(int(power), plant.dt) for power in powers)
+        self._readers = tuple(_output_conversion(int(power), plant.dt) for power in powers)
         self._transfers = tuple(
             Transfer.of(part) for part in (self._system, *self._readers, self._controller)
         )
@@ -139,15 +139,15 @@ class SampledCascade:
                 )
             )
         parts.append(channel_zeros(self._controller))
-        return self.in_s(np.concatenate(parts))
+        return self.to_s(np.concatenate(parts))
 
-    def in_s(self, z: _Complex) -> _Complex:
+    def to_s(self, z: _Complex) -> _Complex:
         """Return log(z) / dt in rad/s, without the values at z = 0."""
         z = z[np.abs(z) > _LATE]
         return np.asarray(np.log(z) / self.dt)
 
 
-def _left_out(controller: Controller, plant: Plant) -> tuple[str, ...]:
+def _omission_notes(controller: Controller, plant: Plant) -> tuple[str, ...]:
     """Return notes on the parts of a controller that a sampled loop omits."""
     assert plant.dt is not None
     half, notes = 0.5 / plant.dt, []
@@ -190,7 +190,7 @@ def _prewarp(freq: float, dt: float) -> float:
     return float(w / np.tan(0.5 * w * dt))
 
 
-def _reader(power: int, dt: float) -> StateSpace:
+def _output_conversion(power: int, dt: float) -> StateSpace:
     """Return the conversion of an output to velocity or position: difference, gain 1 or sum."""
     one = np.ones((1, 1))
     if power == 1:  # (1 - 1 / z) / dt
@@ -218,12 +218,12 @@ def judge_sampled(
 def _judge_loop(
     cascade: SampledCascade, loop: Callable[[ArrayLike], _Complex], low: float, position: bool
 ) -> JudgedLoop:
-    poles = cascade.in_s(cascade.closed_poles(position))
+    poles = cascade.to_s(cascade.closed_poles(position))
     top = np.pi / cascade.dt
     low = min(low, 1e-3 * top)
     features = np.concatenate([cascade.features, poles])
     w, values = grid.resolve(loop, grid.frequencies(features, low, top))
-    w, values = grid.with_extremes(loop, w, values)
+    w, values = grid.add_extremes(loop, w, values)
     gains = grid.crossings_of_gain(loop, w, values)
     phases = grid.crossings_of_phase(loop, w, values)
     last = loop(np.array([1j * top]))[0]

@@ -185,7 +185,7 @@ class DriveFigures:
         first = f"{self.pairs[0].antiresonance:.5g} Hz" if self.pairs else "none seen"
         return (
             f"DriveFigures({self.motor} to {self.load}: first antiresonance {first}, ratio"
-            f" {_g(self.ratio)})"
+            f" {_format_number(self.ratio)})"
         )
 
     def summary(self) -> str:
@@ -199,14 +199,26 @@ class DriveFigures:
         mass_l, stiff_l = _units(self.load)
         ratio_from = f"from {self.ratio_from}" if self.ratio_from else ""
         rows = [
-            ("gear ratio", _g(self.ratio), ratio_from),
-            ("inertia at the motor", _g(self.inertia), f"{mass_m}, all in rigid-body motion"),
-            ("  motor's own", _g(self.motor_inertia), mass_m),
-            ("  the rest", _g(self.rest_inertia), mass_m),
-            ("  the rest at the load", _g(self.load_inertia), mass_l),
-            ("inertia ratio", _g(self.inertia_ratio), "rest over motor, at the motor"),
-            ("stiffness at the motor", _g(self.stiffness_at_motor), f"{stiff_m}, load held"),
-            ("stiffness at the load", _g(self.stiffness_at_load), f"{stiff_l}, motor held"),
+            ("gear ratio", _format_number(self.ratio), ratio_from),
+            (
+                "inertia at the motor",
+                _format_number(self.inertia),
+                f"{mass_m}, all in rigid-body motion",
+            ),
+            ("  motor's own", _format_number(self.motor_inertia), mass_m),
+            ("  the rest", _format_number(self.rest_inertia), mass_m),
+            ("  the rest at the load", _format_number(self.load_inertia), mass_l),
+            ("inertia ratio", _format_number(self.inertia_ratio), "rest over motor, at the motor"),
+            (
+                "stiffness at the motor",
+                _format_number(self.stiffness_at_motor),
+                f"{stiff_m}, load held",
+            ),
+            (
+                "stiffness at the load",
+                _format_number(self.stiffness_at_load),
+                f"{stiff_l}, motor held",
+            ),
         ]
         lines = [f"Drive from {self.motor} (motor) to {self.load} (load)"]
         lines += [f"{name:<24}{value:>12}  {unit}".rstrip() for name, value, unit in rows]
@@ -235,7 +247,7 @@ def _units(dof: str) -> tuple[str, str]:
     return ("kg m2", "N m/rad") if "R" in dof else ("kg", "N/m")
 
 
-def _g(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     return "-" if value is None else f"{value:.6g}"
 
 
@@ -322,24 +334,24 @@ def drive_figures(
         raise OptionError(
             f"drive figures: expected a Model or an UpdateResult, found {type(model).__name__}"
         )
-    ends = _ends(given, motor, load)
+    ends = _find_ends(given, motor, load)
     limits = _check_options(ratio, band, separation)
     held = _hold_dofs(given, [int(ends.index[0])])
     top = np.inf
     if limits is not None:
         top = limits[1]
-    locked = _up_to(held, top)
-    free = _up_to(given, top, at_least=len(locked) + 1)
+    locked = _find_modes_up_to(held, top)
+    free = _find_modes_up_to(given, top, at_least=len(locked) + 1)
     rigid = int((free.frequency == 0.0).sum())
     turning = _rigid_motion(free, rigid, ends.index, ends.sign)
     notes = list(filter(None, [turning.note]))
-    n = _stated_or_found(turning.ratio, ratio, notes, str(motor), str(load))
+    n = _choose_ratio(turning.ratio, ratio, notes, str(motor), str(load))
     stiffness = _stiffness(given, free.shapes[:, :rigid], ends.index, turning.note)
     pairs, hidden = _pairs(locked, free, separation, limits)
     motor_mass = float(given.mass.diagonal()[ends.index[0]])
     first = rest = inertia_ratio = load_inertia = None
     if turning.inertia is None:
-        first = _first(free, locked, separation, limits)
+        first = _find_first_resonance(free, locked, separation, limits)
     else:
         rest = turning.inertia - motor_mass
         if motor_mass <= 0:
@@ -361,9 +373,9 @@ def drive_figures(
     return DriveFigures(
         motor=str(motor),
         load=str(load),
-        locked=_in_band(locked.frequency, limits),
+        locked=_select_in_band(locked.frequency, limits),
         locked_damping=_damping_ratios(locked, limits),
-        free=_in_band(free.frequency, limits),
+        free=_select_in_band(free.frequency, limits),
         free_damping=_damping_ratios(free, limits),
         pairs=pairs,
         first_resonance=first,
@@ -387,7 +399,7 @@ def drive_figures(
 
 
 # -- options --------------------------------------------------------------------------------------
-def _ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
+def _find_ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
     one, two = Dof.parse(motor), Dof.parse(load)
     if (one.node, one.direction) == (two.node, two.direction):
         raise DofError(
@@ -437,7 +449,7 @@ def _hold_dofs(model: Model, at: Sequence[int]) -> Model:
 
 
 # -- frequencies ----------------------------------------------------------------------------------
-def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
+def _find_modes_up_to(model: Model, top: float, at_least: int = 0) -> Modes:
     """Return the modes up to a frequency and the next one, at least `at_least` of them."""
     rank = mass_rank(model.mass)
     if rank == 0:
@@ -452,11 +464,11 @@ def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
         n = min(rank, 2 * n)
         found = modes(plain, n)
     if tabled:
-        return _by_table(model, found, top)
+        return _apply_loss_tables(model, found, top)
     return found
 
 
-def _by_table(model: Model, found: Modes, top: float) -> Modes:
+def _apply_loss_tables(model: Model, found: Modes, top: float) -> Modes:
     """Return modes with their loss factors; nan above the range of the tables."""
     inside = int((found.frequency <= top).sum())
     loss = np.full(len(found), np.nan)
@@ -465,7 +477,7 @@ def _by_table(model: Model, found: Modes, top: float) -> Modes:
     return Modes(found.frequency, loss, found.shapes, found.dofs)
 
 
-def _in_band(freq: _Real, limits: tuple[float, float] | None) -> _Real:
+def _select_in_band(freq: _Real, limits: tuple[float, float] | None) -> _Real:
     out = freq[_band_mask(freq, limits)]
     out.flags.writeable = False
     return out
@@ -527,7 +539,7 @@ def _cancel_pairs(
     return zeros, poles, sorted(hidden)
 
 
-def _first(
+def _find_first_resonance(
     free: Modes, locked: Modes, separation: float, limits: tuple[float, float] | None
 ) -> float | None:
     """Return the resonance below the first antiresonance."""
@@ -587,7 +599,7 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
     return _RigidMotion(inertia, n, "")
 
 
-def _stated_or_found(
+def _choose_ratio(
     found: float | None, stated: float | None, notes: list[str], motor: str, load: str
 ) -> float | None:
     """Return the gear ratio; checks a stated one against the rigid-body motion."""

@@ -13,14 +13,14 @@ from updyn.errors import DataError
 
 __all__ = [
     "Loop",
+    "add_extremes",
     "crossings_of_gain",
     "crossings_of_phase",
+    "find_level_crossing",
+    "find_minimum",
     "frequencies",
-    "least",
-    "level",
     "phase_of",
     "resolve",
-    "with_extremes",
 ]
 
 _Real = NDArray[np.float64]
@@ -86,7 +86,7 @@ def resolve(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
     return w, values
 
 
-def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
+def add_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
     """Return lines with added extremes of gain and phase that could hide two crossings."""
     for gain in (True, False):
         if gain:
@@ -138,7 +138,9 @@ def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
     ]  # the phase jumps at a pole or zero on the axis
 
 
-def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[float, float]:
+def find_minimum(
+    function: Callable[[_Real], _Real], w: _Real, values: _Real
+) -> tuple[float, float]:
     """Return the smallest value of a function and its frequency in rad/s."""
     at = _peaks(-values)
     at = at[values[at] < 1.5 * values.min()]
@@ -150,7 +152,9 @@ def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[
     return min(found)
 
 
-def level(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> float | None:
+def find_level_crossing(
+    function: Callable[[_Real], _Real], w: _Real, values: _Real
+) -> float | None:
     """Return the frequency at which a function first falls through 0, in rad/s, or None."""
     at = np.flatnonzero((values[1:] < 0) & (values[:-1] >= 0))[:1]
     return float(_roots(function, w, at)[1][0]) if len(at) else None

@@ -60,7 +60,7 @@ def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascad
     margin, at = _margin(judged, deviation, w)
     least, number = np.inf, None
     for k, member in enumerate(members):
-        member_margin = _along(cascade, judged, member, w, least)
+        member_margin = _critical_factor(cascade, judged, member, w, least)
         if member_margin < least:
             least, number = member_margin, k
     return RobustMargin("family", margin, at, least, number)
@@ -107,7 +107,9 @@ def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, f
     return 1.0 / largest, place / _TWO_PI
 
 
-def _along(cascade: Cascade, judged: JudgedLoop, member: Cascade, w: _Real, known: float) -> float:
+def _critical_factor(
+    cascade: Cascade, judged: JudgedLoop, member: Cascade, w: _Real, known: float
+) -> float:
     """Return the factor on the deviation of a member at which the loop becomes unstable.
 
     L + t (L_k - L) = -1 at some frequency: the gain margin of (L_k - L) / (1 + L). Infinity if it

@@ -19,7 +19,7 @@ from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import RobustMargin, ranges
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
 from updyn.control.servo.robust import error_margin, family_margin
-from updyn.control.servo.stability import JudgedLoop, judge_all, judge_torque
+from updyn.control.servo.stability import JudgedLoop, judge_loops, judge_torque
 from updyn.control.servo.time_response import TimeResponses, time_responses
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError, UpdynError
@@ -137,7 +137,7 @@ def servo(
     for k, name in enumerate(("velocity", "position", "torque")):
         loop = judged[k]
         if loop is not None:
-            record = _loop(name, loop, lines, [_one(m[k]) for m in members])
+            record = _loop(name, loop, lines, [_require_loop(m[k]) for m in members])
             loops.append(replace(record, modulus_range=_modulus_range(cascade, loop, name)))
     outer = judged[1] or judged[0]
     s = 1j * _TWO_PI * lines
@@ -194,7 +194,7 @@ def _judge_sampled_loops(
             loops.append(None)
             continue
         lines = judged_loop.w / _TWO_PI
-        loops.append(_loop(name, judged_loop, lines[_drawable(lines, [judged_loop], [])], []))
+        loops.append(_loop(name, judged_loop, lines[_is_drawable(lines, [judged_loop], [])], []))
     velocity = loops[0]
     assert velocity is not None
     return SampledLoops(
@@ -218,7 +218,7 @@ def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
 
 def _judge_loops(cascade: Cascade) -> _Loops:
     """Return the velocity loop, the position loop, and both broken at the torque."""
-    inner, outer = judge_all(cascade)
+    inner, outer = judge_loops(cascade)
     return inner, outer, None if outer is None else judge_torque(cascade, outer)
 
 
@@ -242,7 +242,7 @@ def _member(
         raise type(error)(f"member {number} of the family: {error}") from error
 
 
-def _one(judged: JudgedLoop | None) -> JudgedLoop:
+def _require_loop(judged: JudgedLoop | None) -> JudgedLoop:
     assert judged is not None
     return judged
 
@@ -260,7 +260,7 @@ def _lines(
                 "freq: the first line is 0 Hz, where a loop with integration is not finite; remove"
                 " it"
             )
-        lost = given[~_drawable(given, judged, members)]
+        lost = given[~_is_drawable(given, judged, members)]
         if len(lost):
             raise DataError(
                 f"freq: {lost[0]:g} Hz is a pole or zero of the loop on the imaginary axis; remove"
@@ -272,10 +272,10 @@ def _lines(
     more = np.concatenate([np.zeros(0), *peaks])
     more = more[(more > loop_lines[0]) & (more < loop_lines[-1])]
     lines = np.asarray(np.unique(np.concatenate([loop_lines, more])) / _TWO_PI)
-    return lines[_drawable(lines, judged, members)]
+    return lines[_is_drawable(lines, judged, members)]
 
 
-def _drawable(
+def _is_drawable(
     lines: _Real,
     judged: Sequence[JudgedLoop | None],
     members: Sequence[Sequence[JudgedLoop | None]],
@@ -290,11 +290,11 @@ def _drawable(
 
 
 def _loop(name: str, judged: JudgedLoop, lines: _Real, members: Sequence[JudgedLoop]) -> Loop:
-    L, phase = _drawn(judged, lines)
+    L, phase = _sample_loop(judged, lines)
     family = np.zeros((len(members), len(lines)), dtype=np.complex128)
     family_phase = np.zeros(family.shape)
     for i, member in enumerate(members):
-        family[i], family_phase[i] = _drawn(member, lines)
+        family[i], family_phase[i] = _sample_loop(member, lines)
     margins = tuple(member.margins for member in members)
     return Loop(
         name=name,
@@ -349,7 +349,7 @@ def _robust(
     return tuple(margin for margin in found if margin is not None)
 
 
-def _drawn(judged: JudgedLoop, lines: _Real) -> tuple[_Complex, _Real]:
+def _sample_loop(judged: JudgedLoop, lines: _Real) -> tuple[_Complex, _Real]:
     """Return the loop function and its unwrapped phase in degrees at given lines."""
     w = _TWO_PI * lines
     L = judged.loop(1j * w)
@@ -367,7 +367,7 @@ def _bandwidth(closed: grid.Loop, judged: JudgedLoop) -> float | None:
     def above(w: _Real) -> _Real:
         return np.asarray(np.abs(closed(1j * w)) / rest - np.sqrt(0.5))
 
-    found = grid.level(above, judged.w, above(judged.w))
+    found = grid.find_level_crossing(above, judged.w, above(judged.w))
     if found is None:
         return None
     return found / _TWO_PI

@@ -18,7 +18,7 @@ __all__ = [
     "count_drifting",
     "count_growing",
     "judge",
-    "judge_all",
+    "judge_loops",
     "judge_torque",
     "margins_of",
     "nyquist_count",
@@ -122,7 +122,7 @@ class JudgedLoop:
     agrees: bool
 
 
-def judge_all(cascade: Cascade) -> tuple[JudgedLoop, JudgedLoop | None]:
+def judge_loops(cascade: Cascade) -> tuple[JudgedLoop, JudgedLoop | None]:
     """Return margins and stability of the velocity loop and the position loop of a cascade."""
     _check_moves(cascade)
     zeros = cascade.zeros
@@ -176,7 +176,7 @@ def judge(
         pade = int(np.clip(4 + np.ceil(2.0 * last * controller.dead_time), 5, 12))
     poles = cascade.closed_loop(pade, position=position).poles
     w, values = _lines(loop, whole, features, controller.dead_time, poles)
-    w, values = grid.with_extremes(loop, w, values)
+    w, values = grid.add_extremes(loop, w, values)
     gains = grid.crossings_of_gain(loop, w, values)
     phases = grid.crossings_of_phase(loop, w, values)
     scale = float(gains[0]) if len(gains) else float(_sizes(features).min())
@@ -259,10 +259,10 @@ def margins_of(
     if modulus > 1.0 and abs(values[-1]) <= _SMALL:
         # L vanishes at high frequencies, so 1 + L tends to 1.
         modulus, modulus_at = 1.0, np.inf
-    gain, gain_at = _least(at_phase[up], at_phase[up], phases[up], np.inf)
-    reduction, reduction_at = _least(-at_phase[~up], at_phase[~up], phases[~up], 0.0)
-    phase, phase_at = _least(np.abs(angle), np.degrees(angle), gains, np.inf)
-    late, late_at = _least(delays, delays, gains, np.inf)
+    gain, gain_at = _find_least(at_phase[up], at_phase[up], phases[up], np.inf)
+    reduction, reduction_at = _find_least(-at_phase[~up], at_phase[~up], phases[~up], 0.0)
+    phase, phase_at = _find_least(np.abs(angle), np.degrees(angle), gains, np.inf)
+    late, late_at = _find_least(delays, delays, gains, np.inf)
     return Margins(
         **shared,  # type: ignore[arg-type]
         gain_margin=gain,
@@ -285,7 +285,9 @@ def _at(loop: Loop, w: _Real) -> _Complex:
     return loop(1j * w)
 
 
-def _least(size: _Real, values: _Real, w: _Real, otherwise: float) -> tuple[float, float | None]:
+def _find_least(
+    size: _Real, values: _Real, w: _Real, otherwise: float
+) -> tuple[float, float | None]:
     """Return the value of least size and its frequency in Hz; `otherwise` and None if empty."""
     if not len(size):
         return otherwise, None
@@ -299,13 +301,13 @@ def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[floa
     def distance(x: _Real) -> _Real:
         return np.asarray(np.abs(1.0 + loop(1j * x)))
 
-    best = grid.least(distance, w, np.abs(1.0 + values))
+    best = grid.find_minimum(distance, w, np.abs(1.0 + values))
     end = float(w[-1])
     for _ in range(10):
         if not delay or end * delay > 1e4 or 1.0 - abs(loop(np.array([1j * end]))[0]) >= best[0]:
             break
         more = np.linspace(0.8 * end, 2.0 * end, 9 + int(end * delay / 0.15))
-        best = min(best, grid.least(distance, more, distance(more)))
+        best = min(best, grid.find_minimum(distance, more, distance(more)))
         end *= 2.0
     return best
 

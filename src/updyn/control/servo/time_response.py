@@ -24,9 +24,9 @@ __all__ = [
     "delayed_response",
     "final_value",
     "linear_response",
-    "schedule",
+    "schedule_intervals",
+    "simulate_step",
     "step_figures",
-    "step_series",
     "time_responses",
 ]
 
@@ -71,7 +71,7 @@ def linear_response(
     hold: exponential of the matrix augmented with the input and its slope (Van Loan 1978, IEEE
     Trans. Autom. Control 23, p. 395), with balanced states.
     """
-    transition, held, sloped = held_and_sloped(system.A, system.B, dt)
+    transition, held, sloped = interval_matrices(system.A, system.B, dt)
     transition = np.ascontiguousarray(transition.T)
     forced = u[:-1] @ held.T + np.diff(u, axis=0) @ sloped.T
     states = np.empty((len(u), system.n_states))
@@ -83,7 +83,7 @@ def linear_response(
     return states, states @ system.C.T + u @ system.D.T
 
 
-def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
+def interval_matrices(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
     """Return the matrices of one interval for the states, a constant input and a unit ramp."""
     n, m = B.shape
     if n == 0:
@@ -118,7 +118,7 @@ def delayed_response(
     jumps at multiples of the dead time are kept.
     """
     late = round(delay / dt)
-    transition, held, sloped = held_and_sloped(opened.A, opened.B, dt)
+    transition, held, sloped = interval_matrices(opened.A, opened.B, dt)
     constant = held[:, 1:] @ w
     first, pushed = held[:, 0], sloped[:, 0]
     c = opened.C[0]
@@ -165,7 +165,7 @@ def final_value(system: StateSpace, output: int, input: int) -> float:
     return 2.0 * nearer - near
 
 
-def schedule(
+def schedule_intervals(
     system: StateSpace, output: int, input: int, duration: float | None = None
 ) -> list[tuple[int, float]]:
     """Return numbers and lengths in s of the intervals that resolve a step response.
@@ -173,7 +173,7 @@ def schedule(
     The length resolves the fastest mode that still contributes. Without a `duration` they end when
     the slowest mode has settled.
     """
-    poles, share = _shares(system, output, input)
+    poles, share = _pole_shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
     largest = float(share.max(initial=0.0))
     shows = share > _SHOWS * largest
@@ -195,7 +195,9 @@ def schedule(
     return parts
 
 
-def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.complex128], _Real]:
+def _pole_shares(
+    system: StateSpace, output: int, input: int
+) -> tuple[NDArray[np.complex128], _Real]:
     """Return the poles in rad/s and the share of each in a step response."""
     even, scale = balance(system.A)
     poles, V = np.linalg.eig(even)
@@ -205,7 +207,7 @@ def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.com
     return poles, np.where(moving, share / np.where(moving, np.abs(poles), 1.0), 0.0)
 
 
-def step_series(
+def simulate_step(
     system: StateSpace, input: int, size: float, rate: int | None, parts: list[tuple[int, float]]
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs and their derivatives after a step of an input at time 0.
@@ -246,15 +248,15 @@ def step_figures(
     `reference` tells whether it is a step of the reference, which has rise time and overshoot.
     """
     curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
-    places = np.concatenate([time[[0, -1]], _within(curve.derivative().roots(), time)])
+    places = np.concatenate([time[[0, -1]], _within_record(curve.derivative().roots(), time)])
     heights = curve(places)
     top = int(np.argmax(np.abs(heights)))
     peak, peak_time = float(heights[top]), float(places[top])
     rise = overshoot = None
     rises = reference and abs(final) > RETURNS * abs(peak)  # False for a final value of nan
     if rises:
-        begins = _first(curve, time, 0.1 * final)
-        ends = _first(curve, time, 0.9 * final)
+        begins = _first_crossing(curve, time, 0.1 * final)
+        ends = _first_crossing(curve, time, 0.9 * final)
         if begins is not None and ends is not None:
             rise = ends - begins
         overshoot = max(0.0, float((heights / final).max()) - 1.0)
@@ -262,18 +264,18 @@ def step_figures(
     if np.isfinite(final):
         width = _BAND * abs(final if rises else peak)
         if width and abs(value[-1] - final) <= width:
-            below = _within(curve.solve(final - width), time)
-            above = _within(curve.solve(final + width), time)
+            below = _within_record(curve.solve(final - width), time)
+            above = _within_record(curve.solve(final + width), time)
             settles = float(np.concatenate([below, above, time[:1]]).max())
     return StepFigures(rise, overshoot, settles, peak, peak_time)
 
 
-def _first(curve: CubicHermiteSpline, time: _Real, height: float) -> float | None:
-    places = _within(curve.solve(height), time)
+def _first_crossing(curve: CubicHermiteSpline, time: _Real, height: float) -> float | None:
+    places = _within_record(curve.solve(height), time)
     return float(places.min()) if len(places) else None
 
 
-def _within(places: _Real, time: _Real) -> _Real:
+def _within_record(places: _Real, time: _Real) -> _Real:
     """Return the places within the record, without the nan of constant pieces."""
     good = np.isfinite(places)
     return np.asarray(places[good & (np.where(good, places, 0.0) >= time[0])])
@@ -331,7 +333,7 @@ def time_responses(
             cascade, system, "disturbance", names, places, disturbance_step, None, duration
         )
     if wind is not None:
-        gusts = _wind(cascade, judged, system, wind)
+        gusts = _simulate_wind(cascade, judged, system, wind)
     return TimeResponses(reference, disturbed, gusts, tuple(notes))
 
 
@@ -374,7 +376,7 @@ def _step(
     `Cascade.closed_loop`.
     """
     row, at = places
-    time, outputs, slopes = _record(cascade, system, row, at, size, rate, duration)
+    time, outputs, slopes = _simulate_step_record(cascade, system, row, at, size, rate, duration)
     final = size * final_value(system, row, at)
     is_reference = of == "reference"
     figures = step_figures(time, outputs[:, row], slopes[:, row], final, is_reference)
@@ -382,7 +384,7 @@ def _step(
     return StepResponse(of, float(size), *names, time, value, torque, final, **asdict(figures))
 
 
-def _record(
+def _simulate_step_record(
     cascade: Cascade,
     system: StateSpace,
     output: int,
@@ -392,7 +394,7 @@ def _record(
     duration: float | None,
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs of `Cascade.closed_loop` and their derivatives after a step."""
-    parts = schedule(system, output, at, duration)
+    parts = schedule_intervals(system, output, at, duration)
     delay = cascade.controller.dead_time
     opened = None
     if delay:
@@ -401,7 +403,7 @@ def _record(
     wanted = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
     late = min(wanted, int(_LONGEST_STEP * delay / long))
     if opened is None or late < min(wanted, _COARSEST):
-        return step_series(system, at, size, rate, parts)
+        return simulate_step(system, at, size, rate, parts)
     w = np.zeros(system.B.shape[1])
     w[at] = size
     start = np.zeros(opened.n_states)
@@ -422,7 +424,7 @@ def _thin_record(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real
     return time[keep], value[keep], torque[keep]
 
 
-def _wind(
+def _simulate_wind(
     cascade: Cascade,
     judged: JudgedLoop,
     system: StateSpace,
@@ -441,7 +443,7 @@ def _wind(
             "mean_torque": wind.mean_torque,
         }
     else:
-        time, torque = _series(wind)
+        time, torque = _read_series(wind)
     rest = final_value(system, _POINTING, _DISTURBANCE)
     if np.isnan(rest):
         rest, first = 0.0, 0.0
@@ -472,7 +474,7 @@ def _expected_rms(cascade: Cascade, judged: JudgedLoop, wind: Wind) -> tuple[flo
     return float(np.sqrt(total[-1])), 1.0 / (8.0 * top)
 
 
-def _series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
+def _read_series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
     try:
         time, values = given
         time = np.array(time, dtype=np.float64)
