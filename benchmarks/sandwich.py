@@ -23,10 +23,10 @@ from cases import chain12
 
 import updyn
 from updyn.frf import FRF
-from updyn.updating.fit.method import spread_of
+from updyn.updating.fit.method import residual_std
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, LogError, OutputError
+from updyn.updating.problem.residuals import LogError, OutputError, OutputErrorSet
 
 #: Method, relative noise, and floor as a share of the rms.
 NOISE = (
@@ -48,7 +48,7 @@ def others(problem: Part, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
     if log:
         r, J, residual = np.log(H / data), dH / H, LogError()
     else:
-        r, J, residual = (H - data) / level, dH / level, Each((OutputError(1.0 / level),))
+        r, J, residual = (H - data) / level, dH / level, OutputErrorSet((OutputError(1.0 / level),))
     local = residual.local(Problem.of([problem]), x)
     A = local.R.T @ local.R
     g = np.einsum("klab,lab->lk", J.conj(), r).real
@@ -58,7 +58,7 @@ def others(problem: Part, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
     few = lines / (lines - 1) * (2 * H.size - 1) / (2 * H.size - n)
     half = np.linalg.solve(A, g.T)
     return {
-        "plain": spread_of(local, H.size, n) * np.sqrt(np.diag(np.linalg.solve(A, np.eye(n)))),
+        "plain": residual_std(local, H.size, n) * np.sqrt(np.diag(np.linalg.solve(A, np.eye(n)))),
         "lines": np.sqrt(few * np.sum(half**2, axis=1)),
         "jackknife": np.sqrt((lines - 1) / lines * np.sum(left**2, axis=0)),
     }

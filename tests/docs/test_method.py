@@ -34,13 +34,13 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
         f"below {residuals.ROUNDING:.0e} of the largest of its line",
-        f"whose log error is at most {search._WORTH:g} times the least",
+        f"whose log error is at most {search._COST_RATIO:g} times the least",
         "Factors are moved by up to {:.0f} or {:.0f} %".format(
-            *(100 * far for far in search._BESIDE)
+            *(100 * far for far in search._NEARBY)
         ),
-        f"loss factors by {search._BESIDE_LOSS:g}; every",
+        f"loss factors by {search._NEARBY_LOSS:g}; every",
         f"or {search._HOPS_A_TRY * search.Search().starts} have found nothing better",
-        {0.5: "half of the band"}[search._NEIGHBOURS] + ", or any third of the lines",
+        {0.5: "half of the band"}[search._BAND_SHARE] + ", or any third of the lines",
         f"size leaves once in {1 / answers._SELDOM:.0f} times",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
         f"with a standard deviation above {100 * answers._UNSURE:g} %,",

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.demos.gear_train import starting_model, true_model
-from updyn.updating.fit.methods.reduced_frf import independently_reduced
+from updyn.updating.fit.methods.reduced_frf import reduce_independently
 from updyn.updating.problem.problem import Part
 
 EVERY = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
@@ -338,7 +338,7 @@ def test_reduced_model_is_the_exact_condensation_at_its_own_frequency(chain12, f
     data = updyn.response(undamped, lines, sensors, ["5:X"])
     problem = Part.build(undamped, data, chosen, tier=tier)
     x = problem.coordinates.to_x(chosen.start)
-    small = independently_reduced(problem, x, frequency)
+    small = reduce_independently(problem, x, frequency)
     H = small.block(x, slice(0, 2), derivatives=False).H
     assert H[0] == pytest.approx(data.values[0], rel=1e-10)
     assert np.abs(H[1] / data.values[1] - 1.0).max() > 1e-3

@@ -31,7 +31,7 @@ from updyn.planning.options import (
 )
 from updyn.planning.result import BandWorth, Plan, Rival
 from updyn.planning.screening import is_many, screen, where_reduced
-from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
+from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, fingerprint
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
@@ -194,14 +194,14 @@ def plan(
             about = (responses, references, freq, quantity, expected, session)
             among.append(Candidates.compile(start, unknowns, *about))
         ending.enter_context(
-            kept_in_file(session, checkpoint, lambda: _head(among, task), resume=resume)
+            checkpoint_session(session, checkpoint, lambda: _head(among, task), resume=resume)
         )
         try:
             found = [task.choose(*each, callback) for each in zip(bands, among, strict=True)]
             return task.plan(found, among[0], callback, compare=compare)
         except Stopped:
-            if isinstance(session.memory, Checkpoint):
-                session.memory.keep()
+            if isinstance(session.cache, Checkpoint):
+                session.cache.keep()
             text = "stopped before the end; no layout is selected"
             raise StoppedError(text) from None
 

@@ -20,7 +20,7 @@ from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, with_prior
+from updyn.updating.problem.residuals import LogError, add_prior
 
 __all__ = ["STARTS", "find_minima"]
 
@@ -121,17 +121,17 @@ def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
     x, far = item
     if far:
         lower, upper = likelihood.bounds
-        rough = likelihood.problem.thinned(SEARCH_LINES)
+        rough = likelihood.problem.thin(SEARCH_LINES)
 
         def evaluate(at: _Vector) -> Local | None:
             local = LogError().local(rough, at)
             if local is None:
                 return None
-            return with_prior(local, rough, at)
+            return add_prior(local, rough, at)
 
         if evaluate(x) is None:
             return None
-        settings = TrustRegion(SEARCH_STEPS, 1e-6, radius=0.3, relative_fall=1e-4)
+        settings = TrustRegion(SEARCH_STEPS, 1e-6, radius=0.3, min_relative_decrease=1e-4)
         x = settings.minimise(evaluate, x, rough.coordinates.relaxed_lower, upper).x
         x = np.clip(x, lower, upper)
     return likelihood.descend(x)

@@ -84,16 +84,16 @@ class BeforeSearch:
                     f"{name}{one.statement} {one.remedy or REMEDY}", UpdynWarning, stacklevel=4
                 )
 
-    def overruling(self, overrule: Callable[[], bool]) -> Callable[[], bool]:
+    def overruling(self, detect_data_fault: Callable[[], bool]) -> Callable[[], bool]:
         """Return the function that decides whether to end a search after its first tries.
 
-        `overrule` searches for a fault of the data that explains them.
+        `detect_data_fault` searches for a fault of the data that explains them.
         """
         if not self.few:
-            return overrule
+            return detect_data_fault
 
         def without_counterparts() -> bool:
-            overrule()  # for its findings, which are part of the result
+            detect_data_fault()  # for its findings, which are part of the result
             return True
 
         return without_counterparts

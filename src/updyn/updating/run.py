@@ -64,7 +64,7 @@ from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.session import Recent, Session, Stopped
+from updyn.updating.problem.session import RecentCache, Session, Stopped
 from updyn.updating.result import UpdateResult
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def run(
         split_modes(test.data, test.validation) for test in tests if isinstance(test.data, ModeSet)
     ]
     with ExitStack() as ending:
-        session = Session(ending.enter_context(opened_engine(options.engine)), Recent())
+        session = Session(ending.enter_context(opened_engine(options.engine)), RecentCache())
         largest = max((test.model.n_dofs for test in of_frfs), default=0)
         n_lines = sum(len(test.frf.freq) for test in of_frfs)
         reducing = bool(of_frfs) and is_reduced(
@@ -228,8 +228,8 @@ def run(
         causes = looked.after(found) if options.seek_causes else Causes()
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
-        if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
-            session.memory.keep()
+        if found.fit.reason == "stopped" and isinstance(session.cache, Checkpoint):
+            session.cache.keep()
     common = _common(problem, found, causes, selection, options, monitor)
     common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
     values = np.array(list(common["values"].values()))

@@ -38,7 +38,7 @@ class StaysAtStart(Method):
     cannot: ClassVar[tuple[str, ...]] = ("mass",)
 
     def fit(self, problem, noises, monitor, x):
-        return Fit.blind(x, "converged")
+        return Fit.without_jacobian(x, "converged")
 
 
 @dataclass(frozen=True, slots=True)

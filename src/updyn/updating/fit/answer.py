@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.residuals import Each
+from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = ["Answer"]
 
@@ -31,7 +31,7 @@ class Answer:
         Minus the log-likelihood, except for a constant that all answers share.
     noises : sequence of NoiseModel
         Noise model of the last descent, for each part of the problem.
-    residual : Each
+    residual : OutputErrorSet
         The residual whitened by this noise.
     local : Local or None
         The reduced problem at x, including priors; None after a stop.
@@ -43,6 +43,6 @@ class Answer:
     reason: str
     negative_log_likelihood: float
     noises: Sequence[NoiseModel]
-    residual: Each
+    residual: OutputErrorSet
     local: Local | None
     fixed_unknown: int | None = None

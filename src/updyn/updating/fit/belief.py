@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import log_error
+from updyn.updating.problem.residuals import make_log_error
 
 __all__ = ["SAME", "Belief"]
 
@@ -103,7 +103,9 @@ class Belief:
     def expected_cost(self) -> float:
         """Return the approximate log error of the noise alone, at the true values."""
         total = 0.0
-        for part, error in zip(self.problem.parts, log_error(self.problem).errors, strict=True):
+        for part, error in zip(
+            self.problem.parts, make_log_error(self.problem).errors, strict=True
+        ):
             assert part.frf.variance is not None
             assert error.weight is not None
             power = np.where(error.weight > 0.0, np.abs(part.frf.values) ** 2, 1.0)
@@ -117,7 +119,9 @@ class Belief:
     def _misfits(self, x: _Vector) -> list[NDArray[np.complex128]]:
         """Return w ln(H_A / H_X) of each part, 0 if either value is zero."""
         out = []
-        for part, error in zip(self.problem.parts, log_error(self.problem).errors, strict=True):
+        for part, error in zip(
+            self.problem.parts, make_log_error(self.problem).errors, strict=True
+        ):
             H, measured = part.responses(x), part.frf.values
             usable = (H != 0) & (measured != 0)
             ratio = np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)

@@ -31,7 +31,7 @@ from updyn.modal import ModeSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record, Session, digest
 
-__all__ = ["Checkpoint", "fingerprint", "kept_in_file"]
+__all__ = ["Checkpoint", "checkpoint_session", "fingerprint"]
 
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
@@ -42,7 +42,7 @@ _SYNC_S = 1.0
 
 
 class Checkpoint:
-    """Evaluations of a run in a file; a `Memory`.
+    """Evaluations of a run in a file; a `Cache`.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Checkpoint:
         if not path.parent.is_dir():
             raise OptionError(f"checkpoint {str(path)!r}: the folder does not exist")
         if resume:
-            self._open()
+            self._read_file()
 
     def get(self, key: bytes) -> Record | None:
         """Return the evaluation of a key, or None."""
@@ -84,15 +84,15 @@ class Checkpoint:
         self._file.seek(start)
         return _unpack(self._file.read(length))
 
-    def put(self, key: bytes, record: Record) -> None:
+    def store(self, key: bytes, record: Record) -> None:
         """Write an evaluation; if the disk is full or lost, warn and continue without the file."""
         if key in self._places or self._broken:
             return
         try:
             if self._file is None:
-                self._file = self._created()
+                self._file = self._create_file()
             start = self._file.seek(0, os.SEEK_END)
-            _write(self._file, _framed(key + _pack(record)))
+            _write(self._file, _frame(key + _pack(record)))
             if time.monotonic() - self._synced > _SYNC_S:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
@@ -108,7 +108,7 @@ class Checkpoint:
         """Create the file, if none exists, to resume from even before the first evaluation."""
         if self._file is None and not self._broken:
             try:
-                self._file = self._created()
+                self._file = self._create_file()
             except OSError as error:
                 self._give_up(error)
 
@@ -137,18 +137,18 @@ class Checkpoint:
     def __len__(self) -> int:
         return len(self._places)
 
-    def _created(self) -> FileIO:
+    def _create_file(self) -> FileIO:
         # Written under another name first: a file of the final name always has a complete header.
         temporary = self.path.with_name(f".{self.path.name}-{secrets.token_hex(6)}")
         try:
-            temporary.write_bytes(_MAGIC + _framed(self._head.encode()))
+            temporary.write_bytes(_MAGIC + _frame(self._head.encode()))
             temporary.replace(self.path)
         finally:
             temporary.unlink(missing_ok=True)
         # Unbuffered: bytes that a full disk rejected are not written again by later calls.
         return self.path.open("r+b", buffering=0)
 
-    def _open(self) -> None:
+    def _read_file(self) -> None:
         if not self.path.exists():
             # Not an error: the same command or script serves the first start and every later one.
             warnings.warn(
@@ -176,7 +176,7 @@ class Checkpoint:
         _, head = next(_records(file), (0, b""))
         if not head:
             raise FormatError("is the journal of a run, but its head is damaged", self.path)
-        differing = _differing(json.loads(head), json.loads(self._head))
+        differing = _describe_differences(json.loads(head), json.loads(self._head))
         if differing:
             raise OptionError(
                 f"checkpoint {str(self.path)!r} is of another run: {differing}; without resume the"
@@ -185,7 +185,7 @@ class Checkpoint:
 
 
 @contextmanager
-def kept_in_file(
+def checkpoint_session(
     session: Session,
     path: str | Path | None,
     head: Callable[[], Mapping[str, Any]],
@@ -207,7 +207,7 @@ def kept_in_file(
         yield
         return
     checkpoint = Checkpoint(Path(path), head(), resume=resume)
-    session.memory = checkpoint
+    session.cache = checkpoint
     try:
         yield
     finally:
@@ -261,7 +261,7 @@ def fingerprint(
     }
 
 
-def _differing(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+def _describe_differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return the differences of two fingerprints as text; empty if they agree."""
     if then["updyn"] != now["updyn"]:
         return f"updyn {then['updyn']} wrote it, this is {now['updyn']}"
@@ -272,16 +272,16 @@ def _differing(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
         parts.append("the data differ")
     for part in ("unknowns", "options"):
         names = sorted(then[part].keys() | now[part].keys())
-        odd = [n for n in names if then[part].get(n) != now[part].get(n)]
-        if odd:
-            shown = ", ".join(odd[:6])
-            if len(odd) > 6:
-                shown += f" and {len(odd) - 6} more"
+        changed = [n for n in names if then[part].get(n) != now[part].get(n)]
+        if changed:
+            shown = ", ".join(changed[:6])
+            if len(changed) > 6:
+                shown += f" and {len(changed) - 6} more"
             parts.append(f"the {part} differ ({shown})")
     return ", ".join(parts)
 
 
-def _framed(content: bytes) -> bytes:
+def _frame(content: bytes) -> bytes:
     return len(content).to_bytes(_LENGTH, "little") + content + _checksum(content)
 
 

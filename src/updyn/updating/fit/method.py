@@ -20,23 +20,23 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
+from updyn.updating.problem.residuals import Residual, add_prior, is_cached, make_log_error
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
     "Fit",
     "Method",
-    "Pull",
+    "Regularisation",
     "Rival",
     "Starts",
     "correlation_length",
     "descend",
     "descend_to_scale",
-    "in_units",
-    "known_length",
+    "divide_by_std",
+    "make_stopped_fit",
+    "record_correlation_length",
+    "residual_std",
     "serial_correlation",
-    "spread_of",
-    "stopped_at",
 ]
 
 _Vector = NDArray[np.float64]
@@ -50,7 +50,7 @@ _EXACT = 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pull:
+class Regularisation:
     """Regularisation of a fit.
 
     Attributes
@@ -84,14 +84,14 @@ class Starts:
         Whether tries from different starts ended in the first point.
     exact : bool
         Whether the residual at the first point is rounding of the data.
-    in_vain : bool
+    data_fault : bool
         Whether a fault of the data ended the search; no other answers are searched for then.
     """
 
     points: tuple[_Vector, ...]
     agreed: bool = False
     exact: bool = False
-    in_vain: bool = False
+    data_fault: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,9 +147,9 @@ class Fit:
         empty, it is sought among lines and sensors that could be added.
     rivals : tuple of Rival
         Other answers that fit equally well.
-    cause : str
+    describe_obstacle : str
         For a fit that failed, stalled, did not settle or ran out of steps: the obstacle in model or
-        data (`Method.cause`); may be empty.
+        data (`Method.describe_obstacle`); may be empty.
     remedy : str
         For a fit that failed: the advised action (`Method.failure_remedy`); may be empty.
     """
@@ -161,14 +161,14 @@ class Fit:
     note: str = ""
     local: Local | None = None
     unit: float = 1.0
-    pull: Pull | None = None
+    pull: Regularisation | None = None
     advice: str = ""
     rivals: tuple[Rival, ...] = ()
     cause: str = ""
     remedy: str = ""
 
     @classmethod
-    def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
+    def without_jacobian(cls, x: _Vector, reason: str, note: str = "") -> Fit:
         """Return a fit without a Jacobian; its identifiability is unknown."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
@@ -240,7 +240,7 @@ class Method(ABC):
         """Advice if the iteration breaks down; empty for the usual one, to start closer."""
         return ""
 
-    def cause(self, problem: Problem) -> str:
+    def describe_obstacle(self, problem: Problem) -> str:
         """Return a sentence on the obstacle to this method in model or data; may be empty.
 
         Called for a fit that failed, stalled or ran out of steps.
@@ -287,7 +287,7 @@ class Method(ABC):
         """
         return self.fit(problem, noises, monitor, starts.points[0])
 
-    def answer(
+    def evaluate_answer(
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
@@ -310,7 +310,7 @@ class Method(ABC):
         """
         return None
 
-    def others(
+    def find_candidates(
         self,
         models: Models,
         noises: Sequence[NoiseModel],
@@ -385,12 +385,12 @@ def descend(
 
     def evaluate(at: _Vector) -> Local | None:
         local = residual.local(problem, at)
-        return None if local is None else with_prior(in_units(local, unit), problem, at)
+        return None if local is None else add_prior(divide_by_std(local, unit), problem, at)
 
     start = evaluate(x)
     if start is None:
         raise SolverError(f"{residual.name}: the model cannot be solved where the fit starts")
-    if not monitor.begun:
+    if not monitor.has_begun:
         monitor.start(x, start)
     if monitor.stopped:
         return Outcome(x, start, "stopped")
@@ -398,9 +398,9 @@ def descend(
         return settings.minimise(evaluate, x, lower, upper, monitor.step, within)
     outermost = problem.coordinates.relaxed_lower if relax else lower
     # A descent that a box divides into rounds continues with the trust radius of the last round.
-    first = settings if problem.coordinates.box is None else monitor.resumed(settings, x)
+    first = settings if problem.coordinates.box is None else monitor.restore_radius(settings, x)
     outcome = first.minimise(evaluate, x, outermost, upper, monitor.step)
-    monitor.ended(outcome)
+    monitor.store_outcome(outcome)
     inside = np.clip(outcome.x, lower, upper)
     if (inside != outcome.x).any():
         try:
@@ -456,7 +456,7 @@ def descend_to_scale(
         As for `descend`.
     spread : callable, optional
         Returns the standard deviation of the residual from a point and its local problem, for
-        residuals other than of measured values (default `spread_of`).
+        residuals other than of measured values (default `residual_std`).
 
     Raises
     ------
@@ -479,7 +479,7 @@ def descend_to_scale(
             if local is None:
                 break
             if spread is None:
-                sigma = spread_of(local, problem.n_values, problem.n)
+                sigma = residual_std(local, problem.n_values, problem.n)
             else:
                 sigma = spread(outcome.x, local)
             if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
@@ -491,7 +491,7 @@ def descend_to_scale(
     return outcome
 
 
-def spread_of(local: Local, n_values: int, n: int) -> float:
+def residual_std(local: Local, n_values: int, n: int) -> float:
     """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
 
     If there are not more measured numbers than unknowns, it cannot be estimated, and that of
@@ -502,21 +502,21 @@ def spread_of(local: Local, n_values: int, n: int) -> float:
     return float(np.sqrt(2.0 * local.cost / (2 * n_values - n)))
 
 
-def in_units(local: Local, sigma: float) -> Local:
+def divide_by_std(local: Local, sigma: float) -> Local:
     """Return a reduced problem over the standard deviation of its residuals, unless that is 0."""
     return Local(local.cost / sigma**2, local.R / sigma, local.q / sigma) if sigma > 0.0 else local
 
 
-def stopped_at(problem: Problem, x: _Vector) -> Fit:
+def make_stopped_fit(problem: Problem, x: _Vector) -> Fit:
     """Return the fit that was stopped at x, with the Jacobian of the log error if it is cached.
 
     `problem` is that of the log error, with data that carry their variance.
     """
-    residual = log_error(problem)
+    residual = make_log_error(problem)
     local = residual.local(problem, x) if is_cached(residual, problem, x) else None
     if local is None or local.cost == 0.0:
-        return Fit.blind(x, "stopped")
-    sigma = spread_of(local, problem.n_values, problem.n)
+        return Fit.without_jacobian(x, "stopped")
+    sigma = residual_std(local, problem.n_values, problem.n)
     record = {
         "kind": "spread of the log error",
         "relative": float(np.sqrt(2.0) * sigma),
@@ -525,7 +525,7 @@ def stopped_at(problem: Problem, x: _Vector) -> Fit:
     return Fit(x, "stopped", local.R / sigma, (record | {"inflation": 1.0},) * len(problem.parts))
 
 
-def known_length(
+def record_correlation_length(
     problem: Problem,
     x: _Vector,
     whitened: Callable[[int, NDArray[np.complex128]], NDArray[np.complex128]],

@@ -22,7 +22,7 @@ __all__ = [
     "Monitor",
     "Progress",
     "condition",
-    "iterations_made",
+    "count_iterations",
 ]
 
 #: Stages after a fit with any method: identifiability, and causes of the residual.
@@ -72,7 +72,7 @@ class Monitor:
 
     Attributes
     ----------
-    overrule : callable, optional
+    detect_data_fault : callable, optional
         Examines the data and returns whether a fault of the data makes a search pointless.
     history : list of Iteration
         All steps so far.
@@ -82,38 +82,38 @@ class Monitor:
 
     problem: Problem
     callback: Callable[[Progress], bool | None] | None = None
-    overrule: Callable[[], bool] | None = field(default=None, init=False)
+    detect_data_fault: Callable[[], bool] | None = field(default=None, init=False)
     history: list[Iteration] = field(default_factory=list, init=False)
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
     _stage: str = field(default="", init=False)
     _n_lines: int = field(default=0, init=False)
     _accepted: int = field(default=0, init=False)
-    _in_vain: bool | None = field(default=None, init=False)
+    _data_fault: bool | None = field(default=None, init=False)
     _latest: Outcome | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if self.callback is not None:
-            self.problem.session.wants_stop = self._shown
+            self.problem.session.wants_stop = self._report_progress
 
     @property
     def stopped(self) -> bool:
         """Whether the callback has requested a stop."""
         return self.problem.session.stopped
 
-    def is_in_vain(self) -> bool:
+    def has_data_fault(self) -> bool:
         """Return whether a fault of the data makes a search pointless.
 
         The data are examined at the first call, so a search that succeeds at once does not need it.
         """
-        if self._in_vain is None:
-            self._in_vain = self.overrule is not None and self.overrule()
-        return self._in_vain
+        if self._data_fault is None:
+            self._data_fault = self.detect_data_fault is not None and self.detect_data_fault()
+        return self._data_fault
 
-    def ended(self, outcome: Outcome) -> None:
+    def store_outcome(self, outcome: Outcome) -> None:
         """Store the outcome of the latest descent."""
         self._latest = outcome
 
-    def resumed(self, settings: TrustRegion, x: NDArray[np.float64]) -> TrustRegion:
+    def restore_radius(self, settings: TrustRegion, x: NDArray[np.float64]) -> TrustRegion:
         """Return settings with the radius of the latest descent if it ran out of steps at x."""
         latest = self._latest
         if latest is None or not np.array_equal(latest.x, x):
@@ -135,7 +135,7 @@ class Monitor:
             self._stage, self._n_lines = before
 
     @property
-    def begun(self) -> bool:
+    def has_begun(self) -> bool:
         """Whether the current stage has recorded a step."""
         return bool(self.history) and self.history[-1].stage == self._stage
 
@@ -160,10 +160,10 @@ class Monitor:
             )
         )
         self._accepted += self.history[-1].counts
-        self._shown()
+        self._report_progress()
         return self.stopped
 
-    def _shown(self) -> bool:
+    def _report_progress(self) -> bool:
         """Call the callback with the current progress; return whether the fit should stop."""
         session = self.problem.session
         if self.callback is not None:
@@ -224,7 +224,7 @@ class Iteration:
         return self.accepted and self.number > 0 and self.step > 0
 
 
-def iterations_made(history: Sequence[Iteration]) -> list[int]:
+def count_iterations(history: Sequence[Iteration]) -> list[int]:
     """Return the number of iterations up to each entry of a history.
 
     An iteration is an accepted step. Rejected steps and the starting points of stages and tries are

@@ -53,12 +53,12 @@ from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import keeps_to_directions
-from updyn.updating.fit.search import coarse, scattered
+from updyn.updating.fit.search import scatter_points, thin_problem
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import fix_in_box
 from updyn.updating.problem.noise import Approximate, NoiseModel
-from updyn.updating.problem.problem import Part, Problem, shares_of
-from updyn.updating.problem.residuals import log_error
+from updyn.updating.problem.problem import Part, Problem, relative_levels
+from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["FINEST", "Reducing", "fallback", "is_reduced", "reduction_of"]
@@ -82,7 +82,7 @@ _FIRST_ROUNDS, _LOWERED = 12, 0.8
 #: Ratio of their trust radius to that of a fit: they only have to end near the answer.
 _WIDER = 4.0
 #: Settings of their descents.
-_DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
+_DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, min_relative_decrease=1e-3)
 #: Ratio of the accepted error at the start, which only serves tables and figures, to that at the
 #: end.
 _AT_START = 10.0
@@ -327,7 +327,7 @@ class Reducing:
             if self._may_search(strategy):
                 self._reached = self._begun(problem, strategy, noises, monitor)
         except Stopped:
-            return problem, Fit.blind(self._reached, "stopped")
+            return problem, Fit.without_jacobian(self._reached, "stopped")
         problem, fit = self._rounds(problem, strategy, noises, monitor, self._reached)
         if not self.certified or fit.reason in ("stopped", "failed"):
             return problem, fit
@@ -343,7 +343,7 @@ class Reducing:
         """
         with suppress(SolverError):
             x, is_settled = self._from_start(problem, noises, monitor)
-            if is_settled or (not monitor.stopped and monitor.is_in_vain()):
+            if is_settled or (not monitor.stopped and monitor.has_data_fault()):
                 with monitor.stage("reduce"):
                     if not self._is_near(x):
                         self._make(x)
@@ -364,13 +364,13 @@ class Reducing:
         The rounds minimise the log error, which has the widest basin of attraction, only until they
         are near a minimum: the fit follows.
         """
-        few = coarse(self.inside(problem), noises)
+        few = thin_problem(self.inside(problem), noises)
         x, cost = self._home, _log_cost(few, self._home)
         is_answer = is_enriched = False
         for _ in range(_FIRST_ROUNDS):
             with monitor.stage("approach", few):
                 boxed = few.with_box(self._box(_WIDER))
-                outcome = descend(boxed, log_error(boxed), x, monitor, _DOWN)
+                outcome = descend(boxed, make_log_error(boxed), x, monitor, _DOWN)
             before, x, cost = cost, outcome.x, outcome.local.cost
             self._reached = x
             is_answer, is_near = _is_answer(few, noises, x, cost), self._is_near(x)
@@ -386,7 +386,7 @@ class Reducing:
                 elif not is_near:
                     self._make(x)
             is_enriched = has_ended
-            few = coarse(self.inside(problem), noises)
+            few = thin_problem(self.inside(problem), noises)
         return x, is_answer
 
     @staticmethod
@@ -403,11 +403,11 @@ class Reducing:
         lowest = np.where(factor, self._home - _AWAY, 0.0)
         highest = np.where(factor, self._home + _AWAY, _LOSSY)
         middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
-        points = np.clip(scattered(middle, half, number, seed=0), *bounds)
-        samples = np.clip(scattered(middle, half, _SAMPLES, seed=1), *bounds)
+        points = np.clip(scatter_points(middle, half, number, seed=0), *bounds)
+        samples = np.clip(scatter_points(middle, half, _SAMPLES, seed=1), *bounds)
         for part in self._parts:
             part.build_around([self._home, *points], [self._home, *samples])
-        return self.inside(problem).thinned(_SEARCHED)
+        return self.inside(problem).thin(_SEARCHED)
 
     def _rough(self, problem: Problem, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
         """Return noise models that include the error of the search basis in each channel."""
@@ -433,7 +433,7 @@ class Reducing:
         If `fixed_unknown` is given, that unknown stays at its value in x.
         """
         near, left = False, strategy.max_iterations
-        fit = Fit.blind(x, "stopped")
+        fit = Fit.without_jacobian(x, "stopped")
         is_ready = True  # the basis was built or enriched at x
         try:
             for number in range(_ROUNDS):
@@ -521,7 +521,9 @@ class Reducing:
                 if self._x is not chosen.place:
                     self._use_again(chosen)
             models = _About.of(self, chosen)
-            for point in strategy.others(models, noises, monitor, chosen.answer, self._ends):
+            for point in strategy.find_candidates(
+                models, noises, monitor, chosen.answer, self._ends
+            ):
                 if monitor.stopped:
                     break
                 if any(is_same(point, one.answer) for one in [*known, *found]):
@@ -550,7 +552,7 @@ class Reducing:
             return None
         if fixed_unknown is None:
             valley_start = None
-        answer = strategy.answer(problem, noises, fit.x, fixed_unknown, valley_start)
+        answer = strategy.evaluate_answer(problem, noises, fit.x, fixed_unknown, valley_start)
         if answer is None:
             return None
         certificates = [part.certificate for part in self._parts]
@@ -579,9 +581,9 @@ class Reducing:
         The log error is weighted with the noise, as in the search: values of faint channels are
         rounding.
         """
-        before = _log_cost(coarse(problem, noises), self._home)
+        before = _log_cost(thin_problem(problem, noises), self._home)
         self._make(x)
-        if _log_cost(coarse(self.inside(problem), noises), x) <= before:
+        if _log_cost(thin_problem(self.inside(problem), noises), x) <= before:
             return x
         self._make(self._home)
         return self._home
@@ -797,7 +799,7 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
 
 def _faintest(frf: FRF) -> float:
     """Return the ratio of the faintest channel's level to the loudest one's, without rounding."""
-    share = shares_of(frf.values, frf)
+    share = relative_levels(frf.values, frf)
     return float(share[share > FINEST].min(initial=1.0))
 
 
@@ -808,7 +810,7 @@ def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost:
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:
-    local = log_error(problem).local(problem, x)
+    local = make_log_error(problem).local(problem, x)
     if local is None:
         return np.inf
     return local.cost

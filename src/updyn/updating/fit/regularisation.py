@@ -21,13 +21,13 @@ from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.group import is_number
 from updyn.text_table import counted
-from updyn.updating.fit.method import Fit, Method, Pull, Starts, in_units
+from updyn.updating.fit.method import Fit, Method, Regularisation, Starts, divide_by_std
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.noise.known import Wrapping
+from updyn.updating.problem.noise.known import WrappedNoise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Stopped
@@ -452,7 +452,7 @@ class _Run:
             record["curvature"] = list(map(spectrum.curvature, curve))
         note = self._said(how, strength, spectrum, settled)
         weight = np.where(self.free, strength, 0.0)
-        return replace(fit, pull=Pull(weight, None, note, record))
+        return replace(fit, pull=Regularisation(weight, None, note, record))
 
     def _said(self, how: str, strength: float, spectrum: Spectrum, settled: bool) -> str:
         if how != "stated" and strength <= 1.01 * WEAKEST:
@@ -516,7 +516,7 @@ class _Run:
         )
         if not settled:
             note += " The directions had not settled after the last of their rounds."
-        return replace(fit, pull=Pull(np.zeros(len(x)), within, note, record))
+        return replace(fit, pull=Regularisation(np.zeros(len(x)), within, note, record))
 
     def _directions(self, spectrum: Spectrum, number: int) -> NDArray[np.float64]:
         """Return orthonormal directions: leading singular vectors, and the unknowns with priors."""
@@ -566,7 +566,7 @@ class _Run:
         Unknowns with a prior adapt to the others; they are eliminated together with it.
         """
         assert fit.local is not None
-        local = fit.local if self.unit is None else in_units(fit.local, self.unit / fit.unit)
+        local = fit.local if self.unit is None else divide_by_std(fit.local, self.unit / fit.unit)
         scale = _inflation(fit)
         home, own = self.problem.coordinates.prior
         A = np.vstack([local.R, np.diag(own)]) / scale
@@ -582,7 +582,7 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Held(Wrapping):
+class _Held(WrappedNoise):
     """Noise model that is not refitted."""
 
     base: NoiseModel

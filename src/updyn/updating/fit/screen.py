@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each
+from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = ["Screen"]
 
@@ -88,7 +88,7 @@ class Screen:
 
     @classmethod
     def of(
-        cls, problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
+        cls, problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: OutputErrorSet
     ) -> Screen:
         """Return the screen of answer x, from the noise and whitened residual of its descent."""
         if any(noise.heavy_tails for noise in noises):

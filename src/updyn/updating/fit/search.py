@@ -36,10 +36,17 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
-from updyn.updating.problem.session import Recent, Record, Session, Stopped
+from updyn.updating.problem.residuals import Residual, add_prior, is_cached, make_log_error
+from updyn.updating.problem.session import RecentCache, Record, Session, Stopped
 
-__all__ = ["MOST_STARTS", "SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
+__all__ = [
+    "MOST_STARTS",
+    "SEARCH_LINES",
+    "SEARCH_STEPS",
+    "Search",
+    "scatter_points",
+    "thin_problem",
+]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "tuple[list[tuple[bytes, Record]], int]"
@@ -61,22 +68,22 @@ SEARCH_STEPS = 60
 _INFLATED = (0.3, 0.1, 1.0)
 #: Distances from a point, used in turn, at which tries near it start: in logarithms of factors; in
 #: loss factors.
-_BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
+_NEARBY, _NEARBY_LOSS = (0.1, 0.2), 0.02
 #: Period, in tries, of those that begin with one unknown put back to its start.
-_BY_TURNS = 3
+_RESET_PERIOD = 3
 #: Tries that begin at the point itself descend first on a share of the lines: in turn on random
 #: lines and on a contiguous band.
-_ANY, _NEIGHBOURS = 1.0 / 3.0, 0.5
+_RANDOM_SHARE, _BAND_SHARE = 1.0 / 3.0, 0.5
 #: Tries near a point stop after this number, for each try of the search, without a better end.
 _HOPS_A_TRY = 2
 #: Number of tries without a plausible end after which a fault of the data is considered.
-_DOUBTED = 3
+_TRIES_BEFORE_DOUBT = 3
 #: Ratio of the number of steps of the continued best try to that of a try.
-_LONG = 5
+_LONGER = 5
 #: Largest number of rounds of tries.
 _SEARCHES = 3
 #: Ends of tries that are fitted: those within this factor of the least cost; largest number.
-_WORTH, _KEPT = 1.5, 4
+_COST_RATIO, _MOST_FITTED = 1.5, 4
 #: Unknowns with a larger standard deviation than this are moved.
 _UNSURE = 0.01
 #: Largest number of unknowns that are moved.
@@ -86,7 +93,7 @@ _FAR = 8.0
 #: Largest number of rounds of such moves.
 _ROUNDS = 2
 #: Stop a try when the remaining decrease is below 0.01 standard deviations.
-_ENOUGH = 1e-5
+_NEGLIGIBLE_DECREASE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,64 +123,73 @@ class Search:
 
     @property
     def _settings(self) -> TrustRegion:
-        return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
+        return TrustRegion(
+            self.max_iterations, 1e-9, radius=0.3, min_relative_decrease=_NEGLIGIBLE_DECREASE
+        )
 
     def run(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return the ends of tries that are worth a fit, in order of increasing log error.
 
-        `problem` is that of `coarse`. The points are within the bounds.
+        `problem` is that of `thin_problem`. The points are within the bounds.
         """
         belief = Belief(problem, all(noise.size_known for noise in noises))
-        agreed, in_vain = False, False
+        agreed, data_fault = False, False
         ends: list[Outcome] = []
         with suppress(Stopped):  # return the best so far
             for number in range(_SEARCHES):
-                way, begun = _on_few_lines(problem) if number == 0 else problem, len(ends)
-                starts = self._points(problem, number)
-                agreed = self._tried(problem, way, starts, belief, monitor, ends)
-                in_vain = not agreed and not monitor.stopped and monitor.is_in_vain()
-                if agreed and way is not problem and not belief.is_plausible(min(ends, key=_cost)):
-                    agreed = self._again(problem, belief, monitor, ends)
-                if agreed or in_vain or monitor.stopped:
+                thinned, first_new = (
+                    _select_few_lines(problem) if number == 0 else problem,
+                    len(ends),
+                )
+                starts = self._draw_starts(problem, number)
+                agreed = self._run_tries(problem, thinned, starts, belief, monitor, ends)
+                data_fault = not agreed and not monitor.stopped and monitor.has_data_fault()
+                if (
+                    agreed
+                    and thinned is not problem
+                    and not belief.is_plausible(min(ends, key=_cost))
+                ):
+                    agreed = self._repeat_on_all_lines(problem, belief, monitor, ends)
+                if agreed or data_fault or monitor.stopped:
                     break
-                self._deepen(problem, way, begun, belief, monitor, ends)
+                self._refine_best(problem, thinned, first_new, belief, monitor, ends)
                 if ends and belief.is_plausible(min(ends, key=_cost)):
                     break
         home = problem.coordinates.home
-        found = [end.x for end in _distinct(ends)] or [home]
+        found = [end.x for end in _select_distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
         exact = agreed and belief.is_exact(min(ends, key=_cost))
-        return Starts(points, agreed, exact, in_vain)
+        return Starts(points, agreed, exact, data_fault)
 
-    def _tried(
+    def _run_tries(
         self,
         problem: Problem,
-        way: Problem,
+        thinned: Problem,
         starts: Iterator[_Vector],
         belief: Belief,
         monitor: Monitor,
         ends: list[Outcome],
     ) -> bool:
         """Append the ends of tries to `ends`; return whether the best end is accepted."""
-        attempt = _try_on_all if way is problem else _try
-        with closing(self._ahead(attempt, problem, starts, way)) as points:
+        attempt = _try_on_all if thinned is problem else _try
+        with closing(self._evaluate_ahead(attempt, problem, starts, thinned)) as points:
             for start in points:
-                outcome = self._try_from(problem, way, start, monitor)
+                outcome = self._try_from(problem, thinned, start, monitor)
                 if outcome is not None:
                     ends.append(outcome)
                 believed = belief.is_accepted(ends)
-                if monitor.stopped or believed or self._is_in_vain(belief, monitor, ends):
+                if monitor.stopped or believed or self._has_data_fault(belief, monitor, ends):
                     return believed
         return False
 
     @staticmethod
-    def _is_in_vain(belief: Belief, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
+    def _has_data_fault(belief: Belief, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
         """Return whether the first tries found no answer because of a fault of the data."""
-        if len(ends) < _DOUBTED or belief.is_plausible(min(ends, key=_cost)):
+        if len(ends) < _TRIES_BEFORE_DOUBT or belief.is_plausible(min(ends, key=_cost)):
             return False
-        return monitor.is_in_vain()
+        return monitor.has_data_fault()
 
-    def _again(
+    def _repeat_on_all_lines(
         self, problem: Problem, belief: Belief, monitor: Monitor, ends: list[Outcome]
     ) -> bool:
         """Repeat the first tries on all lines; return whether the best end is accepted.
@@ -181,46 +197,51 @@ class Search:
         On few lines, tries can agree on an end whose residual is more than noise, although they
         end apart on all lines.
         """
-        own: list[Outcome] = []
-        agreed = self._tried(problem, problem, self._points(problem), belief, monitor, own)
-        ends += own
-        return agreed and min(map(_cost, own)) <= min(map(_cost, ends)) * (1.0 + SAME)
+        new_ends: list[Outcome] = []
+        agreed = self._run_tries(
+            problem, problem, self._draw_starts(problem), belief, monitor, new_ends
+        )
+        ends += new_ends
+        return agreed and min(map(_cost, new_ends)) <= min(map(_cost, ends)) * (1.0 + SAME)
 
-    def _deepen(
+    def _refine_best(
         self,
         problem: Problem,
-        way: Problem,
-        begun: int,
+        thinned: Problem,
+        first_new: int,
         belief: Belief,
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
-        """Append the ends of further descents from the best end of the round that began at `begun`.
+        """Append the ends of further descents from the best end of the latest round.
 
-        Ends of earlier rounds are omitted, because their neighbourhood is known. Another basin may
-        be nearer to the answer even if its end is not the best of all.
+        `first_new` is the index of its first end. Ends of earlier rounds are omitted, because their
+        neighbourhood is known. Another basin may be nearer to the answer even if its end is not the
+        best of all.
         """
-        own = min(ends[begun:], key=_cost, default=None)
-        if own is None or any(_is_same(own, end) for end in ends[:begun]):
+        best = min(ends[first_new:], key=_cost, default=None)
+        if best is None or any(_is_same(best, end) for end in ends[:first_new]):
             return
-        self._go_on(problem, monitor, own, ends)
-        self._hop(problem, way, min(ends[begun:], key=_cost), belief, monitor, ends)
+        self._continue_best(problem, monitor, best, ends)
+        self._search_nearby(
+            problem, thinned, min(ends[first_new:], key=_cost), belief, monitor, ends
+        )
 
-    def _go_on(
+    def _continue_best(
         self, problem: Problem, monitor: Monitor, best: Outcome, ends: list[Outcome]
     ) -> None:
         """Append the end of a try continued with a larger number of steps."""
         if best.reason != "max-iterations":
             return
-        longer = replace(self._settings, max_iterations=_LONG * self.max_iterations)
-        end = self._relaxed_descent(problem, log_error(problem), best.x, monitor, longer)
+        longer = replace(self._settings, max_iterations=_LONGER * self.max_iterations)
+        end = self._relaxed_descent(problem, make_log_error(problem), best.x, monitor, longer)
         if end is not None:
             ends.append(end)
 
-    def _hop(
+    def _search_nearby(
         self,
         problem: Problem,
-        way: Problem,
+        thinned: Problem,
         best: Outcome,
         belief: Belief,
         monitor: Monitor,
@@ -236,57 +257,65 @@ class Search:
         while number - last < _HOPS_A_TRY * self.starts and not (
             monitor.stopped or belief.is_plausible(best)
         ):
-            end = self._try_beside(problem, way, best.x, number, monitor)
+            end = self._try_nearby(problem, thinned, best.x, number, monitor)
             number += 1
             if end is not None and end.local.cost < best.local.cost * (1.0 - SAME):
                 best, last = end, number
                 ends.append(best)
 
-    def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
+    def try_nearby(
+        self, problem: Problem, x: _Vector, number: int, monitor: Monitor
+    ) -> _Vector | None:
         """Return the end, shape (n,), of try `number` near x, or None if the model is singular.
 
         Minima of the misfit occur in groups: from a short distance the next one is more likely in
         reach than from a start far from all of them. Every third such try begins with one unknown
         put back to its start, in turn those far from it: the resonance of a part may have been
-        taken for that of another. `problem` is that of `coarse`.
+        taken for that of another. `problem` is that of `thin_problem`.
         """
-        end = self._try_beside(problem, _on_few_lines(problem), x, number, monitor)
+        end = self._try_nearby(problem, _select_few_lines(problem), x, number, monitor)
         return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
 
-    def _try_beside(
-        self, problem: Problem, way: Problem, x: _Vector, number: int, monitor: Monitor
+    def _try_nearby(
+        self, problem: Problem, thinned: Problem, x: _Vector, number: int, monitor: Monitor
     ) -> Outcome | None:
         number, on_some = divmod(number, 2)
         if on_some:
-            some = _on_some_lines(problem, number, self.seed)
+            some = _select_some_lines(problem, number, self.seed)
             if some is not None:
                 return self._try_from(problem, some, x, monitor)
-        put_back = list(_put_back(problem, x)) if number % _BY_TURNS == _BY_TURNS - 1 else []
-        if put_back:
-            moved = put_back[number // _BY_TURNS % len(put_back)]
+        resets = (
+            list(_reset_single_unknowns(problem, x))
+            if number % _RESET_PERIOD == _RESET_PERIOD - 1
+            else []
+        )
+        if resets:
+            moved = resets[number // _RESET_PERIOD % len(resets)]
         else:
             is_factor = problem.coordinates.parameters.is_factor
-            far = np.where(is_factor, _BESIDE[number % len(_BESIDE)], _BESIDE_LOSS)
-            (moved,) = scattered(x, far, 1, self.seed + number)
+            far = np.where(is_factor, _NEARBY[number % len(_NEARBY)], _NEARBY_LOSS)
+            (moved,) = scatter_points(x, far, 1, self.seed + number)
         moved = np.clip(moved, *problem.coordinates.bounds)
-        levels = self._levels(problem)
-        start = _inflated(problem, moved, levels[number % len(levels)])
-        return self._try_from(problem, way, start, monitor)
+        levels = self._loss_levels(problem)
+        start = _raise_loss_factors(problem, moved, levels[number % len(levels)])
+        return self._try_from(problem, thinned, start, monitor)
 
     def _try_from(
-        self, problem: Problem, way: Problem, x: _Vector, monitor: Monitor
+        self, problem: Problem, thinned: Problem, x: _Vector, monitor: Monitor
     ) -> Outcome | None:
-        """Return the end of a try, or None if the model cannot be solved on the way.
+        """Return the end of a try, or None if the model cannot be solved along the path.
 
-        The try descends on the lines of `way` and ends on all lines.
+        The try descends on the lines of `thin` and ends on all lines.
         """
-        if way is not problem:
-            with monitor.stage("search", way):
-                lowest = self._relaxed_descent(way, log_error(way), x, monitor, self._settings)
+        if thinned is not problem:
+            with monitor.stage("search", thinned):
+                lowest = self._relaxed_descent(
+                    thinned, make_log_error(thinned), x, monitor, self._settings
+                )
             if lowest is None or monitor.stopped:
                 return None
             x = lowest.x
-        return self._relaxed_descent(problem, log_error(problem), x, monitor, self._settings)
+        return self._relaxed_descent(problem, make_log_error(problem), x, monitor, self._settings)
 
     @staticmethod
     def _relaxed_descent(
@@ -296,7 +325,7 @@ class Search:
 
         def evaluate(at: _Vector) -> Local | None:
             local = residual.local(problem, at)
-            return None if local is None else with_prior(local, problem, at)
+            return None if local is None else add_prior(local, problem, at)
 
         first = evaluate(x)
         if first is None:
@@ -306,23 +335,27 @@ class Search:
         return settings.minimise(evaluate, x, relaxed, upper, monitor.step)
 
     def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
-        return descend(problem, log_error(problem), x, monitor, self._settings)
+        return descend(problem, make_log_error(problem), x, monitor, self._settings)
 
-    def _ahead(
-        self, attempt: _Attempt, problem: Problem, points: Iterable[_Vector], begun: Problem
+    def _evaluate_ahead(
+        self,
+        attempt: _Attempt,
+        problem: Problem,
+        points: Iterable[_Vector],
+        evaluated_first: Problem,
     ) -> _Points:
         """Yield starts; with several workers, the attempts from them are evaluated ahead.
 
-        `begun` is the problem that an attempt evaluates first.
+        `evaluated_first` is the problem that an attempt evaluates first.
         """
         session = problem.session
-        if session.engine.workers == 1 or session.memory is None or problem.spreads:
+        if session.engine.workers == 1 or session.cache is None or problem.spreads:
             yield from points
             return
-        points, error = list(points), log_error(begun)
+        points, error = list(points), make_log_error(evaluated_first)
         known, items = [], []
         for start in points:
-            cached = is_cached(error, begun, start)
+            cached = is_cached(error, evaluated_first, start)
             known.append(cached)
             if not cached:
                 items.append((self, start))
@@ -334,25 +367,25 @@ class Search:
                     session.remember(found)
                 yield start
 
-    def _levels(self, problem: Problem) -> tuple[float, ...]:
+    def _loss_levels(self, problem: Problem) -> tuple[float, ...]:
         """Return the levels to which loss factors are raised, in turn."""
         loss = ~problem.coordinates.parameters.is_factor
         return _INFLATED if self.inflate and loss.any() else (0.0,)
 
-    def _points(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
+    def _draw_starts(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
         start, bounds = problem.coordinates.home, problem.coordinates.bounds
         is_factor = problem.coordinates.parameters.is_factor
-        levels = self._levels(problem)
+        levels = self._loss_levels(problem)
         plain = levels[: self.starts] if number == 0 else ()
         for level in plain:
-            yield _inflated(problem, start, level)
+            yield _raise_loss_factors(problem, start, level)
         rest, far = self.starts - len(plain), self.spread * (1 + number)
         if rest > 0:
-            draws = scattered(start, 1.0, rest, self.seed + number)
+            draws = scatter_points(start, 1.0, rest, self.seed + number)
             for i, draw in enumerate(draws):
                 moved = start + far * (1 + i % 2) * (draw - start)
                 moved = np.clip(np.where(is_factor, moved, start), *bounds)
-                yield _inflated(problem, moved, levels[i % len(levels)])
+                yield _raise_loss_factors(problem, moved, levels[i % len(levels)])
 
     def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
         """Return a better minimum near a minimum x of the log error, shape (n,), or x itself.
@@ -370,7 +403,9 @@ class Search:
             for _ in range(_ROUNDS):
                 before = best.local.cost
                 with closing(
-                    self._ahead(_descend, problem, self._neighbours(problem, best), problem)
+                    self._evaluate_ahead(
+                        _descend, problem, self._move_uncertain_unknowns(problem, best), problem
+                    )
                 ) as points:
                     for start in points:
                         if monitor.stopped:
@@ -385,7 +420,7 @@ class Search:
         return x if best is None else best.x
 
     @staticmethod
-    def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Vector]:
+    def _move_uncertain_unknowns(problem: Problem, at: Outcome) -> Iterator[_Vector]:
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         found = resolve(at.local.R / unit)
         std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
@@ -396,17 +431,17 @@ class Search:
                     yield problem.coordinates.with_one(at.x, i, value)
 
 
-def _inflated(problem: Problem, x: _Vector, level: float) -> _Vector:
+def _raise_loss_factors(problem: Problem, x: _Vector, level: float) -> _Vector:
     """Return x with loss factors raised to a level, within bounds; higher ones are kept."""
     loss = ~problem.coordinates.parameters.is_factor
     return np.where(loss, np.clip(np.maximum(x, level), *problem.coordinates.bounds), x)
 
 
-def _put_back(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    """Yield points with one unknown of x put back to its start, the farthest from it first."""
+def _reset_single_unknowns(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+    """Yield points with one unknown of x reset to its start, the farthest from it first."""
     coordinates = problem.coordinates
     home = coordinates.home
-    far = np.abs(x - home) / np.where(coordinates.parameters.is_factor, _BESIDE[0], _BESIDE_LOSS)
+    far = np.abs(x - home) / np.where(coordinates.parameters.is_factor, _NEARBY[0], _NEARBY_LOSS)
     for i in np.argsort(-far):
         if far[i] > 1.0:
             yield coordinates.with_one(x, i, home[i])
@@ -416,14 +451,14 @@ def _cost(end: Outcome) -> float:
     return end.local.cost
 
 
-def _distinct(ends: list[Outcome]) -> list[Outcome]:
+def _select_distinct(ends: list[Outcome]) -> list[Outcome]:
     """Return one end of each basin, of the tries that are not much worse than the best."""
     found: list[Outcome] = []
-    most = _WORTH * min(map(_cost, ends), default=0.0)
+    most = _COST_RATIO * min(map(_cost, ends), default=0.0)
     for end in sorted(ends, key=_cost):
         if end.local.cost <= most and not any(_is_same(end, other) for other in found):
             found.append(end)
-    return found[:_KEPT]
+    return found[:_MOST_FITTED]
 
 
 def _is_same(a: Outcome, b: Outcome) -> bool:
@@ -432,16 +467,16 @@ def _is_same(a: Outcome, b: Outcome) -> bool:
     return bool(moved @ moved <= SAME * b.local.cost)
 
 
-def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
+def thin_problem(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
     """Return the problem of the search: some lines, with the known noise as variance."""
     parts = []
     for part, noise in zip(problem.parts, noises, strict=True):
-        frf = replace(part.frf, variance=noise.beforehand(part.frf))
-        parts.append(replace(part, frf=frf).thinned(SEARCH_LINES))
+        frf = replace(part.frf, variance=noise.initial_variance(part.frf))
+        parts.append(replace(part, frf=frf).thin(SEARCH_LINES))
     return replace(problem, parts=tuple(parts))
 
 
-def _on_few_lines(problem: Problem) -> Problem:
+def _select_few_lines(problem: Problem) -> Problem:
     """Return the problem on few lines; the problem itself if it has hardly more."""
     if not problem.parts:
         return problem
@@ -449,10 +484,10 @@ def _on_few_lines(problem: Problem) -> Problem:
     few = max(_FEW, math.ceil(_NUMBERS * problem.n / numbers))
     if all(part.n_lines < 2 * few for part in problem.parts):
         return problem
-    return problem.thinned(few)
+    return problem.thin(few)
 
 
-def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
+def _select_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
     """Return the problem on a share of its lines; None if these are too few for the unknowns.
 
     A false minimum on all lines is mostly not a minimum on a part of them; the answer is a minimum
@@ -466,19 +501,19 @@ def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
     least = math.ceil(_NUMBERS * problem.n / numbers)
     parts = []
     for part in problem.parts:
-        share = _ANY if any_lines else _NEIGHBOURS
+        share = _RANDOM_SHARE if any_lines else _BAND_SHARE
         n, some = part.n_lines, max(math.ceil(share * part.n_lines), least)
         if some >= n:
             return None
         if any_lines:
-            own = np.sort(rng.choice(n, some, replace=False))
+            lines = np.sort(rng.choice(n, some, replace=False))
         else:
-            own = round(_spread(turn) * (n - some)) + np.arange(some)
-        parts.append(replace(part, frf=part.frf.select(lines=part.frf.freq[own])))
+            lines = round(_van_der_corput(turn) * (n - some)) + np.arange(some)
+        parts.append(replace(part, frf=part.frf.select(lines=part.frf.freq[lines])))
     return problem.with_parts(parts)
 
 
-def _spread(turn: int) -> float:
+def _van_der_corput(turn: int) -> float:
     """Return 1/2, 1/4, 3/4, 1/8, ... in turn, each far from those before (van der Corput 1935)."""
     place, share, rest = 0.0, 0.5, turn + 1
     while rest:
@@ -487,7 +522,7 @@ def _spread(turn: int) -> float:
     return place
 
 
-def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
+def scatter_points(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
     """Return points of a Latin hypercube of half-width `far` about x, shape (number, n)."""
     from scipy.stats import qmc  # slow to import and seldom needed
 
@@ -498,27 +533,29 @@ def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArr
 def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     """Make a try that descends on few lines, in a worker; return all its evaluations."""
     search, start = item
-    return _recorded(
+    return _record_evaluations(
         problem,
-        lambda alone: search._try_from(alone, _on_few_lines(alone), start, Monitor(alone)),
+        lambda alone: search._try_from(alone, _select_few_lines(alone), start, Monitor(alone)),
     )
 
 
 def _try_on_all(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     """Make a try on all lines, in a worker; return all its evaluations."""
     search, start = item
-    return _recorded(problem, lambda alone: search._try_from(alone, alone, start, Monitor(alone)))
+    return _record_evaluations(
+        problem, lambda alone: search._try_from(alone, alone, start, Monitor(alone))
+    )
 
 
 def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     """Make a descent in a worker; return all its evaluations."""
     search, x = item
-    return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
+    return _record_evaluations(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
 
 
-def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
-    memory = Recent(limit=np.inf)
-    session = Session(memory=memory)
+def _record_evaluations(problem: Problem, work: Callable[[Problem], object]) -> _Found:
+    memory = RecentCache(limit=np.inf)
+    session = Session(cache=memory)
     with suppress(SolverError):  # raised again when the try takes its turn
         work(problem.with_session(session))
     return memory.items, session.lines_solved

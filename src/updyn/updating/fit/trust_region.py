@@ -43,10 +43,10 @@ _ROUNDING = 1e-6
 #: Predicted decrease, as a share of the cost, below which a point is next to a minimum.
 _NEAR_MINIMUM = 1e-6
 #: An undetermined combination keeps its value within this number of standard deviations.
-_NEAR = 2.0
+_NEAR_STDS = 2.0
 
 
-def _unknown(local: Local) -> float:
+def _zero_std(local: Local) -> float:
     return 0.0
 
 
@@ -106,7 +106,7 @@ class TrustRegion:
         Converged when a step and the predicted decrease of the cost are below this, relative.
     radius : float
         First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
-    fall, relative_fall : float
+    min_decrease, min_relative_decrease : float
         Also converged when the linear model predicts no larger decrease of the cost, absolute or
         relative, for a step of any length.
     noise : callable
@@ -117,13 +117,13 @@ class TrustRegion:
     max_iterations: int = 100
     tolerance: float = 1e-10
     radius: float = 0.5
-    fall: float = 0.0
-    relative_fall: float = 0.0
-    noise: Callable[[Local], float] = _unknown
+    min_decrease: float = 0.0
+    min_relative_decrease: float = 0.0
+    noise: Callable[[Local], float] = _zero_std
 
     @property
     def _share(self) -> float:
-        return max(self.tolerance**2, self.relative_fall)
+        return max(self.tolerance**2, self.min_relative_decrease)
 
     def minimise(
         self,
@@ -153,91 +153,94 @@ class TrustRegion:
         -------
         Outcome
         """
-        here = evaluate(x)
-        if here is None:
+        current = evaluate(x)
+        if current is None:
             raise ArithmeticError("the start cannot be evaluated")
         radius = self.radius
-        curvature = _Curvature.unknown(len(x))
+        curvature = _Curvature.zero(len(x))
         for _ in range(self.max_iterations):
-            noise = self.noise(here)
-            curved = curvature.used
-            model = curvature.added_to(here) if curved else here
-            p, fall, limited = _step(model, x, lower, upper, radius, within, noise)
+            noise = self.noise(current)
+            curved = curvature.is_used
+            model = curvature.add_to(current) if curved else current
+            p, decrease, limited = _step(model, x, lower, upper, radius, within, noise)
             length = float(np.abs(p).max(initial=0.0))
             # If the radius limits the step, its decrease does not measure the distance to the
             # minimum.
-            left = fall
+            remaining = decrease
             if limited or curved:
-                left = _step(here, x, lower, upper, np.inf, within, noise)[1]
-            nowhere = length == 0.0 or fall <= 0.0
-            if left <= max(self.fall, self._share * here.cost) or (nowhere and not curved):
-                return Outcome(x, here, "converged")
-            if nowhere:
-                curvature = _Curvature.unknown(len(x))
+                remaining = _step(current, x, lower, upper, np.inf, within, noise)[1]
+            has_no_step = length == 0.0 or decrease <= 0.0
+            if remaining <= max(self.min_decrease, self._share * current.cost) or (
+                has_no_step and not curved
+            ):
+                return Outcome(x, current, "converged")
+            if has_no_step:
+                curvature = _Curvature.zero(len(x))
                 continue
             # Steps shortened by the learnt curvature alone must not look like convergence.
-            near = not curved or left <= max(_NEAR_MINIMUM, self._share) * here.cost
+            near = not curved or remaining <= max(_NEAR_MINIMUM, self._share) * current.cost
             trial = np.clip(x + p, lower, upper)
             try:
-                there = evaluate(trial)
+                proposed = evaluate(trial)
             except Stopped:
-                return Outcome(x, here, "stopped")
+                return Outcome(x, current, "stopped")
             gain = -1.0
-            if there is not None and np.isfinite(there.cost):
-                gain = (here.cost - there.cost) / fall
+            if proposed is not None and np.isfinite(proposed.cost):
+                gain = (current.cost - proposed.cost) / decrease
             accepted = gain > 1e-4
-            if there is not None and np.isfinite(there.cost):
-                curvature = curvature.learnt(trial - x, here, there, accepted=accepted)
-            stop = observe is not None and observe(Step(trial, there, length, accepted))
+            if proposed is not None and np.isfinite(proposed.cost):
+                curvature = curvature.update(trial - x, current, proposed, accepted=accepted)
+            stop = observe is not None and observe(Step(trial, proposed, length, accepted))
             size = float(np.linalg.norm(p))
-            if accepted and there is not None:
+            if accepted and proposed is not None:
                 small = (
-                    length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
+                    length <= self.tolerance
+                    or current.cost - proposed.cost <= self._share * current.cost
                 )
-                x, here = trial, there
+                x, current = trial, proposed
                 if gain > 0.75:
                     radius = max(radius, 2.0 * size)
                 elif gain <= 0.25:
                     radius = 0.5 * size
                 if small and gain > 0.25 and not limited and near:
-                    return Outcome(x, here, "converged")
+                    return Outcome(x, current, "converged")
             elif length <= _ROUNDING and not near:
-                curvature = _Curvature.unknown(len(x))
+                curvature = _Curvature.zero(len(x))
             else:
                 # A full Gauss-Newton step this small without a gain: the rest is rounding.
                 if length <= _ROUNDING and not limited:
                     # If the costs agree to rounding, the remaining predicted decrease decides
                     # between the two points.
-                    if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
-                        left = _step(there, trial, lower, upper, radius, within, noise)[1]
-                        if left < fall:
-                            x, here = trial, there
-                    return Outcome(x, here, "converged")
+                    if proposed is not None and proposed.cost <= current.cost * (1.0 + 1e-12):
+                        remaining = _step(proposed, trial, lower, upper, radius, within, noise)[1]
+                        if remaining < decrease:
+                            x, current = trial, proposed
+                    return Outcome(x, current, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
-                    if there is None:
-                        return Outcome(x, here, "unsolvable")
-                    whole = _step(here, x, lower, upper, np.inf, within, noise)[0]
-                    arrived = (
-                        fall <= _NEAR_MINIMUM * here.cost
-                        or np.abs(whole).max(initial=0.0) <= 10.0 * _ROUNDING
+                    if proposed is None:
+                        return Outcome(x, current, "unsolvable")
+                    full_step = _step(current, x, lower, upper, np.inf, within, noise)[0]
+                    is_minimum = (
+                        decrease <= _NEAR_MINIMUM * current.cost
+                        or np.abs(full_step).max(initial=0.0) <= 10.0 * _ROUNDING
                     )
-                    return Outcome(x, here, "converged" if arrived else "stalled")
+                    return Outcome(x, current, "converged" if is_minimum else "stalled")
             if stop:
-                return Outcome(x, here, "stopped")
-        return Outcome(x, here, "max-iterations", radius)
+                return Outcome(x, current, "stopped")
+        return Outcome(x, current, "max-iterations", radius)
 
 
 #: The Gauss-Newton model holds if it predicts the gain of a step with this relative error, or if
 #: the step lowers the cost by more than this share.
-_HOLDS, _FALLS = 0.25, 0.02
+_PREDICTION_ERROR, _LARGE_DECREASE = 0.25, 0.02
 #: The learnt curvature is used after steps up to this length; farther from a minimum, Gauss-Newton
 #: steps reach the right one at least as often (benchmarks/basin.py).
-_SHORT = 0.05
+_SHORT_STEP = 0.05
 #: Share of the cost below which the gain of a step is rounding.
-_SEEN = 1e-12
+_ROUNDING_SHARE = 1e-12
 #: Smallest cosine between a step and the missing change of the gradient for an update.
-_COSINE = 1e-8
+_LEAST_COSINE = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,59 +258,66 @@ class _Curvature:
     ----------
     S : ndarray of float, shape (n, n)
         Symmetric matrix.
-    used : bool
+    is_used : bool
         Whether the next step uses S.
     """
 
     S: NDArray[np.float64]
-    used: bool = False
+    is_used: bool = False
 
     @classmethod
-    def unknown(cls, n: int) -> _Curvature:
+    def zero(cls, n: int) -> _Curvature:
         """Return the curvature before any update, S = 0."""
         return cls(np.zeros((n, n)))
 
-    def added_to(self, here: Local) -> Local:
+    def add_to(self, current: Local) -> Local:
         """Return a local problem of the same gradient, with the second derivatives J^T J + S.
 
         Negative eigenvalues are replaced by their absolute values.
         """
-        norms = np.linalg.norm(here.R, axis=0)
+        norms = np.linalg.norm(current.R, axis=0)
         scale = np.where(norms > 0.0, norms, 1.0)
-        size, V = np.linalg.eigh((here.R.T @ here.R + self.S) / np.outer(scale, scale))
+        size, V = np.linalg.eigh((current.R.T @ current.R + self.S) / np.outer(scale, scale))
         size = np.abs(size)
-        seen = size > len(size) * np.finfo(float).eps * size.max(initial=0.0)
-        root, V = np.sqrt(size[seen]), V[:, seen]
-        return Local(here.cost, root[:, None] * V.T * scale, V.T @ (here.gradient / scale) / root)
+        positive = size > len(size) * np.finfo(float).eps * size.max(initial=0.0)
+        root, V = np.sqrt(size[positive]), V[:, positive]
+        return Local(
+            current.cost, root[:, None] * V.T * scale, V.T @ (current.gradient / scale) / root
+        )
 
-    def learnt(self, step: _Vector, here: Local, there: Local, *, accepted: bool) -> _Curvature:
-        """Return the curvature after a step from `here` to `there`."""
-        gained = here.cost - there.cost
-        plain = _fall(here, step, here.q)
+    def update(
+        self, step: _Vector, current: Local, reached: Local, *, accepted: bool
+    ) -> _Curvature:
+        """Return the curvature after a step from `current` to `reached`."""
+        gained = current.cost - reached.cost
+        plain = _predict_decrease(current, step, current.q)
         curved = plain - 0.5 * float(step @ self.S @ step)
-        used = self.used
-        if plain > _SEEN * here.cost:
-            holds = gained > _FALLS * here.cost or abs(gained - plain) <= _HOLDS * plain
-            is_short = bool(np.abs(step).max() <= _SHORT)
-            used = is_short and not holds and abs(gained - curved) < abs(gained - plain)
-        # The next step begins at `there` if this one was accepted.
-        R = there.R if accepted else here.R
+        is_used = self.is_used
+        if plain > _ROUNDING_SHARE * current.cost:
+            holds = (
+                gained > _LARGE_DECREASE * current.cost
+                or abs(gained - plain) <= _PREDICTION_ERROR * plain
+            )
+            is_short = bool(np.abs(step).max() <= _SHORT_STEP)
+            is_used = is_short and not holds and abs(gained - curved) < abs(gained - plain)
+        # The next step begins at `reached` if this one was accepted.
+        R = reached.R if accepted else current.R
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            lacking = there.gradient - here.gradient - R.T @ (R @ step) - self.S @ step
+            lacking = reached.gradient - current.gradient - R.T @ (R @ step) - self.S @ step
             along = lacking @ step
             S = self.S + np.outer(lacking / along, lacking)
-            clear = abs(along) > _COSINE * np.linalg.norm(lacking) * np.linalg.norm(step)
-        return _Curvature(S if clear and np.isfinite(S).all() else self.S, used)
+            clear = abs(along) > _LEAST_COSINE * np.linalg.norm(lacking) * np.linalg.norm(step)
+        return _Curvature(S if clear and np.isfinite(S).all() else self.S, is_used)
 
 
-def _fall(here: Local, p: _Vector, q: _Vector) -> float:
+def _predict_decrease(current: Local, p: _Vector, q: _Vector) -> float:
     """Return the predicted decrease of the cost by a step, with the reduced residual q."""
-    moved = here.R @ p
+    moved = current.R @ p
     return float(-(moved @ q) - 0.5 * (moved @ moved))
 
 
 def _step(
-    here: Local,
+    current: Local,
     x: _Vector,
     lower: _Vector,
     upper: _Vector,
@@ -317,16 +327,16 @@ def _step(
 ) -> tuple[_Vector, float, bool]:
     """Return the step, the predicted decrease of the cost, and whether the radius limits it."""
     if within is not None:
-        return _step_within(here, x, lower, upper, radius, within)
-    g = here.gradient
+        return _step_within(current, x, lower, upper, radius, within)
+    g = current.gradient
     free = ~(((x <= lower) & (g > 0)) | ((x >= upper) & (g < 0)))
     p = np.zeros(len(x))
-    q = _resting(here.R[:, free], here.q, noise)
-    p[free], damping = _ball_step(here.R[:, free], q, radius)
+    q = _drop_insignificant_pull(current.R[:, free], current.q, noise)
+    p[free], damping = _ball_step(current.R[:, free], q, radius)
     if ((x + p < lower) | (x + p > upper)).any():
-        damped = here.R
+        damped = current.R
         if damping:
-            damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))])
+            damped = np.vstack([current.R, np.sqrt(damping) * np.eye(len(x))])
         p = _box_step(
             damped,
             np.append(q, np.zeros(len(damped) - len(q))),
@@ -338,10 +348,10 @@ def _step(
     size = float(np.linalg.norm(p))
     if size > radius:
         p = p * (radius / size)
-    return p, _fall(here, p, q), damping > 0 or size > radius
+    return p, _predict_decrease(current, p, q), damping > 0 or size > radius
 
 
-def _resting(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
+def _drop_insignificant_pull(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
     """Return q without the pull on undetermined combinations that are within the noise.
 
     The standard deviations of the combinations are the noise over the singular values of R; U^T q
@@ -353,12 +363,12 @@ def _resting(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
     pull = U.T @ q
     size = np.zeros(len(q))
     size[: len(s)] = s
-    rests = (size * WIDEST < noise) & (np.abs(pull) < _NEAR * noise)
+    rests = (size * WIDEST < noise) & (np.abs(pull) < _NEAR_STDS * noise)
     return np.asarray(U @ np.where(rests, 0.0, pull)) if rests.any() else q
 
 
 def _step_within(
-    here: Local,
+    current: Local,
     x: _Vector,
     lower: _Vector,
     upper: _Vector,
@@ -366,25 +376,25 @@ def _step_within(
     within: NDArray[np.float64],
 ) -> tuple[_Vector, float, bool]:
     """Return the same for steps along given directions, up to the first bound or along it."""
-    held = np.zeros(len(x), dtype=np.bool_)
+    fixed = np.zeros(len(x), dtype=np.bool_)
     p, damping, share = np.zeros(len(x)), 0.0, 1.0
     for _ in range(len(x) + 1):
         basis = within
-        if held.any():
-            basis = within @ null_space(within[held])
+        if fixed.any():
+            basis = within @ null_space(within[fixed])
         if basis.shape[1] == 0:
             return np.zeros(len(x)), 0.0, False
-        along, damping = _ball_step(here.R @ basis, here.q, radius)
+        along, damping = _ball_step(current.R @ basis, current.q, radius)
         p = basis @ along
-        p[held] = 0.0
+        p[fixed] = 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
             room = np.where(p > 0, (upper - x) / p, np.where(p < 0, (lower - x) / p, np.inf))
         share = min(1.0, float(room.min(initial=np.inf)))
         if share > _ROUNDING:
             break
-        held |= room <= _ROUNDING
+        fixed |= room <= _ROUNDING
     p = share * p
-    return p, _fall(here, p, here.q), damping > 0 or share < 1.0
+    return p, _predict_decrease(current, p, current.q), damping > 0 or share < 1.0
 
 
 def _box_step(

@@ -36,7 +36,7 @@ from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
 from updyn.updating.problem.normalised import make_normalised_residual
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -258,7 +258,7 @@ def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[
         errors.append(OutputError(np.sqrt(2.0 / variance)))
         shares.append((np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)).ravel())
     modal = tuple(ModalError(part.noise) for part in problem.modal)
-    local = Each(tuple(errors), modal).local(problem, x)
+    local = OutputErrorSet(tuple(errors), modal).local(problem, x)
     if local is None:
         raise SolverError("the model cannot be solved at its start")
     share = float(np.median(np.concatenate(shares))) if shares else 0.0
@@ -359,7 +359,7 @@ def _estimate_model_error(
     return estimate_discrepancy(
         problem,
         fit,
-        Each(tuple(errors)),
+        OutputErrorSet(tuple(errors)),
         undetermined,
         size_known=size_known,
         least_gain=0.0 if is_structure else _BY_CHANCE,
@@ -447,7 +447,7 @@ def _typical_misfit(
     for part, noise in zip(problem.parts, noises, strict=True):
         measured = part.frf.values
         size = np.abs(measured)
-        is_clear = size > _CLEAR * np.sqrt(noise.beforehand(part.frf))
+        is_clear = size > _CLEAR * np.sqrt(noise.initial_variance(part.frf))
         misfits.append(np.abs(part.responses(x) - measured)[is_clear] / size[is_clear])
     for modal in problem.modal if not misfits else ():
         rows = modal.rows(x)
@@ -551,7 +551,7 @@ def assess_adequacy(
     """
     if not problem.parts:
         return ()
-    problem = problem.of_frfs
+    problem = problem.without_modes
     try:
         responses = [part.responses(x) for part in problem.parts]
     except SolverError:
@@ -585,7 +585,7 @@ def assess_adequacy(
                 whitened_H=np.where(is_used, weight * H, np.nan),
             )
         )
-    residual = Each(tuple(errors))
+    residual = OutputErrorSet(tuple(errors))
     if not settled and _is_unsettled(problem, residual, x):
         return (None,) * len(problem.parts)
     outcomes = {a.outcome for a in found}
@@ -601,7 +601,7 @@ def assess_adequacy(
     return tuple(add_suspects(a, suspects) for a in found)
 
 
-def _is_unsettled(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
+def _is_unsettled(problem: Problem, residual: OutputErrorSet, x: NDArray[np.float64]) -> bool:
     """Return whether a step could still reduce the residual by more than `_MOVING`."""
     local = residual.local(problem, x)
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost

@@ -33,7 +33,7 @@ from updyn.updating.judge.nearby import ReducedPart
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each
+from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = [
     "constitutive_error",
@@ -140,7 +140,11 @@ def constitutive_error(
 
 
 def localise_error(
-    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex], excess: float | None
+    problem: Problem,
+    x: _Real,
+    residual: OutputErrorSet,
+    whitened: Sequence[_Complex],
+    excess: float | None,
 ) -> tuple[Suspect, ...]:
     """Return the quantities of groups and sensors that would explain the residual of a fit.
 
@@ -150,7 +154,7 @@ def localise_error(
         The problem that was fitted.
     x : ndarray of float, shape (n,)
         The estimate.
-    residual : Each
+    residual : OutputErrorSet
         The output errors of the parts, with their weights.
     whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
         For each part, the residual over its standard deviation; NaN marks missing values.
@@ -204,7 +208,7 @@ class _Score:
 def _explain_residual(
     problem: Problem,
     x: _Real,
-    residual: Each,
+    residual: OutputErrorSet,
     whitened: Sequence[_Complex],
     excess: float | None,
     promising: Sequence[_Score],
@@ -224,7 +228,7 @@ def _explain_residual(
 
 
 def _compute_scores(
-    problem: Problem, x: _Real, residual: Each, candidates: Sequence[Parameter]
+    problem: Problem, x: _Real, residual: OutputErrorSet, candidates: Sequence[Parameter]
 ) -> list[_Score]:
     """Return the score of each quantity; empty if the model cannot be solved."""
     if not candidates:
@@ -272,7 +276,7 @@ def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int
     """
     best = (0, 0, 0)
     for lines, steps, evaluations in _SHORT:
-        few = problem.thinned(lines)
+        few = problem.thin(lines)
         if best[0] and few.n_numbers < _NUMBERS * problem.n:
             break
         number = int(allowed / (evaluations * _evaluation_work(few)))
@@ -284,7 +288,7 @@ def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int
 
 
 def _replace_by_reduced(
-    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
+    problem: Problem, x: _Real, residual: OutputErrorSet, whitened: Sequence[_Complex]
 ) -> tuple[Problem, list[ReducedPart]]:
     """Return the problem with reduced models about x in place of large models, and these models.
 
@@ -327,7 +331,7 @@ class _ShortFits:
         The fitted problem on few lines.
     x : ndarray of float, shape (n,)
         End of a short fit without an additional unknown.
-    residual : Each
+    residual : OutputErrorSet
         The output errors on these lines.
     cost : float
         Half the sum of squares at `x`, priors included.
@@ -341,7 +345,7 @@ class _ShortFits:
 
     problem: Problem
     x: _Real
-    residual: Each
+    residual: OutputErrorSet
     cost: float
     whitened: tuple[_Complex, ...]
     excess: float | None
@@ -352,21 +356,21 @@ class _ShortFits:
         cls,
         problem: Problem,
         x: _Real,
-        residual: Each,
+        residual: OutputErrorSet,
         whitened: Sequence[_Complex],
         excess: float | None,
         lines: int,
         steps: int,
     ) -> _ShortFits:
         """Return the short fits that start from x."""
-        few = problem.thinned(lines)
+        few = problem.thin(lines)
         errors, n_kept = [], 0
         for i, (whole, part) in enumerate(zip(problem.parts, few.parts, strict=True)):
             at = np.flatnonzero(np.isin(whole.frf.freq, part.frf.freq))
             error = residual.of(i)
             errors.append(replace(error, weight=error.weight[at]))
             n_kept += part.n_values
-        thinned = Each(tuple(errors))
+        thinned = OutputErrorSet(tuple(errors))
         x, cost = _descend_shortly(few, thinned, x, steps)
         e = _whiten_residual(few, thinned, x)
         if excess is not None:
@@ -404,14 +408,16 @@ class _ShortFits:
         return float(gain / (gain + rest)), change
 
 
-def _descend_shortly(problem: Problem, residual: Each, x: _Real, steps: int) -> tuple[_Real, float]:
+def _descend_shortly(
+    problem: Problem, residual: OutputErrorSet, x: _Real, steps: int
+) -> tuple[_Real, float]:
     """Return the end of a short fit, and half its sum of squares, priors included."""
     settings = TrustRegion(steps, 1e-6, min_decrease=_SETTLED, min_relative_decrease=_SETTLED_SHARE)
     end = descend(problem, residual, x, Monitor(problem), settings, relax=False)
     return end.x, end.local.cost
 
 
-def _whiten_residual(problem: Problem, residual: Each, x: _Real) -> tuple[_Complex, ...]:
+def _whiten_residual(problem: Problem, residual: OutputErrorSet, x: _Real) -> tuple[_Complex, ...]:
     """Return the residual over its standard deviation; NaN marks values of weight 0."""
     out = []
     for i, part in enumerate(problem.parts):
@@ -441,7 +447,7 @@ def _share_of_correlated(whitened: Sequence[_Complex]) -> float:
 
 
 def _compute_energies(
-    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
+    problem: Problem, x: _Real, residual: OutputErrorSet, whitened: Sequence[_Complex]
 ) -> dict[tuple[str, str], float]:
     """Return the energy of the error by group and matrix; lines are weighted by their misfit."""
     out: dict[tuple[str, str], float] = {}
@@ -459,7 +465,7 @@ def _compute_energies(
         misfit = np.where(known, part.responses(x)[worst] - part.frf.values[worst], 0.0)
         few = replace(part, frf=part.frf.select(lines=part.frf.freq[worst]))
         items = [(x, misfit[at], variance[at], at) for at in few.partition(2 * len(part.rows))]
-        found = np.concatenate(list(few.each(_block_error, items)), axis=1)
+        found = np.concatenate(list(few.map_lines(_block_error, items)), axis=1)
         share = found / np.maximum(found.sum(axis=0), np.finfo(float).tiny)
         counted = np.sum(share * square[worst].sum(axis=1), axis=(1, 2))
         for term, value in zip(part.solver.system.terms, counted.tolist(), strict=True):

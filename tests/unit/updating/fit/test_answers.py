@@ -32,7 +32,7 @@ from updyn.updating.fit.search import Search
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 FREQ = np.linspace(1.0, 45.0, 40)
 
@@ -75,14 +75,19 @@ def answer_at(x: np.ndarray, negative_log_likelihood: float = 0.0, std: object =
     """A converged answer whose unknowns have these standard deviations, independent of each other."""
     R = np.diag(1.0 / np.broadcast_to(std, len(x)))
     return Answer(
-        np.asarray(x), "converged", negative_log_likelihood, (), Each(()), Local(0.0, R, R[0] * 0)
+        np.asarray(x),
+        "converged",
+        negative_log_likelihood,
+        (),
+        OutputErrorSet(()),
+        Local(0.0, R, R[0] * 0),
     )
 
 
 def weighted_at(problem: Problem, x: np.ndarray) -> Answer:
     """The same of data with 1 % noise."""
     weight = np.sqrt(2.0) / (0.01 * np.abs(problem.parts[0].frf.values))
-    known = (Stated(0.01, 0.0),), Each((OutputError(weight),))
+    known = (Stated(0.01, 0.0),), OutputErrorSet((OutputError(weight),))
     return replace(answer_at(x), noises=known[0], residual=known[1])
 
 
@@ -276,9 +281,9 @@ def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
 
 def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_not():
     chosen, other = answer_at(np.zeros(2)), answer_at(np.ones(2))
-    cut = Answer(other.x, "max-iterations", 0.0, (), Each(()), other.local)
-    lost = Answer(other.x, "stopped", np.inf, (), Each(()), other.local)
-    blind = Answer(other.x, "converged", 0.0, (), Each(()), None)
+    cut = Answer(other.x, "max-iterations", 0.0, (), OutputErrorSet(()), other.local)
+    lost = Answer(other.x, "stopped", np.inf, (), OutputErrorSet(()), other.local)
+    blind = Answer(other.x, "converged", 0.0, (), OutputErrorSet(()), None)
     assert find_rivals(chosen, [cut, lost, blind]) == [cut]
 
 
@@ -303,7 +308,7 @@ def looked_at(
     problem = problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
     noise = Stated(relative, 0.0) if averages is None else Variance()
     weight = np.sqrt(2.0 / noise.variance(clean.values, frf))
-    residual = Each((OutputError(weight),))
+    residual = OutputErrorSet((OutputError(weight),))
     return has_noise_residual(
         problem, Answer(np.zeros(2), "converged", 0.0, (noise,), residual, None)
     )
@@ -361,7 +366,7 @@ def test_a_better_answer_is_not_agreed_on_before_tries_come_back_to_it(two_facto
     def further(self, models, noises, points, monitor, at, most=None):
         return [found.pop(0)]
 
-    monkeypatch.setattr(Search, "beside", lambda self, *given: x)
+    monkeypatch.setattr(Search, "try_nearby", lambda self, *given: x)
     monkeypatch.setattr(MaximumLikelihood, "_fit_promising", further)
     monkeypatch.setattr(
         MaximumLikelihood,

@@ -18,7 +18,7 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.updating.fit.checkpoint import Checkpoint, _framed
+from updyn.updating.fit.checkpoint import Checkpoint, _frame
 from updyn.updating.problem import problem as problem_module
 from updyn.updating.problem.problem import Part
 
@@ -45,7 +45,7 @@ def file(tmp_path):
     """A checkpoint of three records."""
     journal = Checkpoint(tmp_path / "run.journal", HEAD)
     for key, record in RECORDS.items():
-        journal.put(key, record)
+        journal.store(key, record)
     journal.close()
     return journal.path
 
@@ -92,7 +92,7 @@ def test_records_come_back_to_the_bit(file):
     assert known(file) == 3
     assert all(same(journal.get(key), record) for key, record in RECORDS.items())
     assert journal.get(b"3" * 16) is None
-    journal.put(b"3" * 16, (np.ones(2),))
+    journal.store(b"3" * 16, (np.ones(2),))
     assert same(journal.get(b"0" * 16), RECORDS[b"0" * 16])
     journal.close()
     assert known(file) == 4
@@ -105,7 +105,7 @@ def test_a_record_that_was_cut_short_is_left_out_and_written_anew(file):
         file.write_bytes(whole[:end])
         journal = Checkpoint(file, HEAD, resume=True)
         assert len(journal) == 2
-        journal.put(b"2" * 16, RECORDS[b"2" * 16])
+        journal.store(b"2" * 16, RECORDS[b"2" * 16])
         journal.close()
         assert file.read_bytes() == whole
 
@@ -131,7 +131,7 @@ def test_objects_are_not_unpickled(file):
     """An array of objects in a record with a good checksum is refused."""
     payload = np_bytes((np.array([{}], dtype=object),))
     with file.open("ab") as out:
-        out.write(_framed(b"9" * 16 + payload))
+        out.write(_frame(b"9" * 16 + payload))
     with (
         closing(Checkpoint(file, HEAD, resume=True)) as journal,
         pytest.raises(ValueError, match="allow_pickle"),
@@ -144,7 +144,7 @@ def test_a_new_run_replaces_the_file_with_its_first_record(file):
     journal = Checkpoint(file, HEAD)
     assert journal.get(b"0" * 16) is None
     assert file.read_bytes() == before
-    journal.put(b"5" * 16, (np.ones(1),))
+    journal.store(b"5" * 16, (np.ones(1),))
     journal.close()
     assert known(file) == 1
     assert [p.name for p in file.parent.iterdir()] == ["run.journal"]
@@ -194,8 +194,8 @@ def test_a_full_disk_does_not_end_the_run(file):
     with pytest.warns(
         UpdynWarning, match="cannot be written .*; the run goes on, but cannot be resumed"
     ):
-        journal.put(b"7" * 16, (np.ones(3),))
-    journal.put(b"8" * 16, (np.ones(3),))
+        journal.store(b"7" * 16, (np.ones(3),))
+    journal.store(b"8" * 16, (np.ones(3),))
     assert len(journal) == 3
     journal.close()
 
@@ -205,12 +205,12 @@ def test_a_disk_that_fills_leaves_what_was_written(tmp_path):
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     with closing(Checkpoint(tmp_path / "run.journal", HEAD)) as journal:
-        journal.put(b"1" * 16, (np.arange(100.0),))
+        journal.store(b"1" * 16, (np.arange(100.0),))
         size = (tmp_path / "run.journal").stat().st_size
         try:
             resource.setrlimit(resource.RLIMIT_FSIZE, (size + 50, limits[1]))
             with pytest.warns(UpdynWarning, match="cannot be written"):
-                journal.put(b"2" * 16, (np.arange(100.0),))
+                journal.store(b"2" * 16, (np.arange(100.0),))
             assert (journal.get(b"1" * 16)[0] == np.arange(100.0)).all()
             assert journal.get(b"2" * 16) is None
         finally:
@@ -227,7 +227,7 @@ def test_a_disk_that_is_full_from_the_start_does_not_end_the_run_either(tmp_path
     journal = Checkpoint(tmp_path / "run.journal", HEAD)
     with pytest.warns(UpdynWarning, match="cannot be written .No space left"):
         journal.keep()
-    journal.put(b"7" * 16, (np.ones(3),))
+    journal.store(b"7" * 16, (np.ones(3),))
     journal.close()
     assert len(journal) == 0
 
@@ -379,12 +379,12 @@ from updyn.demos import chain
 from updyn.updating.fit.checkpoint import Checkpoint
 
 path, limit, resume = sys.argv[1], int(sys.argv[2]), sys.argv[3] == "resume"
-put = Checkpoint.put
+put = Checkpoint.store
 def counted(self, key, record):
     put(self, key, record)
     if len(self) == limit:
         os.kill(os.getpid(), signal.SIGKILL)
-Checkpoint.put = counted
+Checkpoint.store = counted
 model = chain.build()
 unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
 r = updyn.update(model, chain.measure(), unknowns, checkpoint=path, resume=resume)

@@ -6,9 +6,9 @@ import pytest
 import updyn
 from updyn.demos.gear_train import starting_model, true_model
 from updyn.errors import DataError, OptionError
-from updyn.updating.fit.methods.constitutive import ConstitutiveError, _at_start
+from updyn.updating.fit.methods.constitutive import ConstitutiveError, _make_residual
 from updyn.updating.problem.problem import Part
-from updyn.updating.problem.residuals import solved
+from updyn.updating.problem.residuals import reduce_cached
 
 RNG = np.random.default_rng
 
@@ -30,14 +30,14 @@ def small():
 
 
 def cost(problem, error, x):
-    return solved(error, problem, x).cost
+    return reduce_cached(error, problem, x).cost
 
 
 def test_the_functional_is_the_least_of_its_definition(small):
     """Minimise over u and over fields v, w of each relation, written out as one quadratic problem with a constraint."""
     _, problem, K, M, D = small
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    error = _at_start(problem, 0.3)
+    error = _make_residual(problem, 0.3)
     rows, sign = np.array([0, 2, 5]), np.array([1.0, -1.0, 1.0])
     total = 0.0
     for k, f in enumerate(problem.frf.freq):
@@ -78,11 +78,11 @@ def test_the_functional_is_the_least_of_its_definition(small):
 @pytest.mark.parametrize("weight", [0.1, 0.5, 1.0])
 def test_the_gradient_is_that_of_central_differences(small, weight):
     _, problem, *_ = small
-    error = _at_start(problem, weight)
+    error = _make_residual(problem, weight)
     x = problem.coordinates.to_x(problem.coordinates.parameters.start) + 0.1 * RNG(
         1
     ).standard_normal(problem.n)
-    local = solved(error, problem, x)
+    local = reduce_cached(error, problem, x)
     for i in range(problem.n):
         step = 1e-6 * np.eye(problem.n)[i]
         slope = (cost(problem, error, x + step) - cost(problem, error, x - step)) / 2e-6
@@ -116,7 +116,7 @@ def test_with_all_dofs_measured_and_full_weight_it_is_the_equation_error_in_the_
 
 def test_with_little_weight_it_is_the_output_error(small):
     _, problem, *_ = small
-    error = _at_start(problem, 1e-7)
+    error = _make_residual(problem, 1e-7)
     x = problem.coordinates.to_x(problem.coordinates.parameters.start) + 0.05
     misfit = problem.responses(x) - problem.frf.values
     expected = 0.5 * np.sum(np.abs(misfit) ** 2 / error.slack[:, :, None]) / error.level**2
@@ -129,9 +129,9 @@ def test_tiers_agree(small):
         model, problem.frf, problem.coordinates.parameters, tier="sparse", backend="superlu"
     )
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    error = _at_start(problem, 0.5)
-    assert _at_start(other, 0.5).slack == pytest.approx(error.slack)
-    a, b = solved(error, problem, x), solved(error, other, x)
+    error = _make_residual(problem, 0.5)
+    assert _make_residual(other, 0.5).slack == pytest.approx(error.slack)
+    a, b = reduce_cached(error, problem, x), reduce_cached(error, other, x)
     assert b.cost == pytest.approx(a.cost)
     assert b.gradient == pytest.approx(a.gradient)
 

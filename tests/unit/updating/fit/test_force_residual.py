@@ -9,7 +9,7 @@ import updyn
 from updyn.errors import DataError, OptionError
 from updyn.updating.fit.methods.force_residual import ForceResidual, _compliance
 from updyn.updating.problem.problem import Part
-from updyn.updating.problem.residuals import solved
+from updyn.updating.problem.residuals import reduce_cached
 
 RNG = np.random.default_rng
 
@@ -73,9 +73,9 @@ def test_the_expanded_motion_leaves_the_least_force(small):
     expected = np.array([dm, dk, dg, dkb, dcb]) * problem.coordinates.slope(x) / 4.0
     for form in (
         residual,
-        residual.eliminated,
+        residual.condensed_error,
     ):  # the motion held or eliminated: the slopes are the same
-        local = solved(form, problem, x)
+        local = reduce_cached(form, problem, x)
         assert local.cost == pytest.approx(total / 4.0)
         assert local.gradient == pytest.approx(expected)
 
@@ -86,7 +86,7 @@ def test_with_all_measured_it_is_the_equation_error(chain12_true, add_noise):
         updyn.response(chain12_true, [2.0, 5.0, 9.0], sensors, sensors[:2]), RNG(0), 0.05
     )
     problem = Part.build(chain12_true, frf, updyn.parameters(chain12_true, stiffness="all"))
-    local = solved(ForceResidual(np.ones(12), 1.0), problem, np.zeros(4))
+    local = reduce_cached(ForceResidual(np.ones(12), 1.0), problem, np.zeros(4))
     K, M = chain12_true.stiffness.toarray(), chain12_true.mass.toarray()
     lossy = sum(g.loss_factor * g.stiffness.toarray() for g in chain12_true.groups.values())
     total = 0.0

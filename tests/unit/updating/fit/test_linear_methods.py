@@ -11,8 +11,8 @@ import updyn
 from updyn.errors import DataError, OptionError, ParameterError, SolverError
 from updyn.group import LossTable
 from updyn.updating.fit.methods import METHODS, make_method
-from updyn.updating.fit.methods.linear import Amounts, Plain, basic_solution
-from updyn.updating.fit.methods.reduced_frf import _in_turn
+from updyn.updating.fit.methods.linear import Amounts, PlainIteration, basic_solution
+from updyn.updating.fit.methods.reduced_frf import _step_in_turn
 from updyn.updating.fit.methods.rfm import ResponseEquation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
@@ -79,8 +79,8 @@ def test_columns_are_derivatives_by_the_amounts_and_moves_go_along_them():
     """f(kappa, gamma) = (kappa, kappa gamma) is linear in the amounts: derivatives constant, a move exact."""
     amounts, values = Amounts(((0, 1),)), np.array([2.0, 0.3])
     J = np.array([[1.0, 0.0], [values[1], values[0]]])
-    assert amounts.columns(J, values) == pytest.approx(np.eye(2), abs=1e-15)
-    moved = amounts.moved(values, np.array([1.0, 0.6]))
+    assert amounts.transform_jacobian(J, values) == pytest.approx(np.eye(2), abs=1e-15)
+    moved = amounts.apply_change(values, np.array([1.0, 0.6]))
     assert moved == pytest.approx([3.0, 0.4])
 
 
@@ -122,7 +122,7 @@ def test_separate_steps_are_taken_in_turn(chain12, full):
     for i in (kappa, mu, gamma):
         wanted[i] = A[:, i] @ left / (A[:, i] @ A[:, i])
         left -= A[:, i] * wanted[i]
-    found = _in_turn(
+    found = _step_in_turn(
         problem, Amounts(()), Local(0.0, A, -b), x
     )  # at factors of 1, derivatives by x and by values agree
     assert found - start == pytest.approx(wanted, rel=1e-12)
@@ -331,7 +331,9 @@ def one_unknown(chain12, full):
 
 def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
     problem, monitor = one_unknown
-    x, reason = Plain(50, 1e-6).run(problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor)
+    x, reason = PlainIteration(50, 1e-6).run(
+        problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor
+    )
     assert reason == "converged"
     steps = [h.step for h in monitor.history]
     assert steps[-1] <= 1e-6 < steps[-2]
@@ -341,7 +343,7 @@ def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
 def test_a_short_step_that_gets_no_shorter_is_rounding(one_unknown):
     problem, monitor = one_unknown
     sign = iter((-1.0) ** np.arange(50))
-    x, reason = Plain(50, 0.0).run(
+    x, reason = PlainIteration(50, 0.0).run(
         problem, bowl, lambda _, x: x + 1e-8 * next(sign), np.array([0.03]), monitor
     )
     assert (reason, len(monitor.history)) == ("converged", 3)
@@ -350,7 +352,9 @@ def test_a_short_step_that_gets_no_shorter_is_rounding(one_unknown):
 
 def test_the_largest_number_of_steps_is_kept(one_unknown):
     problem, monitor = one_unknown
-    _, reason = Plain(4, 0.0).run(problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor)
+    _, reason = PlainIteration(4, 0.0).run(
+        problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor
+    )
     assert (reason, len(monitor.history)) == ("max-iterations", 5)
 
 
@@ -359,13 +363,13 @@ def test_unknowns_without_bounds_are_a_divergence(one_unknown):
     with pytest.raises(
         SolverError, match=r"grow beyond all bounds in step 11, .*condition number 1: .* diverged"
     ):
-        Plain(50, 0.0).run(problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor)
+        PlainIteration(50, 0.0).run(problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor)
 
 
 def test_a_step_that_helps_nowhere_has_stalled(one_unknown):
     problem, monitor = one_unknown
     start = np.array([0.03])
-    x, reason = Plain(50, 0.0, halving=True).run(
+    x, reason = PlainIteration(50, 0.0, halving=True).run(
         problem, bowl, lambda _, x: 100.0 + 0 * x, start, monitor
     )
     assert (x, reason) == (start, "stalled")
@@ -374,7 +378,7 @@ def test_a_step_that_helps_nowhere_has_stalled(one_unknown):
 def test_halving_takes_the_first_part_of_a_step_that_lowers_the_cost(one_unknown):
     """From 1 to -7: all and half of it raise x^2, a quarter ends at -1, which does not lower it, an eighth at 0."""
     problem, monitor = one_unknown
-    settings = Plain(1, 0.0, halving=True)
+    settings = PlainIteration(1, 0.0, halving=True)
     x, _ = settings.run(problem, bowl, lambda _, x: x - 8.0, np.array([1.0]), monitor)
     assert x == pytest.approx([0.0], abs=1e-9)
 
@@ -493,7 +497,7 @@ def test_a_factor_that_turns_negative_is_named_with_its_values(two_masses):
     problem, monitor = two_masses
     local = Local(1.0, np.diag([1.0, 2.0]), np.ones(2))
     with pytest.raises(SolverError) as error:
-        Plain(5, 0.0).run(
+        PlainIteration(5, 0.0).run(
             problem, lambda _: local, lambda *_: np.array([-0.25, -0.5]), np.zeros(2), monitor
         )
     assert str(error.value) == (
@@ -506,7 +510,7 @@ def test_a_singular_step_is_called_so(two_masses):
     problem, monitor = two_masses
     local = Local(1.0, np.ones((2, 2)), np.ones(2))
     with pytest.raises(SolverError, match="step 1, whose linear problem is singular: "):
-        Plain(5, 0.0).run(
+        PlainIteration(5, 0.0).run(
             problem, lambda _: local, lambda *_: np.array([1.0, -1.0]), np.zeros(2), monitor
         )
 
@@ -570,7 +574,7 @@ def test_the_sensitivity_method_says_how_far_its_first_step_holds():
         share *= 0.5
     assert share < 1.0
     problem = Problem.of([Part.build(spring, data, unknowns)])
-    said = make_method("frf-sensitivity", {}).cause(problem)
+    said = make_method("frf-sensitivity", {}).describe_obstacle(problem)
     assert f"falls only along the first 1/{1 / share:.0f} of the first step" in said
 
 

@@ -20,26 +20,26 @@ def problem(chain12, chain12_frf):
 def test_a_descent_resumes_with_its_radius_where_it_ran_out_of_steps(problem):
     monitor, x = Monitor(Problem.of([problem])), np.array([0.1, 0.02])
     settings = TrustRegion(radius=0.5)
-    assert monitor.resumed(settings, x) == settings
+    assert monitor.restore_radius(settings, x) == settings
     local = LogError().local(Problem.of([problem]), x)
-    monitor.ended(Outcome(x, local, "max-iterations", 0.03))
-    assert monitor.resumed(settings, x.copy()).radius == 0.03
-    assert monitor.resumed(settings, x + 0.1).radius == 0.5
-    monitor.ended(Outcome(x, local, "max-iterations", 3.0))
-    assert monitor.resumed(settings, x).radius == 0.5
-    monitor.ended(Outcome(x, local, "converged"))
-    assert monitor.resumed(settings, x).radius == 0.5
+    monitor.store_outcome(Outcome(x, local, "max-iterations", 0.03))
+    assert monitor.restore_radius(settings, x.copy()).radius == 0.03
+    assert monitor.restore_radius(settings, x + 0.1).radius == 0.5
+    monitor.store_outcome(Outcome(x, local, "max-iterations", 3.0))
+    assert monitor.restore_radius(settings, x).radius == 0.5
+    monitor.store_outcome(Outcome(x, local, "converged"))
+    assert monitor.restore_radius(settings, x).radius == 0.5
 
 
 def test_history_keeps_every_step_with_stage_and_values(problem):
     monitor, x = Monitor(Problem.of([problem])), np.array([np.log(1.5), 0.02])
     with monitor.stage("search"):
-        assert not monitor.begun
+        assert not monitor.has_begun
         monitor.start(x, LogError().local(Problem.of([problem]), x))
-        assert monitor.begun
+        assert monitor.has_begun
         monitor.step(Step(x + 0.1, None, 0.1, False))
     with monitor.stage("log"):
-        assert not monitor.begun
+        assert not monitor.has_begun
         monitor.start(x, LogError().local(Problem.of([problem]), x))
     assert [(h.stage, h.number, h.step, h.accepted) for h in monitor.history] == [
         ("search", 0, 0.0, True), ("search", 1, 0.1, False), ("log", 2, 0.0, True),

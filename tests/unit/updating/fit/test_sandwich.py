@@ -7,12 +7,14 @@ import updyn
 from updyn.updating.fit.methods.least_squares import sandwich
 from updyn.updating.problem.noise import Robust, Stated, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, LogError, OutputError
+from updyn.updating.problem.residuals import LogError, OutputError, OutputErrorSet
 
 
 def output_error(problem):
     frf = problem.frf
-    return Each((OutputError(np.broadcast_to(1.0 / level_by_unit(frf), frf.values.shape)),))
+    return OutputErrorSet(
+        (OutputError(np.broadcast_to(1.0 / level_by_unit(frf), frf.values.shape)),)
+    )
 
 
 @pytest.mark.parametrize("name", ["log", "output-error"])

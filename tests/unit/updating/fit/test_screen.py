@@ -12,7 +12,7 @@ from updyn.errors import SolverError
 from updyn.updating.fit.screen import Screen
 from updyn.updating.problem.noise import Robust, Stated
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 FREQ = np.linspace(1.0, 40.0, 61)
 TRUTH = np.log([1.2, 0.8, 1.1])
@@ -51,7 +51,7 @@ def screen_of(problem: Problem, noise: object = None) -> Screen:
     part = problem.parts[0]
     noise = noise or Stated(0.02, 0.0)
     weight = np.sqrt(2.0 / noise.variance(part.responses(TRUTH), part.frf))
-    return Screen.of(problem, TRUTH, (noise,), Each((OutputError(weight),)))
+    return Screen.of(problem, TRUTH, (noise,), OutputErrorSet((OutputError(weight),)))
 
 
 def left(problem: Problem, x: np.ndarray) -> float:

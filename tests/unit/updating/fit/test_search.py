@@ -8,12 +8,12 @@ import pytest
 import updyn
 from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, _distinct, _on_some_lines, coarse
+from updyn.updating.fit.search import Search, _select_distinct, _select_some_lines, thin_problem
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import _BIAS, log_error
+from updyn.updating.problem.residuals import _BIAS, make_log_error
 
 
 def far_start(chain12):
@@ -32,14 +32,16 @@ def problem(chain12, chain12_frf):
 
 def test_points_stay_within_bounds_and_are_reproducible(problem):
     lower, upper = problem.coordinates.bounds
-    points = list(Search(starts=9, seed=3)._points(Problem.of([problem])))
+    points = list(Search(starts=9, seed=3)._draw_starts(Problem.of([problem])))
     assert len(points) == 9
     for x in points:
         assert (x >= lower).all()
         assert (x <= upper).all()
-    assert np.array_equal(points, list(Search(starts=9, seed=3)._points(Problem.of([problem]))))
+    assert np.array_equal(
+        points, list(Search(starts=9, seed=3)._draw_starts(Problem.of([problem])))
+    )
     assert not np.array_equal(
-        points[-1], list(Search(starts=9, seed=4)._points(Problem.of([problem])))[-1]
+        points[-1], list(Search(starts=9, seed=4)._draw_starts(Problem.of([problem])))[-1]
     )
     first = problem.coordinates.to_values(points[0])
     factor = problem.coordinates.parameters.is_factor
@@ -50,14 +52,14 @@ def test_points_stay_within_bounds_and_are_reproducible(problem):
 
 
 def test_fewer_tries_than_inflations(problem):
-    assert len(list(Search(starts=1)._points(Problem.of([problem])))) == 1
-    assert len(list(Search(starts=2)._points(Problem.of([problem])))) == 2
+    assert len(list(Search(starts=1)._draw_starts(Problem.of([problem])))) == 1
+    assert len(list(Search(starts=2)._draw_starts(Problem.of([problem])))) == 2
 
 
 def test_search_that_is_stopped_returns_the_best_so_far(problem):
     monitor = Monitor(Problem.of([problem]), lambda progress: progress.iteration >= 3)
     noises = [Estimated.of_data(problem.frf)]
-    searched = coarse(Problem.of([problem]), noises)
+    searched = thin_problem(Problem.of([problem]), noises)
     (x, *_) = Search().run(searched, noises, monitor).points
     assert monitor.stopped
     assert len(monitor.history) <= 6
@@ -121,7 +123,7 @@ def long_test(chain12, lines, **kwargs):
 def test_coarse_problem_carries_the_noise_of_the_lines_that_it_keeps(chain12):
     variance = np.random.default_rng(0).uniform(1.0, 2.0, (900, 2, 1)) * 1e-12
     parts = (long_test(chain12, 900, variance=variance), long_test(chain12, 300))
-    rough = coarse(Problem(parts), [Variance(), Stated(0.0, 0.01)])
+    rough = thin_problem(Problem(parts), [Variance(), Stated(0.0, 0.01)])
     first, second = rough.parts
     assert len(first.frf.freq) == 300  # every third
     assert (first.frf.freq == parts[0].frf.freq[::3]).all()
@@ -129,7 +131,7 @@ def test_coarse_problem_carries_the_noise_of_the_lines_that_it_keeps(chain12):
     rms = np.sqrt(np.mean(np.abs(parts[1].frf.values) ** 2))
     assert second.frf.variance == pytest.approx(np.full((300, 2, 1), (0.01 * rms) ** 2))
     assert (second.frf.values == parts[1].frf.values).all()
-    weights = [error.weight for error in log_error(rough).errors]
+    weights = [error.weight for error in make_log_error(rough).errors]
     size = np.abs(second.frf.values)
     own = np.maximum(size**2 - _BIAS * (0.01 * rms) ** 2, 0.0)
     assert weights[1] == pytest.approx(np.sqrt(own / (own + (0.1 * rms) ** 2)), rel=1e-9)
@@ -146,8 +148,8 @@ def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noi
     for relative, floor in ((0.02, 0.0), (0.0, 0.002), (0.0, 0.02)):
         data = add_noise(clean.frf, np.random.default_rng(0), relative, floor)
         part = Part.build(chain12, data, clean.coordinates.parameters)
-        rough = coarse(Problem.of([part]), [Stated(relative, floor)])
-        cost = log_error(rough).local(rough, truth).cost
+        rough = thin_problem(Problem.of([part]), [Stated(relative, floor)])
+        cost = make_log_error(rough).local(rough, truth).cost
         assert cost == pytest.approx(Belief(rough).expected_cost(), rel=0.3)
 
 
@@ -158,9 +160,9 @@ def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
     data = updyn.response(chain12, freq, ["2:X"], ["12:X"], "accelerance")
     data = replace(data, values=1e6 * data.values)
     part = Part.build(chain12, data, unknowns)
-    rough = coarse(Problem.of([part]), [Stated(0.0, 0.1)])
+    rough = thin_problem(Problem.of([part]), [Stated(0.0, 0.1)])
     assert rough.parts[0].frf.variance[0, 0, 0] > 1e4
-    without = coarse(
+    without = thin_problem(
         Problem.of([Part.build(chain12, data.select(lines=freq[1:]), unknowns)]), [Stated(0.0, 0.1)]
     )
     assert Belief(rough).expected_cost() == pytest.approx(Belief(without).expected_cost(), rel=0.1)
@@ -171,7 +173,7 @@ def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
     part = long_test(chain12, 1600)
     data = add_noise(part.frf, np.random.default_rng(0), 0.0, 0.01)
     part = Part.build(chain12, data, part.coordinates.parameters)
-    rough = coarse(Problem.of([part]), [Estimated.of_data(data)])
+    rough = thin_problem(Problem.of([part]), [Estimated.of_data(data)])
     level = np.sqrt(np.mean(np.abs(data.values) ** 2))
     assert np.sqrt(rough.parts[0].frf.variance) == pytest.approx(
         np.full((400, 2, 1), 0.01 * level), rel=0.2
@@ -192,20 +194,20 @@ def test_ends_are_told_apart_and_the_hopeless_left_out():
         end(1.0 + 1e-6, [1e-4, 0.0]),  # the best once more
         end(1.4, [0.0, 2.0]),
     ]
-    found = [tuple(one.x) for one in _distinct(ends)]
+    found = [tuple(one.x) for one in _select_distinct(ends)]
     assert found == [(0.0, 0.0), (3.0, 0.0), (0.0, 2.0)]
-    assert _distinct([]) == []
+    assert _select_distinct([]) == []
 
 
 def test_no_more_than_four_ends_are_kept():
     ends = [end(1.0 + 0.01 * i, [float(i), 0.0]) for i in (5, 3, 0, 4, 1, 2)]
-    assert [one.x[0] for one in _distinct(ends)] == [0.0, 1.0, 2.0, 3.0]
+    assert [one.x[0] for one in _select_distinct(ends)] == [0.0, 1.0, 2.0, 3.0]
 
 
 def test_ends_of_exact_data_are_one():
     """Costs of rounding: a point that fits 1e6 times worse is another basin's, however small."""
     ends = [end(1e-26, [0.0, 0.0]), end(1e-20, [1.0, 0.0])]
-    assert [tuple(one.x) for one in _distinct(ends)] == [(0.0, 0.0)]
+    assert [tuple(one.x) for one in _select_distinct(ends)] == [(0.0, 0.0)]
 
 
 def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise(
@@ -214,16 +216,16 @@ def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise
     """A beam with light boxes: three tries agreed on few lines, with 29 times the noise left."""
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
     part = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
-    rough = coarse(Problem.of([part]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([part]), [Stated(0.01, 0.0)])
     elsewhere, answer = rough.coordinates.home, rough.coordinates.home + 0.1
     seen = []
 
-    def made(self, problem, way, starts, belief, monitor, ends):
-        seen.append(way is problem)
-        ends.append(end(2.0, elsewhere) if way is not problem else end(1.0, answer))
+    def made(self, problem, thinned, starts, belief, monitor, ends):
+        seen.append(thinned is problem)
+        ends.append(end(2.0, elsewhere) if thinned is not problem else end(1.0, answer))
         return True
 
-    monkeypatch.setattr(Search, "_tried", made)
+    monkeypatch.setattr(Search, "_run_tries", made)
     monkeypatch.setattr(Belief, "is_exact", lambda self, end: False)
     for enough, tries, expected in ((1.5, [False, True], answer), (3.0, [False], elsewhere)):
         seen.clear()
@@ -238,21 +240,21 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
     the fifth one reached the answer."""
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 60), ["2:X", "12:X"], ["12:X"])
     part = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
-    rough = coarse(Problem.of([part]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([part]), [Stated(0.01, 0.0)])
     home = rough.coordinates.home
     best, other, answer = home, home + 0.1, home + 0.2
     rounds, begun = [], []
 
-    def made(self, problem, way, starts, belief, monitor, ends):
+    def made(self, problem, thinned, starts, belief, monitor, ends):
         ends.append(rounds.pop(0))
         return False
 
-    def beside(self, problem, way, x, number, monitor):
+    def try_nearby(self, problem, thinned, x, number, monitor):
         begun.append(x)
         return end(1.0, answer) if x is other else end(3.0, best)
 
-    monkeypatch.setattr(Search, "_tried", made)
-    monkeypatch.setattr(Search, "_try_beside", beside)
+    monkeypatch.setattr(Search, "_run_tries", made)
+    monkeypatch.setattr(Search, "_try_nearby", try_nearby)
     monkeypatch.setattr(Belief, "is_plausible", lambda self, end: end.local.cost < 2.0)
     monkeypatch.setattr(Belief, "is_exact", lambda self, end: False)
     rounds += [end(3.0, best), end(3.0, best), end(4.0, other)]
@@ -265,7 +267,7 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
 def test_end_points_are_distinct_and_within_bounds(problem):
     whole = Problem.of([problem])
     noises = [Stated(0.01, 0.0)]
-    rough = coarse(whole, noises)
+    rough = thin_problem(whole, noises)
     found = Search(starts=4).run(rough, noises, Monitor(rough)).points
     lower, upper = whole.coordinates.bounds
     for x in found:
@@ -279,37 +281,37 @@ def test_end_points_are_distinct_and_within_bounds(problem):
 @pytest.mark.parametrize("number", range(4))
 def test_tries_beside_a_point_stay_within_bounds(problem, number):
     """The point stands on the bound of two unknowns; steps are recorded, and tries differ."""
-    rough = coarse(Problem.of([problem]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([problem]), [Stated(0.01, 0.0)])
     lower, upper = rough.coordinates.bounds
     x = rough.coordinates.to_x(rough.coordinates.parameters.start)
     loss = np.flatnonzero(~rough.coordinates.parameters.is_factor)
     x[loss[0]], x[loss[1]] = lower[loss[0]], upper[loss[1]]
     monitor = Monitor(rough)
-    found = Search(max_iterations=3).beside(rough, x, number, monitor)
+    found = Search(max_iterations=3).try_nearby(rough, x, number, monitor)
     assert ((found >= lower) & (found <= upper)).all()
     assert len(monitor.history) > 0
-    again = Search(max_iterations=3).beside(rough, x, number, Monitor(rough))
-    other = Search(max_iterations=3).beside(rough, x, number + 1, Monitor(rough))
+    again = Search(max_iterations=3).try_nearby(rough, x, number, Monitor(rough))
+    other = Search(max_iterations=3).try_nearby(rough, x, number + 1, Monitor(rough))
     assert np.array_equal(found, again)
     assert not np.array_equal(found, other)
 
 
 def test_half_bands_that_tries_begin_on_lie_apart(problem):
     """Draws at random had the upper half twice before any lower one; the middle comes first."""
-    rough = coarse(Problem.of([problem]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([problem]), [Stated(0.01, 0.0)])
     freq = rough.parts[0].frf.freq
     assert len(freq) == 60
     for turn, begin in enumerate((15, 8, 22)):
-        half = _on_some_lines(rough, 2 * turn, 0).parts[0].frf.freq
+        half = _select_some_lines(rough, 2 * turn, 0).parts[0].frf.freq
         assert np.array_equal(half, freq[begin : begin + 30])
 
 
 def test_tries_beside_the_truth_come_back_to_it(chain12_task):
     start, data, unknowns, truth = chain12_task
-    rough = coarse(Problem.of([Part.build(start, data, unknowns)]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([Part.build(start, data, unknowns)]), [Stated(0.01, 0.0)])
     x = rough.coordinates.to_x(truth)
     for number in range(2):
-        found = Search().beside(rough, x, number, Monitor(rough))
+        found = Search().try_nearby(rough, x, number, Monitor(rough))
         assert found == pytest.approx(x, abs=1e-6)
 
 
@@ -320,7 +322,7 @@ def test_all_resonances_off_by_many_times_their_width(chain12, factor):
     unknowns = updyn.parameters(start, stiffness="all")
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
     noises = [Stated(0.001, 0.0)]
-    rough = coarse(Problem.of([Part.build(start, data, unknowns)]), noises)
+    rough = thin_problem(Problem.of([Part.build(start, data, unknowns)]), noises)
     alone = Search()._try_from(rough, rough, np.zeros(4), Monitor(rough))
     assert alone.local.cost > 10.0
     found = Search().run(rough, noises, Monitor(rough)).points[0]

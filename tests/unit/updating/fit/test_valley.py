@@ -14,7 +14,7 @@ from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 FREQ = np.linspace(2.0, 30.0, 60)
 
@@ -42,18 +42,18 @@ def problem_of(frf: updyn.FRF) -> Problem:
     return Problem.of([Part.build(model, frf, updyn.parameters(model, stiffness="all"))])
 
 
-def weighted(frf: updyn.FRF) -> Each:
+def weighted(frf: updyn.FRF) -> OutputErrorSet:
     assert frf.variance is not None
-    return Each((OutputError(np.sqrt(2.0 / frf.variance)),))
+    return OutputErrorSet((OutputError(np.sqrt(2.0 / frf.variance)),))
 
 
-def answer_at_truth(problem: Problem, residual: Each) -> Answer:
+def answer_at_truth(problem: Problem, residual: OutputErrorSet) -> Answer:
     local = residual.local(problem, np.zeros(2))
     assert local is not None
     return Answer(np.zeros(2), "converged", 0.0, (), residual, local)
 
 
-def best_beside(problem: Problem, residual: Each):
+def best_beside(problem: Problem, residual: OutputErrorSet):
     """The ground spring refitted by a fine search in one variable, the mount held: a second method."""
     from scipy.optimize import minimize_scalar
 

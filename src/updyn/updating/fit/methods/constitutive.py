@@ -16,12 +16,12 @@ from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.sensitivity import Unknowns, contract
 from updyn.updating.fit.method import Fit, Method, descend_to_scale
-from updyn.updating.fit.methods.linear import fit_of, local_of
+from updyn.updating.fit.methods.linear import linearise, make_unweighted_fit
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf, LineResidual
+from updyn.updating.problem.residuals import LineResidual, ResidualSet
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -96,14 +96,16 @@ class ConstitutiveMethod(Method):
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
         with monitor.stage(_NAME):
             try:
-                residual = EachOf(tuple(_at_start(part, self.weight) for part in problem.parts))
-                local_of(problem, residual, x)  # raises an error that names the line if singular
+                residual = ResidualSet(
+                    tuple(_make_residual(part, self.weight) for part in problem.parts)
+                )
+                linearise(problem, residual, x)  # raises an error that names the line if singular
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
             except Stopped:
-                return Fit.blind(x, "stopped")
+                return Fit.without_jacobian(x, "stopped")
             kind = "spread of the error in the constitutive relations"
-            return fit_of(problem, residual, outcome.x, outcome.reason, kind, _NOTE)
+            return make_unweighted_fit(problem, residual, outcome.x, outcome.reason, kind, _NOTE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,7 +255,7 @@ def _weight_slopes(
     return np.asarray(2.0 * change / safe - np.abs(own) ** 2 * scale / safe**2)
 
 
-def _at_start(part: Part, weight: float) -> ConstitutiveError:
+def _make_residual(part: Part, weight: float) -> ConstitutiveError:
     """Return the residual whose slack is proportional to S at the start of the unknowns.
 
     Raises
@@ -269,7 +271,7 @@ def _at_start(part: Part, weight: float) -> ConstitutiveError:
         )
     blank = ConstitutiveError(np.zeros((len(part.frf.freq), len(part.rows))), 1.0)
     spread = np.concatenate(
-        list(part.each(_diagonal, [(lines,) for lines in blank.partition(part)]))
+        list(part.map_lines(_diagonal, [(lines,) for lines in blank.partition(part)]))
     )
     spread = np.maximum(spread, np.finfo(float).tiny)
     size = np.abs(part.frf.converted("receptance").values) ** 2

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.reduced_solver import NOT_CONDENSED
 from updyn.errors import SolverError
-from updyn.updating.fit.method import Fit, in_units, spread_of
-from updyn.updating.fit.methods.linear import basic_solution, turned_negative
+from updyn.updating.fit.method import Fit, divide_by_std, residual_std
+from updyn.updating.fit.methods.linear import basic_solution, describe_negative
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step
@@ -72,13 +72,13 @@ class EquationErrorMethod(PublishedMethod):
                 try:
                     x, reason = self.iterate(problem, residual, x, monitor)
                 except Stopped:
-                    return Fit.blind(x, "stopped")
+                    return Fit.without_jacobian(x, "stopped")
         try:
             local = residual.local(problem, x)
         except Stopped:
-            return Fit.blind(x, "stopped")
+            return Fit.without_jacobian(x, "stopped")
         assert local is not None
-        sigma = spread_of(local, problem.n_values, problem.n)
+        sigma = residual_std(local, problem.n_values, problem.n)
         record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
         note = (
             "The equation error is biased by noise in the measurement, and its standard deviations"
@@ -86,7 +86,7 @@ class EquationErrorMethod(PublishedMethod):
         )
         R = local.R / sigma if sigma > 0 else local.R
         return Fit(
-            x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma
+            x, reason, R, (record,) * len(problem.parts), note, divide_by_std(local, sigma), sigma
         )
 
 
@@ -122,7 +122,7 @@ def _gauss_newton(
         negative = np.flatnonzero(parameters.is_factor & (values + change <= 0.0))
         if negative.size:
             raise SolverError(
-                f"{turned_negative(parameters, values, values + change, negative)} in step"
+                f"{describe_negative(parameters, values, values + change, negative)} in step"
                 f" {number + 1}: the plain iteration has diverged."
             )
         moved = coordinates.to_x(values + change)

@@ -17,14 +17,14 @@ from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.methods.linear import (
     check_unknowns,
-    fit_of,
-    not_measured,
+    describe_unmeasured,
+    make_unweighted_fit,
 )
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf, LineResidual
+from updyn.updating.problem.residuals import LineResidual, ResidualSet
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["ForceResidual", "ForceResidualMethod"]
@@ -77,12 +77,12 @@ class ForceResidualMethod(PublishedMethod):
         " 'sparse'"
     )
 
-    def cause(self, problem: Problem) -> str:
+    def describe_obstacle(self, problem: Problem) -> str:
         """Return the number of DOFs whose motion is expanded with the model, as a sentence."""
-        missing = not_measured(problem)
+        missing = describe_unmeasured(problem)
         if missing:
             missing += ": their motion is expanded with the model as it is, right or wrong."
-        return f"{missing} {Method.cause(self, problem)}".strip()
+        return f"{missing} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -93,16 +93,18 @@ class ForceResidualMethod(PublishedMethod):
         for part in problem.parts:
             _check(part)
         errors = [ForceResidual(_compliance(part), _level(part)) for part in problem.parts]
-        residual = EachOf(tuple(errors))
-        eliminated = EachOf(tuple(part.eliminated for part in residual.errors))
+        residual = ResidualSet(tuple(errors))
+        eliminated = ResidualSet(tuple(part.condensed_error for part in residual.errors))
         with monitor.stage(_NAME):
             try:
-                least: EachOf[Any] = residual if self.is_plain else eliminated
+                least: ResidualSet[Any] = residual if self.is_plain else eliminated
                 x, reason = self.iterate(problem, least, x, monitor)
             except Stopped:
-                return Fit.blind(x, "stopped")
+                return Fit.without_jacobian(x, "stopped")
             note = _NOTE.format(_UNBOUNDED if self.is_plain else "")
-            return fit_of(problem, eliminated, x, reason, "spread of the force residual", note)
+            return make_unweighted_fit(
+                problem, eliminated, x, reason, "spread of the force residual", note
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +138,7 @@ class ForceResidual(LineResidual):
         return np.append(self.compliance, self.level)
 
     @property
-    def eliminated(self) -> ConstitutiveError:
+    def condensed_error(self) -> ConstitutiveError:
         """The same sum of squares with the expanded motion eliminated, with exact derivatives."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
 

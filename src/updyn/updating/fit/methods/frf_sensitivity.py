@@ -11,13 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.fit.method import Fit, Method
-from updyn.updating.fit.methods.least_squares import judged
-from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
+from updyn.updating.fit.methods.least_squares import make_sandwich_fit
+from updyn.updating.fit.methods.linear import (
+    Amounts,
+    PlainIteration,
+    check_unknowns,
+    linear_step,
+    linearise,
+)
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 __all__ = ["FrfSensitivityMethod"]
 
@@ -70,11 +76,11 @@ class FrfSensitivityMethod(Method):
             return "Use method 'output-error'."
         return "Use method 'output-error', or halving=True."
 
-    def cause(self, problem: Problem) -> str:
+    def describe_obstacle(self, problem: Problem) -> str:
         """Return a sentence on the share of the first step over which the FRFs are linear."""
-        x, evaluate = problem.coordinates.home, partial(local_of, problem, self._residual(problem))
+        x, evaluate = problem.coordinates.home, partial(linearise, problem, self._residual(problem))
         here, values = evaluate(x), problem.coordinates.to_values(x)
-        halved = Plain(1, self.tolerance, halving=True)
+        halved = PlainIteration(1, self.tolerance, halving=True)
         found = halved.next_point(problem, evaluate, values, _step(problem, here, x), here, 1)
         text = "The misfit does not fall along the first step, however short."
         if found is not None:
@@ -85,12 +91,12 @@ class FrfSensitivityMethod(Method):
             )
             if share == 1.0:
                 text = "The FRFs are not linear enough in the unknowns for whole steps."
-        return f"{text} {Method.cause(self, problem)}".strip()
+        return f"{text} {Method.describe_obstacle(self, problem)}".strip()
 
-    def _residual(self, problem: Problem) -> Each:
+    def _residual(self, problem: Problem) -> OutputErrorSet:
         """Return the output error of every test, with the name of this method."""
         errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
-        return Each(tuple(errors))
+        return OutputErrorSet(tuple(errors))
 
     def fit(
         self,
@@ -102,13 +108,13 @@ class FrfSensitivityMethod(Method):
         """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         check_unknowns(problem, self)
         residual = self._residual(problem)
-        settings = Plain(self.max_iterations, self.tolerance, self.halving)
+        settings = PlainIteration(self.max_iterations, self.tolerance, self.halving)
         step = partial(_step, problem)
         with monitor.stage(self.name):
             x, reason = settings.run(
-                problem, partial(local_of, problem, residual), step, x, monitor
+                problem, partial(linearise, problem, residual), step, x, monitor
             )
-            return judged(problem, residual, x, reason, _NOTE, noises)
+            return make_sandwich_fit(problem, residual, x, reason, _NOTE, noises)
 
 
 def _step(problem: Problem, local: Local, x: NDArray[np.float64]) -> NDArray[np.float64]:

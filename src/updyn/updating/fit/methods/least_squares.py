@@ -19,27 +19,27 @@ from updyn.updating.fit.method import (
     Method,
     Starts,
     descend_to_scale,
-    in_units,
-    known_length,
-    spread_of,
-    stopped_at,
+    divide_by_std,
+    make_stopped_fit,
+    record_correlation_length,
+    residual_std,
 )
-from updyn.updating.fit.methods.linear import fit_of, local_of
+from updyn.updating.fit.methods.linear import linearise, make_unweighted_fit
 from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
-from updyn.updating.fit.search import coarse
+from updyn.updating.fit.search import thin_problem
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import (
-    Each,
-    EachOf,
     LineResidual,
     LogError,
     OutputError,
+    OutputErrorSet,
     Residual,
+    ResidualSet,
 )
 from updyn.updating.problem.session import Stopped
 
@@ -48,7 +48,7 @@ __all__ = [
     "LogMethod",
     "OutputMethod",
     "Sandwich",
-    "judged",
+    "make_sandwich_fit",
     "sandwich",
 ]
 
@@ -68,11 +68,11 @@ class LogMethod(SearchingMethod):
         """Return the best basin of the log error."""
         if not self.starts:
             return Method.search(self, problem, noises, monitor)
-        rough = coarse(problem, noises)
+        rough = thin_problem(problem, noises)
         search = self.tries
         with monitor.stage("search", rough):
             starts = search.run(rough, noises, monitor)
-            if monitor.stopped or starts.in_vain:
+            if monitor.stopped or starts.data_fault:
                 return starts
             return Starts((search.escape(rough, starts.points[0], monitor),), starts.agreed)
 
@@ -89,7 +89,7 @@ class LogMethod(SearchingMethod):
             try:
                 return _descend(problem, LogError(), x, monitor, settings, noises)
             except Stopped:
-                return stopped_at(coarse(problem, noises), x)
+                return make_stopped_fit(thin_problem(problem, noises), x)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +125,13 @@ class OutputMethod(Method):
         x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
-        residual = Each(tuple(OutputError.of_data(part) for part in problem.parts))
+        residual = OutputErrorSet(tuple(OutputError.of_data(part) for part in problem.parts))
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage(self.name):
             try:
                 return _descend(problem, residual, x, monitor, settings, noises)
             except Stopped:
-                return Fit.blind(x, "stopped")
+                return Fit.without_jacobian(x, "stopped")
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,16 +172,16 @@ class LeastSquares(Method):
         x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the noise is estimated from the residual, equal everywhere."""
-        residual = EachOf(tuple(self.residual.of_data(part) for part in problem.parts))
+        residual = ResidualSet(tuple(self.residual.of_data(part) for part in problem.parts))
         settings = TrustRegion(self.max_iterations, self.tolerance)
         with monitor.stage(self.name):
             try:
-                local_of(problem, residual, x)  # raises an error that names the line if singular
+                linearise(problem, residual, x)  # raises an error that names the line if singular
                 outcome = descend_to_scale(problem, residual, x, monitor, settings)
             except Stopped:
-                return Fit.blind(x, "stopped")
+                return Fit.without_jacobian(x, "stopped")
             kind = f"spread of the residual {self.name!r}"
-            return fit_of(problem, residual, outcome.x, outcome.reason, kind, "")
+            return make_unweighted_fit(problem, residual, outcome.x, outcome.reason, kind, "")
 
 
 def _descend(
@@ -193,10 +193,10 @@ def _descend(
     noises: Sequence[NoiseModel],
 ) -> Fit:
     outcome = descend_to_scale(problem, residual, x, monitor, settings)
-    return judged(problem, residual, outcome.x, outcome.reason, noises=noises)
+    return make_sandwich_fit(problem, residual, outcome.x, outcome.reason, noises=noises)
 
 
-def judged(
+def make_sandwich_fit(
     problem: Problem,
     residual: Residual,
     x: NDArray[np.float64],
@@ -212,12 +212,12 @@ def judged(
     try:
         local = residual.local(problem, x)
     except Stopped:
-        return Fit.blind(x, "stopped")
+        return Fit.without_jacobian(x, "stopped")
     assert local is not None
-    sigma = spread_of(local, problem.n_values, problem.n)
+    sigma = residual_std(local, problem.n_values, problem.n)
     found = None
     try:
-        if isinstance(residual, LogError | Each):
+        if isinstance(residual, LogError | OutputErrorSet):
             found = sandwich(problem, residual, local, x, noises)
     except Stopped:
         reason = "stopped"
@@ -228,7 +228,7 @@ def judged(
             found.R,
             found.noise,
             f"{note} {found.note}".strip(),
-            in_units(local, sigma),
+            divide_by_std(local, sigma),
             sigma,
         )
 
@@ -238,7 +238,7 @@ def judged(
             misfit = misfit / np.where(H == 0, 1.0, H)
         return misfit
 
-    known = known_length(problem, x, difference)
+    known = record_correlation_length(problem, x, difference)
     length = known.get("correlation_length", 1.0)
     record = {
         "kind": "spread of the residual",
@@ -249,7 +249,9 @@ def judged(
     }
     unit = sigma * float(np.sqrt(length))
     R = local.R / unit if unit > 0 else local.R
-    return Fit(x, reason, R, (record,) * len(problem.parts), note, in_units(local, sigma), sigma)
+    return Fit(
+        x, reason, R, (record,) * len(problem.parts), note, divide_by_std(local, sigma), sigma
+    )
 
 
 _Matrix = NDArray[np.float64]
@@ -283,7 +285,7 @@ class Sandwich:
 
 def sandwich(
     problem: Problem,
-    residual: LogError | Each,
+    residual: LogError | OutputErrorSet,
     local: Local,
     x: NDArray[np.float64],
     noises: Sequence[NoiseModel] = (),
@@ -310,7 +312,7 @@ def sandwich(
 
 def _sandwich(
     problem: Problem,
-    residual: LogError | Each,
+    residual: LogError | OutputErrorSet,
     local: Local,
     x: NDArray[np.float64],
     noises: Sequence[NoiseModel],
@@ -333,7 +335,7 @@ def _sandwich(
         weights.append(weight)
         spreads.append(OutputError(weight**2 * np.sqrt(0.5 * variance), "spread"))
         loud.append(np.mean(np.sqrt(variance) > _LOUD * safe))
-    meat = Each(tuple(spreads)).local(problem, x)
+    meat = OutputErrorSet(tuple(spreads)).local(problem, x)
     if meat is None or total == 0.0:
         return None
     norms = np.linalg.norm(local.R, axis=0)
@@ -346,7 +348,9 @@ def _sandwich(
     misfit = 1.0
     if expected > 1e-3 * total:
         misfit = 2.0 * local.cost / expected
-    known = known_length(problem, x, lambda i, H: weights[i] * (H - problem.parts[i].frf.values))
+    known = record_correlation_length(
+        problem, x, lambda i, H: weights[i] * (H - problem.parts[i].frf.values)
+    )
     excess = misfit
     if all(noise.scale_known for noise in looked):
         excess = max(misfit, 1.0)
@@ -356,7 +360,7 @@ def _sandwich(
     usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
     R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
     taken = looked[0].source == "estimated"  # from this same residual
-    spread = float(np.sqrt(2.0) * spread_of(local, problem.n_values, problem.n))
+    spread = float(np.sqrt(2.0) * residual_std(local, problem.n_values, problem.n))
     record = {
         "chi_square": 1.0 if taken else float(misfit),
         "spread": spread,
@@ -367,7 +371,7 @@ def _sandwich(
     return Sandwich(R, tuple(records), _note(residual, loud))
 
 
-def _note(residual: LogError | Each, loud: Sequence[Any]) -> str:
+def _note(residual: LogError | OutputErrorSet, loud: Sequence[Any]) -> str:
     share = float(np.max(loud))
     if not isinstance(residual, LogError) or share <= _MANY:
         return ""

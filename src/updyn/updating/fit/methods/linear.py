@@ -21,7 +21,7 @@ from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import EachOf, LineResidual, solved
+from updyn.updating.problem.residuals import LineResidual, ResidualSet, reduce_cached
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -290,7 +290,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     return out * weight
 
 
-def linearise(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector) -> Local:
+def linearise(problem: Problem, residual: LineResidual | ResidualSet[Any], x: _Vector) -> Local:
     """Return the reduced problem of all tests at x.
 
     Raises
@@ -299,7 +299,7 @@ def linearise(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector
         If the model cannot be solved there.
     """
     return join_locals(
-        [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
+        [reduce_cached(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
     )
 
 
@@ -328,7 +328,7 @@ def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) ->
 
 def make_unweighted_fit(
     problem: Problem,
-    residual: LineResidual | EachOf[Any],
+    residual: LineResidual | ResidualSet[Any],
     x: _Vector,
     reason: str,
     kind: str,

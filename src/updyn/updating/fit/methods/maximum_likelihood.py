@@ -49,7 +49,7 @@ from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.estimated import FEW
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each, OutputError, with_prior
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet, add_prior
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["MaximumLikelihood"]
@@ -211,14 +211,12 @@ class MaximumLikelihood(SearchingMethod):
         if local is None:
             return None
         misfit = _negative_log_likelihood(problem, known, residual, x)
-        answer = Answer(
-            x, "", misfit, known, residual, with_prior(local, problem, x), fixed_unknown
-        )
+        answer = Answer(x, "", misfit, known, residual, add_prior(local, problem, x), fixed_unknown)
         if valley_start is None:
             return answer
         start_weighted = valley_start.residual.local(problem, x)
         assert start_weighted is not None
-        return _limit_likelihood(answer, valley_start, with_prior(start_weighted, problem, x))
+        return _limit_likelihood(answer, valley_start, add_prior(start_weighted, problem, x))
 
     def find_candidates(
         self,
@@ -430,7 +428,7 @@ class MaximumLikelihood(SearchingMethod):
                 misfit = _negative_log_likelihood(problem, known, residual, x)
                 local = at.residual.local(problem, x)
                 assert local is not None
-                local = with_prior(local, problem, x)
+                local = add_prior(local, problem, x)
                 return _limit_likelihood(
                     Answer(x, "held", misfit, known, residual, local, fixed_unknown), at, local
                 )
@@ -460,7 +458,7 @@ class MaximumLikelihood(SearchingMethod):
     ) -> Answer:
         """Return the end of the descent from x, with weights renewed until it no longer moves."""
         remaining, reason, length = self.max_iterations, "converged", 0.0
-        residual, local = Each(()), None
+        residual, local = OutputErrorSet(()), None
         try:
             for number in range(_ROUNDS):
                 noises, residual = _weigh(problem, noises, x)
@@ -509,10 +507,10 @@ class MaximumLikelihood(SearchingMethod):
         problem: Problem,
         x: NDArray[np.float64],
         noises: Sequence[NoiseModel],
-        residual: Each,
+        residual: OutputErrorSet,
         reason: str,
     ) -> Fit:
-        residual = replace(residual, modal=_refit_modes(problem, residual.of_frfs, x))
+        residual = replace(residual, modal=_refit_modes(problem, residual.without_modes, x))
         found = [
             _information_of_frfs(problem, x, noises, residual),
             _information_of_modes(problem, x, residual),
@@ -619,12 +617,12 @@ class _Information:
 
 
 def _information_of_frfs(
-    problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
+    problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: OutputErrorSet
 ) -> _Information | None:
     """Return the information from FRFs; None without FRFs."""
     if not problem.parts:
         return None
-    local = residual.of_frfs.local(problem.of_frfs, x)
+    local = residual.without_modes.local(problem.without_modes, x)
     assert local is not None
     freedom = 2 * problem.n_values - problem.n
     # The noise can be estimated from the misfit only with degrees of freedom.
@@ -647,7 +645,9 @@ def _information_of_frfs(
     return _Information(divide_by_std(local, inflation), by_part)
 
 
-def _information_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Information | None:
+def _information_of_modes(
+    problem: Problem, x: _Vector, residual: OutputErrorSet
+) -> _Information | None:
     """Return the information from modes; None without modes."""
     if not problem.modal:
         return None
@@ -720,7 +720,7 @@ def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) ->
 
 
 def _negative_log_likelihood(
-    problem: Problem, noises: Sequence[NoiseModel], residual: Each, x: _Vector
+    problem: Problem, noises: Sequence[NoiseModel], residual: OutputErrorSet, x: _Vector
 ) -> float:
     """Return minus the log-likelihood of the data and the priors at x, except for a constant."""
     total = 0.0
@@ -734,7 +734,7 @@ def _negative_log_likelihood(
 
 def _weigh(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
-) -> tuple[Sequence[NoiseModel], Each]:
+) -> tuple[Sequence[NoiseModel], OutputErrorSet]:
     """Return the noise models refitted to the residual at x, and the residual weighted by them."""
     fitted, errors = [], []
     for part, noise in zip(problem.parts, noises, strict=True):
@@ -744,7 +744,7 @@ def _weigh(
         errors.append(
             OutputError(np.sqrt(2.0 / fitted[-1].variance(H, part.frf)), "maximum-likelihood")
         )
-    of_frfs = Each(tuple(errors))
+    of_frfs = OutputErrorSet(tuple(errors))
     return fitted, replace(of_frfs, modal=_weigh_modes(problem, x))
 
 
@@ -757,14 +757,14 @@ def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
     )
 
 
-def _refit_modes(problem: Problem, of_frfs: Each, x: _Vector) -> tuple[ModalError, ...]:
+def _refit_modes(problem: Problem, of_frfs: OutputErrorSet, x: _Vector) -> tuple[ModalError, ...]:
     """Return the modal residuals weighted by standard deviations estimated after the fit."""
     found = [ModalError(part.noise) for part in problem.modal]
     if all(error.noise.size_known for error in found):
         return tuple(found)
     rest = [np.diag(problem.coordinates.prior[1])]
     if problem.parts:
-        local = of_frfs.local(problem.of_frfs, x)
+        local = of_frfs.local(problem.without_modes, x)
         if local is None:
             raise SolverError("the model cannot be solved where its noise is estimated")
         rest.append(local.R)

@@ -22,7 +22,7 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.modes import ModalNoise
 from updyn.updating.problem.parameters import CHANNELS
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each
+from updyn.updating.problem.residuals import OutputErrorSet
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["ADVICE", "ModalMethod"]
@@ -144,7 +144,7 @@ class ModalMethod(Method):
                 whole = Problem.of((), self._modal_parts(problem))
                 error = ModalError(self._noise, shapes=self.shapes)
                 check_any_pair(whole.modal, x, shapes=self.shapes)
-                residual = Each((), (error,) * len(whole.modal))
+                residual = OutputErrorSet((), (error,) * len(whole.modal))
                 settings = TrustRegion(self.max_iterations, self.tolerance)
                 spread = partial(_spread, whole, error)
                 outcome = descend_to_scale(whole, residual, x, monitor, settings, spread)

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.updating.fit.method import Method, descend_to_scale
-from updyn.updating.fit.methods.linear import Amounts, Plain, linear_step, local_of
+from updyn.updating.fit.methods.linear import Amounts, PlainIteration, linear_step, linearise
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import EachOf, LineResidual
+from updyn.updating.problem.residuals import LineResidual, ResidualSet
 
 __all__ = ["GUARDED", "PublishedMethod"]
 
@@ -76,7 +76,11 @@ class PublishedMethod(Method):
             )
 
     def iterate(
-        self, problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector, monitor: Monitor
+        self,
+        problem: Problem,
+        residual: LineResidual | ResidualSet[Any],
+        x: _Vector,
+        monitor: Monitor,
     ) -> tuple[_Vector, str]:
         """Minimise a residual from x; return the end, shape (n,), and why the iteration ended.
 
@@ -91,9 +95,9 @@ class PublishedMethod(Method):
         """
         if self.is_plain:
             step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
-            plain = Plain(self.max_iterations, self.tolerance)
-            return plain.run(problem, partial(local_of, problem, residual), step, x, monitor)
-        local_of(problem, residual, x)  # raises an error that names the line if singular
+            plain = PlainIteration(self.max_iterations, self.tolerance)
+            return plain.run(problem, partial(linearise, problem, residual), step, x, monitor)
+        linearise(problem, residual, x)  # raises an error that names the line if singular
         guarded = TrustRegion(self.max_iterations, self.tolerance)
         outcome = descend_to_scale(problem, residual, x, monitor, guarded)
         return outcome.x, outcome.reason

@@ -17,12 +17,12 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.linear import (
     Amounts,
-    Plain,
+    PlainIteration,
     check_unknowns,
-    fit_of,
+    describe_unmeasured,
     linear_step,
-    local_of,
-    not_measured,
+    linearise,
+    make_unweighted_fit,
     scaled_solution,
 )
 from updyn.updating.fit.monitor import Monitor
@@ -31,7 +31,7 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError
 
-__all__ = ["ReducedFrfMethod", "independently_reduced"]
+__all__ = ["ReducedFrfMethod", "reduce_independently"]
 
 _Vector = NDArray[np.float64]
 
@@ -93,16 +93,16 @@ class ReducedFrfMethod(Method):
         """Advice if the iteration breaks down."""
         return "Use lines where its reduced model is exact enough, or 'equation-error'."
 
-    def cause(self, problem: Problem) -> str:
+    def describe_obstacle(self, problem: Problem) -> str:
         """Return the error of the reduced model at the start, as a sentence."""
         texts = []
         for part in problem.parts:
-            missing = not_measured(Problem.of([part]))
+            missing = describe_unmeasured(Problem.of([part]))
             if missing:
                 errors = _errors(part, self.frequency)
-                texts.append(f"{part.name}: {missing}, {_inexact(part.frf.freq, errors)}")
+                texts.append(f"{part.name}: {missing}, {_describe_error(part.frf.freq, errors)}")
         text = " ".join(texts).removeprefix(": ")
-        return f"{text} {Method.cause(self, problem)}".strip()
+        return f"{text} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -113,18 +113,18 @@ class ReducedFrfMethod(Method):
         for part in problem.parts:
             residual.check(part)
         with monitor.stage(_NAME):
-            parts = [independently_reduced(part, x, self.frequency) for part in problem.parts]
+            parts = [reduce_independently(part, x, self.frequency) for part in problem.parts]
             reduced = Problem.of(parts)
             amounts = Amounts.find(problem.coordinates.parameters)
-            step = partial(_in_turn if self.separate else linear_step, reduced, amounts)
-            settings = Plain(self.max_iterations, self.tolerance)
+            step = partial(_step_in_turn if self.separate else linear_step, reduced, amounts)
+            settings = PlainIteration(self.max_iterations, self.tolerance)
             x, reason = settings.run(
-                reduced, partial(local_of, reduced, residual), step, x, monitor
+                reduced, partial(linearise, reduced, residual), step, x, monitor
             )
             where = " (static)"
             if self.frequency:
                 where = f" (at {self.frequency:g} Hz)"
-            return fit_of(
+            return make_unweighted_fit(
                 reduced,
                 residual,
                 x,
@@ -147,7 +147,7 @@ class _ReducedEquationError(EquationError):
         return f"frequency={self.frequency!r}"
 
 
-def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
+def reduce_independently(part: Part, x: _Vector, frequency: float) -> Part:
     """Return the part on a model of the measured DOFs alone: every matrix A becomes T^T A T.
 
     T is computed for the unknowns x at `frequency`, in Hz.
@@ -173,7 +173,7 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
         ) from None
     n = len(rows)
     own, entries = np.arange(n), np.arange(n * n)
-    terms = tuple(_projected(term, T, own, entries) for term in system.terms)
+    terms = tuple(_project_term(term, T, own, entries) for term in system.terms)
     dofs = system.dofs[rows]
     small = AffineSystem(
         terms, system.start, n * np.arange(n + 1), np.tile(own, n), dofs, decay=system.decay
@@ -194,11 +194,11 @@ def _errors(part: Part, frequency: float) -> _Vector:
     x = part.coordinates.home
     exact = part.responses(x)
     size = np.maximum(np.abs(exact), np.finfo(float).tiny)
-    reduced = independently_reduced(part, x, frequency).responses(x)
+    reduced = reduce_independently(part, x, frequency).responses(x)
     return np.asarray(np.median(np.abs(reduced - exact) / size, axis=(1, 2)))
 
 
-def _inexact(freq: _Vector, errors: _Vector) -> str:
+def _describe_error(freq: _Vector, errors: _Vector) -> str:
     """Return the error of the reduced FRFs, and up to which line it is small, as text."""
     text = (
         "and the transformation that stands for them is not exact: where the fit starts, it puts"
@@ -212,7 +212,7 @@ def _inexact(freq: _Vector, errors: _Vector) -> str:
     return f"{text}, and by less than 10 % only up to {freq[wrong[0] - 1]:.4g} Hz."
 
 
-def _projected(
+def _project_term(
     term: Term, T: NDArray[np.float64], own: NDArray[np.intp], entries: NDArray[np.intp]
 ) -> Term:
     part = np.ascontiguousarray(T[term.own])
@@ -221,11 +221,11 @@ def _projected(
     return replace(term, rows=own, local=A, slots=entries, data=A.ravel())
 
 
-def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
+def _step_in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
     """Return the values, shape (n,), after separate steps for stiffness, mass and damping."""
     parameters = problem.coordinates.parameters
     values = problem.coordinates.to_values(x)
-    J = amounts.columns(local.R / problem.coordinates.slope(x), values)
+    J = amounts.transform_jacobian(local.R / problem.coordinates.slope(x), values)
     change, left = np.zeros(len(x)), -local.q
     # A linked unknown belongs to the first quantity on which it acts; all quantities other than
     # stiffness and mass count as damping.
@@ -236,4 +236,4 @@ def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _V
     for own in steps.values():
         change[own] = scaled_solution(J[:, own], left)
         left = left - J[:, own] @ change[own]
-    return amounts.moved(values, change)
+    return amounts.apply_change(values, change)

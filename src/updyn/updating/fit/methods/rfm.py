@@ -17,8 +17,8 @@ from updyn.sensitivity import contract
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.linear import (
     check_unknowns,
-    fit_of,
-    not_measured,
+    describe_unmeasured,
+    make_unweighted_fit,
 )
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
@@ -91,12 +91,12 @@ class ResponseFunctionMethod(PublishedMethod):
     )
     instead: ClassVar[str] = "leave it out, or use 'complex-rfm' for loss factors"
 
-    def cause(self, problem: Problem) -> str:
+    def describe_obstacle(self, problem: Problem) -> str:
         """Return the number of DOFs whose motion is taken from the model, as a sentence."""
-        missing = not_measured(problem)
+        missing = describe_unmeasured(problem)
         if missing:
             missing += ": they take the motion of the model as it is."
-        return f"{missing} {Method.cause(self, problem)}".strip()
+        return f"{missing} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -111,9 +111,9 @@ class ResponseFunctionMethod(PublishedMethod):
             try:
                 x, reason = self.iterate(problem, residual, x, monitor)
             except Stopped:
-                return Fit.blind(x, "stopped")
+                return Fit.without_jacobian(x, "stopped")
             note = _NOTE.format(_UNBOUNDED if self.is_plain else "")
-            return fit_of(
+            return make_unweighted_fit(
                 problem, residual, x, reason, "spread of the response function equation", note
             )
 

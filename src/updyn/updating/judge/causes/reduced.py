@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduction import Across, Reduction
 from updyn.frf import QUANTITIES
-from updyn.updating.fit.search import scattered
+from updyn.updating.fit.search import scatter_points
 from updyn.updating.judge.causes.evidence import compute_spread, scale_stiffness
 from updyn.updating.judge.causes.holding import (
     ModelSupports,
@@ -148,7 +148,7 @@ def _about(part: Part, number: int, seed: int) -> list[_Real]:
     lowest = np.where(factor, own.home - spread, 0.0)
     highest = np.where(factor, own.home + spread, np.minimum(own.home + spread, _LOSSY))
     middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
-    return [own.home, *np.clip(scattered(middle, half, number - 1, seed), *own.bounds)]
+    return [own.home, *np.clip(scatter_points(middle, half, number - 1, seed), *own.bounds)]
 
 
 def stage_of(part: Part) -> Stage:

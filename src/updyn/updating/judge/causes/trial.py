@@ -23,7 +23,7 @@ from updyn.updating.judge.causes.evidence import (
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import Weighed, log_misfit, n_seen
 from updyn.updating.judge.causes.quadratic import Quadratic
-from updyn.updating.judge.causes.score import fitted
+from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LineResidual, LogError, OutputError
@@ -220,8 +220,8 @@ def _resized(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault:
     if fault.omits_channels:
         return fault.search_size(Evidence(part, x))
     if not fault.is_additive:
-        return fitted(Evidence(part, x), fault)[1]
-    more = fitted(Evidence(freed, x), replace(fault, value=0.0))[1]
+        return fit_first_order(Evidence(part, x), fault)[1]
+    more = fit_first_order(Evidence(freed, x), replace(fault, value=0.0))[1]
     return replace(fault, value=fault.value + more.value)
 
 
@@ -252,7 +252,7 @@ def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, flo
     problem = _held(part)
     residual = _residual(part)
     unit = max(np.sqrt(_power(part, x)), PERFECT_FIT)
-    settings = TrustRegion(steps, 1e-6, radius=0.3, relative_fall=1e-4)
+    settings = TrustRegion(steps, 1e-6, radius=0.3, min_relative_decrease=1e-4)
     x = descend(problem, residual, x, Monitor(problem), settings, unit).x
     e = _misfit(part, x)
     centre, weight = problem.coordinates.prior
@@ -266,7 +266,7 @@ def _residual(part: Part) -> LineResidual:
     frf = part.frf
     if isinstance(frf, Weighed):
         return OutputError(np.asarray(frf.scale))
-    return LogError.clear_of_noise(part)
+    return LogError.of_noisy_data(part)
 
 
 def _misfit(part: Part, x: _Real) -> NDArray[np.complex128]:
@@ -298,9 +298,9 @@ def robust_point(part: Part, x: _Real) -> _Real:
     The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
     median of all channels.
     """
-    problem, plain = _held(part), LogError.clear_of_noise(part)
+    problem, plain = _held(part), LogError.of_noisy_data(part)
     assert plain.weight is not None
-    settings = TrustRegion(_FEW, 1e-6, radius=0.3, relative_fall=1e-3)
+    settings = TrustRegion(_FEW, 1e-6, radius=0.3, min_relative_decrease=1e-3)
     for _ in range(_REWEIGHTED):
         size = np.mean(np.abs(_misfit(part, x)) ** 2, axis=0)
         typical = max(float(np.median(size)), PERFECT_FIT**2)
