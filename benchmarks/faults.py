@@ -199,9 +199,9 @@ def force_moved(bench, frf, rng):
 
 def turned(bench, frf, rng):
     """A sensor with two directions or more is turned by 10 to 45 degrees, or by 90."""
-    from updyn.updating.judge.causes.turned import Turned, axes_across
+    from updyn.updating.judge.causes.turned import Turned, list_rotation_axes
 
-    axes = axes_across(frf.responses)
+    axes = list_rotation_axes(frf.responses)
     if not axes:
         return None
     axis = str(axes[int(rng.integers(len(axes)))])
@@ -533,7 +533,7 @@ def missing_element(bench, frf, rng, cause):
     Its dynamic stiffness is 0.1 to 0.4 of that of the structure there, the median over the lines.
     """
     evidence = at_truth(bench, frf)
-    places = list(cause.places_in(frf))
+    places = list(cause.list_places(frf))
     for i in rng.permutation(len(places)):
         element = AddedElement(cause.quantity, *places[i], 1.0, cause.loss)
         size = rng.uniform(0.1, 0.4) / evidence.receptances.flexibility(element)

@@ -14,9 +14,9 @@ from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.other_model import OtherModel
-from updyn.updating.judge.causes.promising import IN_REACH, gain_of, promising_variants
+from updyn.updating.judge.causes.promising import IN_REACH, estimate_gain, select_variants
 from updyn.updating.judge.causes.ranking import LITTLE, compared
-from updyn.updating.judge.causes.suspects import Suspect, likeliest, suspects
+from updyn.updating.judge.causes.suspects import ScoredFault, score_faults, select_likeliest
 from updyn.updating.judge.causes.trial import NOISY, Trial, robust_point, tried
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import Part
@@ -63,7 +63,7 @@ def _variants_tried(
     part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
 ) -> Iterator[Trial]:
     """Yield the trials of the most promising variants of the model."""
-    for fault in promising_variants(part, others, without, start):
+    for fault in select_variants(part, others, without, start):
         end = tried(part, fault, [start])
         if end is not None:
             yield end
@@ -73,10 +73,10 @@ def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[B
     """Return the faults that explain the data as well as a variant, at the end of its trial."""
     assert isinstance(end.fault, WrongAxes)
     try:
-        least = gain_of(part, end.fault, end.x) - IN_REACH
+        least = estimate_gain(part, end.fault, end.x) - IN_REACH
     except SolverError:
         return []
-    found = [one for one in likeliest(suspects(part, end.x)) if one.gain > least]
+    found = [one for one in select_likeliest(score_faults(part, end.x)) if one.gain > least]
     return [(one.fault, one.x) for one in _fresh(found, stated)]
 
 
@@ -97,24 +97,24 @@ def is_small(trial: Trial) -> bool:
 
 def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Begun]:
     """Return the faults that promise a better fit than a trial with a small residual."""
-    found = [one for one in suspects(part, without.x, promising=True) if one.gain >= _PROMISED]
-    found = _fresh(likeliest(found), stated)
+    found = [one for one in score_faults(part, without.x, promising=True) if one.gain >= _PROMISED]
+    found = _fresh(select_likeliest(found), stated)
     if len(found) <= KEPT:
         return [(one.fault, one.x) for one in found]
     return _ahead([end for one in found if (end := _glanced(part, one))], without)
 
 
-def _seen_from(part: Part, points: Sequence[_Real]) -> list[Suspect]:
+def _seen_from(part: Part, points: Sequence[_Real]) -> list[ScoredFault]:
     """Return the suspects of several points, in the order in which they are tried."""
-    by_point = [suspects(part, x) for x in points]
+    by_point = [score_faults(part, x) for x in points]
     found = [one for one in by_point[0] if one.fault.affects_all_data]
     for there in by_point:
-        found += [one for one in likeliest(there) if one not in found]
+        found += [one for one in select_likeliest(there) if one not in found]
     return found
 
 
 def _followed(
-    part: Part, without: Trial, found: Sequence[Suspect], stated: Sequence[Finding]
+    part: Part, without: Trial, found: Sequence[ScoredFault], stated: Sequence[Finding]
 ) -> list[Begun]:
     """Return the best faults after a few steps of each, the likeliest first.
 
@@ -135,7 +135,7 @@ def _followed(
     return _ahead(ends, without)
 
 
-def _fresh(found: Iterable[Suspect], stated: Sequence[Finding]) -> list[Suspect]:
+def _fresh(found: Iterable[ScoredFault], stated: Sequence[Finding]) -> list[ScoredFault]:
     """Return the suspects that no finding covers."""
     return [one for one in found if not any(_covers(known, one.fault) for known in stated)]
 
@@ -148,7 +148,7 @@ def _covers(finding: Finding, fault: Fault) -> bool:
     return same or gone or fault.kind in kind.imitated_kinds
 
 
-def _glanced(part: Part, suspect: Suspect) -> Trial | None:
+def _glanced(part: Part, suspect: ScoredFault) -> Trial | None:
     """Return the trial of a suspect after a few steps."""
     return tried(part, suspect.fault, [suspect.x], glance=True)
 
@@ -172,11 +172,11 @@ def _ahead(ends: Sequence[Trial], without: Trial) -> list[Begun]:
     return list(best.values())[:KEPT]
 
 
-def _as_good(part: Part, end: Trial) -> list[Suspect]:
+def _as_good(part: Part, end: Trial) -> list[ScoredFault]:
     """Return other faults that explain the data as well at the end of a trial, to first order."""
     assert end.fault is not None
     key = (end.fault.kind, end.fault.channels)
-    found = likeliest(suspects(part, end.x))
+    found = select_likeliest(score_faults(part, end.x))
     own = [one.gain for one in found if one.key == key]
     if not own:
         return []

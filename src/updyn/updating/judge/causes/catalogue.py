@@ -28,10 +28,10 @@ from updyn.updating.judge.causes.quantity import Quantity
 from updyn.updating.judge.causes.reciprocity import Reciprocity
 from updyn.updating.judge.causes.scale import Scale
 from updyn.updating.judge.causes.sign import Sign
-from updyn.updating.judge.causes.support import Support
+from updyn.updating.judge.causes.support import Suspension
 from updyn.updating.judge.causes.swapped import Swapped
 from updyn.updating.judge.causes.turned import Turned
-from updyn.updating.judge.causes.window import Window
+from updyn.updating.judge.causes.window import WindowDamping
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 
 __all__ = ["CAUSES", "read_fault"]
@@ -48,10 +48,10 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     Delay,
     LowPass,
     FrequencyScale,
-    Window,
+    WindowDamping,
     MassLoading,
     OtherTest,
-    Support,
+    Suspension,
     NoSupport,
     MissingMode,
     MissingSpring,

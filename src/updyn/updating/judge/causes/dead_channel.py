@@ -15,7 +15,7 @@ from updyn.updating.problem.problem import Part
 __all__ = ["DeadChannel"]
 
 #: Level of the model, relative to its largest channel, above which a channel has a response.
-_HEARD = 1e-8
+_LEAST_RESPONSE = 1e-8
 #: Number of lines at which the model is evaluated.
 _LINES = 8
 
@@ -33,11 +33,11 @@ class DeadChannel(DataFault):
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield each sensor without values if others have some."""
         for channels in list_channels(frf):
-            there = find_channels(channels, frf).channel_mask(frf)
+            mask = find_channels(channels, frf).channel_mask(frf)
             # A value of a working channel is certainly not zero.
-            log_odds = len(frf.freq) * np.count_nonzero(there) + float(np.log(cls.odds))
-            if log_odds > LIKELY and not frf.values[:, there].any():
-                yield Detection(cls(channels), log_odds, float(there.mean()))
+            log_odds = len(frf.freq) * np.count_nonzero(mask) + float(np.log(cls.odds))
+            if log_odds > LIKELY and not frf.values[:, mask].any():
+                yield Detection(cls(channels), log_odds, float(mask.mean()))
 
     def is_expected(self, part: Part) -> bool:
         """Return whether the model has no response there, e.g. by symmetry or without a connection.
@@ -49,8 +49,8 @@ class DeadChannel(DataFault):
         """
         few = part.thinned(_LINES)
         level = np.abs(few.responses(few.coordinates.home)).max(axis=0)
-        there = find_channels(self.channels, part.frf).channel_mask(part.frf)
-        return bool(level[there].max() <= _HEARD * level.max())
+        mask = find_channels(self.channels, part.frf).channel_mask(part.frf)
+        return bool(level[mask].max() <= _LEAST_RESPONSE * level.max())
 
     @property
     def repair_text(self) -> str:

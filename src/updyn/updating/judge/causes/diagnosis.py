@@ -28,7 +28,7 @@ from updyn.updating.judge.causes.halves import compare_band_halves
 from updyn.updating.judge.causes.misfit import SEEN, Weighed, log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.other_model import OtherModel
-from updyn.updating.judge.causes.promising import other_models
+from updyn.updating.judge.causes.promising import list_other_models
 from updyn.updating.judge.causes.ranking import (
     FAR_OFF,
     Ranked,
@@ -207,15 +207,15 @@ def _in_other_units(part: Part, without: Trial) -> list[Finding]:
         return []
     begin = damped(part, part.coordinates.home)
     first: list[tuple[float, ModelUnit]] = []
-    for fault in ModelUnit.every():
-        there = part.with_data(fault.as_told(part.frf)).thinned(_FEWEST)
+    for fault in ModelUnit.list_mistakes():
+        there = part.with_data(fault.convert_data(part.frf)).thinned(_FEWEST)
         with suppress(SolverError):
             misfit = log_misfit(there.responses(begin), there.frf)[0]
             first.append((float(np.mean(np.abs(misfit) ** 2)), fault))
     first.sort(key=lambda one: one[0])
     ends: list[tuple[Trial, ModelUnit]] = []
     for _, fault in first[:_FOLLOWED]:
-        there = part.with_data(fault.as_told(part.frf))
+        there = part.with_data(fault.convert_data(part.frf))
         with suppress(SolverError):
             trial = tried(stage_of(there).near(there, [begin]), None, [begin])
             if trial is not None and trial.power < _GROSS**2:
@@ -239,7 +239,7 @@ def _explained(
     """Return the faults that model and data show together; their sizes are fitted to all lines."""
     findings: list[Finding] = []
     end: _Real | None = None
-    others = other_models(part)
+    others = list_other_models(part)
     for _ in range(_MOST):
         known = points if end is None else [end]
         found = _likeliest(part, stage, others, known, [*stated, *findings], noise)
@@ -252,7 +252,7 @@ def _explained(
         if isinstance(best.fault, WrongAxes) and best.fault.other is not None:
             other = best.fault.other
             part, whole, stage = other.instead(part), other.instead(whole), other.stage
-            others = other_models(part)
+            others = list_other_models(part)
             continue
         whole = _freed_whole(whole, stage, sized.fault, end)
         there = replace(stage.near(part, [end]), frf=part.frf)

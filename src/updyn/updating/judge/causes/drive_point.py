@@ -44,11 +44,11 @@ class DrivePoint(DataFault):
 
     Attributes
     ----------
-    behind : tuple of str
+    explanations : tuple of str
         Faults that would explain it.
     """
 
-    behind: tuple[str, ...] = ()
+    explanations: tuple[str, ...] = ()
 
     kind: ClassVar[str] = "drive-point"
     is_symptom: ClassVar[bool] = True
@@ -59,15 +59,16 @@ class DrivePoint(DataFault):
         square = Square.of(frf)
         shares, log_odds = {}, 0.0
         for i, label in enumerate(square.labels):
-            clear, sure, active = _counted(square, i)
+            clear, sure, active = _count_lines(square, i)
             share = active / max(clear, 1)
-            gain = min(sure, _MOST) * _gained(active / max(sure, 1)) + float(np.log(cls.odds))
+            gain = min(sure, _MOST) * _log_likelihood_ratio(active / max(sure, 1))
+            gain += float(np.log(cls.odds))
             if share >= _LEAST and gain > LIKELY:
                 shares[label] = share
                 log_odds = max(log_odds, gain)
         if shares:
             channels = tuple(shares)
-            fault = cls(channels, max(shares.values()), tuple(_explained_by(frf, channels)))
+            fault = cls(channels, max(shares.values()), tuple(_iter_explanations(frf, channels)))
             yield Detection(fault, log_odds, sum(shares.values()) / len(square.labels))
 
     @property
@@ -82,49 +83,49 @@ class DrivePoint(DataFault):
         """Return the data in which these values have no weight."""
         square = Square.of(frf)
         at = [square.labels.index(label) for label in self.channels]
-        return square.without(frf, zip(at, at, strict=True))
+        return square.mask_pairs(frf, zip(at, at, strict=True))
 
     def statement(self) -> str:
         """Return a sentence with the drive points, the share of lines and possible causes."""
-        behind = ""
-        if self.behind:
-            behind = f" Possible causes: {', or '.join(self.behind)}."
+        possible_causes = ""
+        if self.explanations:
+            possible_causes = f" Possible causes: {', or '.join(self.explanations)}."
         return (
             f"At the drive point {self.channel_text} the force takes energy out of the structure at"
             f" {100.0 * self.value:.0f} % of the lines (the real part of the mobility is negative),"
-            f" which is impossible for a passive structure.{behind}"
+            f" which is impossible for a passive structure.{possible_causes}"
         )
 
 
-def _explained_by(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
+def _iter_explanations(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
     """Yield the faults without which these drive points would be passive."""
-    if _passive(Sign(tuple(channels)), frf, channels):
+    if _is_passive(Sign(tuple(channels)), frf, channels):
         yield "the opposite sign of sensor or force"
     for name, power in QUANTITIES.items():
-        if name != frf.quantity and _passive(Quantity((), power), frf, channels):
+        if name != frf.quantity and _is_passive(Quantity((), power), frf, channels):
             yield f"data that are {name}"
-    if _passive(NonCausal(), frf, channels):
+    if _is_passive(NonCausal(), frf, channels):
         yield "conjugated data"
     for label in channels:
-        yield from _acting_elsewhere(frf, label)
+        yield from _iter_other_force_places(frf, label)
     for periods in _PERIODS:
         for late in (periods / frf.freq[-1], -periods / frf.freq[-1]):
-            if _passive(Delay(tuple(channels), float(late)), frf, channels):
+            if _is_passive(Delay(tuple(channels), float(late)), frf, channels):
                 yield f"a delay of about {late:.1g} s"
                 return
 
 
-def _passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
+def _is_passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
     """Return whether drive points are passive after the repair of a fault."""
     square = Square.of(fault.repair(frf))
     for label in channels:
-        clear, _, active = _counted(square, square.labels.index(label))
+        clear, _, active = _count_lines(square, square.labels.index(label))
         if active > _BY_CHANCE * clear:
             return False
     return True
 
 
-def _acting_elsewhere(frf: FRF, here: str) -> Iterator[str]:
+def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
     """Yield the only other sensor at which a force would put energy into the structure.
 
     A response that follows the drive point at a few lines is not sufficient: the number of lines
@@ -132,24 +133,24 @@ def _acting_elsewhere(frf: FRF, here: str) -> Iterator[str]:
     place, all would be positive only by a small chance at any of the sensors.
     """
     square = Square.of(frf)
-    _, sure, active = _counted(square, square.labels.index(here))
+    _, sure, active = _count_lines(square, square.labels.index(stated))
     share = min(active / max(sure, 1), 0.5)
     taken = {str(abs(dof)) for dof in frf.references}
     others = [str(abs(dof)) for dof in frf.responses if str(abs(dof)) not in taken]
     found = []
-    for there in others:
-        moved = Moved((f"{FORCE}{here}", f"{FORCE}{there}")).repair(frf)
-        for fault, sign in ((None, ""), (Sign((f"{FORCE}{there}",)), " with the opposite sign")):
-            tried = Square.of(moved if fault is None else fault.repair(moved))
-            clear, sure, active = _counted(tried, tried.labels.index(there))
+    for place in others:
+        moved = Moved((f"{FORCE}{stated}", f"{FORCE}{place}")).repair(frf)
+        for fault, sign in ((None, ""), (Sign((f"{FORCE}{place}",)), " with the opposite sign")):
+            repaired = Square.of(moved if fault is None else fault.repair(moved))
+            clear, sure, active = _count_lines(repaired, repaired.labels.index(place))
             certain = -min(sure, _MOST) * float(np.log1p(-share))
             if active <= _BY_CHANCE * clear and certain > LIKELY + float(np.log(len(others))):
-                found.append(f"a force at {there}, not at {here},{sign}".rstrip(","))
+                found.append(f"a force at {place}, not at {stated},{sign}".rstrip(","))
     if len(found) == 1:
         yield found[0]
 
 
-def _gained(share: float) -> float:
+def _log_likelihood_ratio(share: float) -> float:
     """Return the log likelihood ratio of a line with a sign, for a share of negative signs."""
     if share <= _BY_CHANCE:
         return 0.0
@@ -159,7 +160,7 @@ def _gained(share: float) -> float:
     return float(share * np.log(share / _BY_CHANCE) + quiet)
 
 
-def _counted(square: Square, i: int) -> tuple[int, int, int]:
+def _count_lines(square: Square, i: int) -> tuple[int, int, int]:
     """Return the numbers of lines above the noise, with a certain sign of Re(Y), and negative."""
     H, noise = square.values[:, i, i], square.noise[:, i, i]
     clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)

@@ -144,27 +144,27 @@ class Fault(ABC):
         Prior odds that a test has a fault of this kind at one place.
     unit : str
         Unit of `value`; empty if it has no unit.
-    two : str
+    pair_noun : str
         Noun for the two items that its channels have to name; empty if any number is valid.
-    tunes : bool
+    has_free_size : bool
         Whether the data determine the size: `slope` is defined.
-    adds : bool
+    is_additive : bool
         Whether two such faults equal one with the sum of their values.
-    blurs : tuple of str
+    imitated_kinds : tuple of str
         Kinds that the residual may imitate after the correction, because the correction is of first
         order only.
-    leaves_out : bool
+    omits_channels : bool
         Whether the repair omits its channels, so that no further faults of these are reported.
-    adapts : bool
+    is_adaptive : bool
         Whether the correction is computed anew from model and data during the fit, by `adapt_to`.
-    constant : bool
+    has_constant_size : bool
         Whether its value has to be the same in both halves of the band; otherwise it is not
         reported.
-    is_of_model : bool
+    alters_model : bool
         Whether it is an error of the model, with correct data, and a trial alters the model.
     concerns_model : bool
         Whether it is an error of the model although a trial alters the data.
-    told_by : str
+    distinguishing_test : str
         How to distinguish it from other faults that explain the same data: a sentence, or empty.
     """
 

@@ -11,16 +11,16 @@ from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
 __all__ = ["Finding"]
 
 #: Share of the misfit above which a cause makes an answer implausible.
-_MOST_OF_IT = 0.5
+_GRAVE_SHARE = 0.5
 #: Share of the misfit above which a cause explains all of it.
-_ALL_OF_IT = 0.95
+_FULL_SHARE = 0.95
 #: Kinds that affect some lines only.
-_LOCAL = ("mains", "missing-mode")
+_LOCAL_KINDS = ("mains", "missing-mode")
 #: Kinds that make an answer implausible even with few channels, because a fit takes their values
 #: for responses.
-_SPOILING = ("dead-channel",)
+_GRAVE_KINDS = ("dead-channel",)
 #: Logarithm of the calibration factor up to which an answer may be used with care.
-_MILD = 0.3
+_MILD_CALIBRATION = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +90,11 @@ class Finding:
         With a calibration off by some tens of per cent, or a mode that the model lacks, an answer
         may be used with care.
         """
-        if self.kind in _SPOILING:
+        if self.kind in _GRAVE_KINDS:
             return True
-        if self.explains < _MOST_OF_IT or self.kind in _LOCAL:
+        if self.explains < _GRAVE_SHARE or self.kind in _LOCAL_KINDS:
             return False
-        return self.kind != "calibration" or abs(self.value) > _MILD
+        return self.kind != "calibration" or abs(self.value) > _MILD_CALIBRATION
 
     @property
     def concerns_model(self) -> bool:
@@ -109,7 +109,7 @@ class Finding:
         A cause that only brings unknowns back to their start does not explain the misfit; another
         answer may.
         """
-        return self.grave and self.of_misfit > _ALL_OF_IT
+        return self.grave and self.of_misfit > _FULL_SHARE
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the fault.

@@ -29,10 +29,10 @@ class ModelSupports:
 
     Attributes
     ----------
-    resisted : mapping of str to frozenset of str
+    directions_by_group : mapping of str to frozenset of str
         For each group, the directions in which a rigid translation of the whole model causes a
         force.
-    single : frozenset of str
+    uncoupled_groups : frozenset of str
         Groups that do not couple any nodes.
     """
 
@@ -55,7 +55,7 @@ class SolverWithSupports(ReducedSolver):
 
     Attributes
     ----------
-    holding : Holding
+    supports : Holding
         Supports of the whole model.
     """
 

@@ -26,7 +26,7 @@ _BLURRED, _LEAST_AVERAGED, _SHARE = 3, 5, 1.0 / 16.0
 #: Logarithm of the ratio of powers above which there is an edge: 22 dB.
 _EDGE = 2.2 * np.log(10.0)
 #: Share of the largest drop that identifies the edge.
-_MOST_OF_IT = 0.7
+_EDGE_SHARE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,15 @@ class Leakage(DataFault):
         spacing = np.diff(frf.freq)
         if len(frf.freq) < _FEWEST or np.ptp(spacing) > _EVEN * spacing.mean():
             return
-        power = _impulse_power(frf)
+        power = _compute_impulse_power(frf)
         n = max(int(_SHARE * len(power)), _LEAST_AVERAGED)
-        edges, first = _edges(power, n)
+        edges, first = _measure_edges(power, n)
         # The taper falls after the end as well: take the first sample with most of the drop.
-        best = int(np.argmax(edges > _MOST_OF_IT * edges.max()))
+        best = int(np.argmax(edges > _EDGE_SHARE * edges.max()))
         # Under a Hann window every other sample is an independent observation.
         log_odds = 0.5 * n * float(edges[best] - 1.0) + float(np.log(cls.odds))
         if edges[best] > _EDGE and log_odds > LIKELY:
-            end = _end(power, best + first, n)
+            end = _find_end(power, best + first, n)
             length = end / (len(power) * float(spacing.mean()))
             lost = float(power[end - n : end].mean() / power.max())
             yield Detection(cls((), length), log_odds, min(lost, 1.0))
@@ -76,7 +76,7 @@ class Leakage(DataFault):
         )
 
 
-def _impulse_power(frf: FRF) -> _Real:
+def _compute_impulse_power(frf: FRF) -> _Real:
     """Return the mean square of the impulse responses of all channels, shape (n_f,).
 
     They are band-limited, tapered by a Hann window against ringing, and extend from 0 to the
@@ -88,7 +88,7 @@ def _impulse_power(frf: FRF) -> _Real:
     return np.asarray(np.mean(np.abs(h) ** 2, axis=1))
 
 
-def _edges(power: _Real, n: int) -> tuple[_Real, int]:
+def _measure_edges(power: _Real, n: int) -> tuple[_Real, int]:
     """Return the drop of the log power at each sample, and the first sample.
 
     The decay, from averages over n samples before and after, is subtracted.
@@ -102,7 +102,7 @@ def _edges(power: _Real, n: int) -> tuple[_Real, int]:
     return before - after - decay * (n + 2 * _BLURRED) / n, first
 
 
-def _end(power: _Real, near: int, n: int) -> int:
+def _find_end(power: _Real, near: int, n: int) -> int:
     """Return the sample of an edge, at which the taper leaves half of the amplitude."""
     before = power[near - n - _BLURRED : near - _BLURRED].mean()
     above = np.flatnonzero(power[near - n : near + n] > 0.25 * before)

@@ -22,7 +22,7 @@ from updyn.updating.judge.causes.altered import (
 )
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
-from updyn.updating.judge.causes.missing_element import directed_places
+from updyn.updating.judge.causes.missing_element import list_directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
 from updyn.updating.problem.parameters import Parameter
@@ -60,7 +60,7 @@ class LossPower(Alteration):
         Groups with this change; empty: all groups without a loss table.
     exponent : float
         The exponent.
-    middle : float
+    mid_frequency : float
         Frequency in Hz at which loss factors and stiffnesses are those of the model.
     causal : bool
         Whether the storage moduli vary as well, by the Kramers-Kronig relations; else they are
@@ -135,7 +135,7 @@ class CausalSystem(AffineSystem):
 
     Attributes
     ----------
-    power : LossPower or None
+    loss_power : LossPower or None
         Variation over frequency.
     varying : tuple of bool
         Whether each term varies.
@@ -185,13 +185,13 @@ class LossOverFrequency(Irreparable):
     ----------
     groups : tuple of str
         Groups that have this loss factor; empty: all without a loss table.
-    middle : float
+    mid_frequency : float
         Frequency in Hz at which loss factors are those of the unknowns: geometric mean of the band.
     lines : tuple of float
         Lines of the data in Hz, above 0.
     loss : float
         Loss factor at `mid_frequency`; 0 if several groups have different ones.
-    places : int
+    n_places : int
         Number of loss factors that were tested.
     viscous : tuple of ProportionalDamping
         Viscous damping of the same groups that is not an unknown.
@@ -375,7 +375,7 @@ def _list_viscous_damping(
     """Return the viscous damping of a group, or else of all groups, that is not an unknown."""
     if len(groups) > 1:
         return ()
-    n_places = len(list(directed_places(evidence.frf))) + len(evidence.slopes_by_rate)
+    n_places = len(list(list_directed_places(evidence.frf))) + len(evidence.slopes_by_rate)
     own, found = groups[0] if groups else ALL, []
     for quantity in MATRICES:
         names = (f"{own}.{quantity}", f"{ALL}.{quantity}")

@@ -22,9 +22,9 @@ _Complex = NDArray[np.complex128]
 _FREQUENCIES = (50.0, 60.0)
 #: Number of neighbouring lines that predict a line, half on either side, and degree of their
 #: polynomial.
-_BESIDE, _DEGREE = 8, 3
+_NEIGHBOURS, _DEGREE = 8, 3
 #: Number of polynomial terms in addition to a pole.
-_BESIDE_POLE = 3
+_POLE_TERMS = 3
 #: Largest spacing of lines, as a share of the mains frequency; largest distance of a line from a
 #: multiple, in spacings, at which it is tested: hum between two lines affects both.
 _COARSE, _NEAR = 0.1, 0.4
@@ -32,7 +32,7 @@ _COARSE, _NEAR = 0.1, 0.4
 _COMPARED = 400
 #: Ratio of the deviation of a line from its prediction to the scatter of its neighbours, above
 #: which it is an outlier, and the share of the channels with outliers.
-_STANDS_OUT, _MANY = 4.0, 0.5
+_OUTLIER, _MANY = 4.0, 0.5
 #: Standard deviations above which the neighbours of a line show a resonance on it; smallest
 #: half-power bandwidth of a resonance in lines: a record whose length is the reciprocal of the
 #: spacing does not resolve less.
@@ -52,7 +52,7 @@ class Mains(DataFault):
     """
 
     lines: tuple[float, ...] = ()
-    many: str = ""
+    channel_count: str = ""
 
     kind: ClassVar[str] = "mains"
     unit: ClassVar[str] = "Hz"
@@ -61,36 +61,43 @@ class Mains(DataFault):
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield 50 or 60 Hz, the more likely one, for evenly and finely spaced lines."""
-        if len(frf.freq) <= 2 * _BESIDE:
+        if len(frf.freq) <= 2 * _NEIGHBOURS:
             return
         found: list[Detection] = []
         for frequency in _FREQUENCIES:
-            hit = _hit(frf.freq, frequency)
-            if hit.any() and np.gradient(frf.freq)[hit].max() <= _COARSE * frequency:
-                found += cls._at(frf, frequency, hit)
+            is_multiple = _find_mains_lines(frf.freq, frequency)
+            if (
+                is_multiple.any()
+                and np.gradient(frf.freq)[is_multiple].max() <= _COARSE * frequency
+            ):
+                found += cls._detect_at(frf, frequency, is_multiple)
         yield from sorted(found, key=lambda one: -one.log_odds)[:1]
 
     @classmethod
-    def _at(cls, frf: FRF, frequency: float, hit: NDArray[np.bool_]) -> Iterable[Detection]:
-        found = _Neighbours.of(frf, hit)
+    def _detect_at(
+        cls, frf: FRF, frequency: float, is_multiple: NDArray[np.bool_]
+    ) -> Iterable[Detection]:
+        found = _Neighbours.of(frf, is_multiple)
         # A mains line has to exceed the largest outlier of all other lines.
-        height = np.median(found.ratio, axis=1)
-        others = float(height[~hit].max(initial=0.0))
-        out = _hit(frf.freq, frequency, _NEAR) & (height > max(_STANDS_OUT, others))
-        out &= np.median(found.pole, axis=1) < _RESONANT
+        height = np.median(found.deviation_ratio, axis=1)
+        others = float(height[~is_multiple].max(initial=0.0))
+        is_outlier = _find_mains_lines(frf.freq, frequency, _NEAR) & (
+            height > max(_OUTLIER, others)
+        )
+        is_outlier &= np.median(found.pole_ratio, axis=1) < _RESONANT
         # One line may be a very sharp resonance; several at multiples are unlikely to be.
-        proven = out & (found.narrow < _SHARP)
-        if not proven.any() and len(np.unique(np.round(frf.freq[out] / frequency))) < 2:
+        is_proven = is_outlier & (found.bandwidth < _SHARP)
+        if not is_proven.any() and len(np.unique(np.round(frf.freq[is_outlier] / frequency))) < 2:
             return
         # The noise of a force is common to all its channels, so only one channel counts.
-        n = _BESIDE - _DEGREE - 1
-        gains = n * np.log1p(height[out] ** 2 / n) - np.log(len(frf.freq))
+        n = _NEIGHBOURS - _DEGREE - 1
+        gains = n * np.log1p(height[is_outlier] ** 2 / n) - np.log(len(frf.freq))
         log_odds = float(np.sum(gains) + np.log(cls.odds))
         if log_odds > LIKELY:
-            many = np.mean(found.ratio[out] > _STANDS_OUT, axis=0) >= _MANY
-            text = f"{np.count_nonzero(many)} of {many.size} channels"
-            lines = tuple(float(f) for f in frf.freq[out])
-            share = np.count_nonzero(out) / len(frf.freq)
+            is_affected = np.mean(found.deviation_ratio[is_outlier] > _OUTLIER, axis=0) >= _MANY
+            text = f"{np.count_nonzero(is_affected)} of {is_affected.size} channels"
+            lines = tuple(float(f) for f in frf.freq[is_outlier])
+            share = np.count_nonzero(is_outlier) / len(frf.freq)
             yield Detection(cls((), frequency, lines, text), log_odds, share)
 
     @property
@@ -122,7 +129,7 @@ class Mains(DataFault):
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the lines next to multiples of the frequency."""
-        return frf.select(lines=frf.freq[~_hit(frf.freq, self.value)])
+        return frf.select(lines=frf.freq[~_find_mains_lines(frf.freq, self.value)])
 
     def statement(self) -> str:
         """Return a sentence with the affected lines."""
@@ -132,15 +139,15 @@ class Mains(DataFault):
         plural = "s" if len(self.lines) > 1 else ""
         return (
             f"Mains hum of {self.value:g} Hz: the line{plural} at {shown} Hz"
-            f" deviate{'s' * (not plural)} from the neighbouring lines in {self.many}."
+            f" deviate{'s' * (not plural)} from the neighbouring lines in {self.channel_count}."
         )
 
 
-def _hit(freq: _Real, frequency: float, within: float = 0.5) -> NDArray[np.bool_]:
+def _find_mains_lines(freq: _Real, frequency: float, share: float = 0.5) -> NDArray[np.bool_]:
     """Return the lines next to multiples of a frequency, within a share of the spacing."""
     order = np.round(freq / frequency)
-    away = np.abs(freq - order * frequency) / np.gradient(freq)
-    return np.asarray((order >= 1) & (away <= within * (1.0 + 1e-9)))
+    distance = np.abs(freq - order * frequency) / np.gradient(freq)
+    return np.asarray((order >= 1) & (distance <= share * (1.0 + 1e-9)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,52 +159,56 @@ class _Neighbours:
 
     Attributes
     ----------
-    ratio : ndarray of float, shape (n_f, n_c)
+    deviation_ratio : ndarray of float, shape (n_f, n_c)
         Deviation of each line from its prediction, in standard deviations.
-    pole : ndarray of float, shape (n_f, n_c)
+    pole_ratio : ndarray of float, shape (n_f, n_c)
         Coefficient of 1 / distance in lines, fitted to the neighbours, in standard deviations: the
         size of a resonance on the line.
-    narrow : ndarray of float, shape (n_f,)
+    bandwidth : ndarray of float, shape (n_f,)
         Smallest half-power bandwidth, in lines, of a resonance that would explain the line, at two
         standard deviations.
     """
 
-    ratio: _Real
-    pole: _Real
-    narrow: _Real
+    deviation_ratio: _Real
+    pole_ratio: _Real
+    bandwidth: _Real
 
     @classmethod
-    def of(cls, frf: FRF, hit: NDArray[np.bool_]) -> _Neighbours:
+    def of(cls, frf: FRF, is_multiple: NDArray[np.bool_]) -> _Neighbours:
         n = len(frf.freq)
         flat = frf.values.reshape(n, -1)
         least = 1e-12 * np.abs(flat).max() + np.finfo(float).tiny
-        ratio, pole, narrow = np.zeros(flat.shape), np.zeros(flat.shape), np.zeros(n)
-        quiet = np.flatnonzero(~hit)
-        for k in np.union1d(np.flatnonzero(hit), quiet[:: -(-n // _COMPARED)]):
+        deviation_ratio, pole_ratio, bandwidth = (
+            np.zeros(flat.shape),
+            np.zeros(flat.shape),
+            np.zeros(n),
+        )
+        quiet = np.flatnonzero(~is_multiple)
+        for k in np.union1d(np.flatnonzero(is_multiple), quiet[:: -(-n // _COMPARED)]):
             others = quiet[quiet != k]
-            first = np.searchsorted(others, k) - _BESIDE // 2
-            near = others[np.clip(first, 0, len(others) - _BESIDE) + np.arange(_BESIDE)]
-            away = (frf.freq[near] - frf.freq[k]) / (np.ptp(frf.freq[near]) / _BESIDE)
-            powers = (away / _BESIDE)[:, None] ** np.arange(_DEGREE + 1)
-            weights, std = _fitted(powers, flat[near], least)
+            first = np.searchsorted(others, k) - _NEIGHBOURS // 2
+            near = others[np.clip(first, 0, len(others) - _NEIGHBOURS) + np.arange(_NEIGHBOURS)]
+            distance = (frf.freq[near] - frf.freq[k]) / (np.ptp(frf.freq[near]) / _NEIGHBOURS)
+            powers = (distance / _NEIGHBOURS)[:, None] ** np.arange(_DEGREE + 1)
+            weights, std = _fit_basis(powers, flat[near], least)
             deviation = np.abs(flat[k] - weights[0] @ flat[near])
-            ratio[k] = deviation / (std * np.sqrt(1.0 + weights[0] @ weights[0]))
-            weights, std = _fitted(
-                np.column_stack([1.0 / away, powers[:, :_BESIDE_POLE]]), flat[near], least
+            deviation_ratio[k] = deviation / (std * np.sqrt(1.0 + weights[0] @ weights[0]))
+            weights, std = _fit_basis(
+                np.column_stack([1.0 / distance, powers[:, :_POLE_TERMS]]), flat[near], least
             )
-            unsure = float(np.sqrt(weights[0] @ weights[0]))
-            pole[k] = np.abs(weights[0] @ flat[near]) / (std * unsure)
+            deviation_of_pole = float(np.sqrt(weights[0] @ weights[0]))
+            pole_ratio[k] = np.abs(weights[0] @ flat[near]) / (std * deviation_of_pole)
             # A resonance is at the same line in all channels, so their noise averages out.
-            power = max(float(np.sum(pole[k] ** 2 - 1.0)), 0.0) + 2.0 * np.sqrt(len(std))
+            power = max(float(np.sum(pole_ratio[k] ** 2 - 1.0)), 0.0) + 2.0 * np.sqrt(len(std))
             height = np.maximum(np.linalg.norm(deviation / std), np.finfo(float).tiny)
-            narrow[k] = unsure * np.sqrt(power) / height
-        return cls(ratio, pole, narrow)
+            bandwidth[k] = deviation_of_pole * np.sqrt(power) / height
+        return cls(deviation_ratio, pole_ratio, bandwidth)
 
 
-def _fitted(basis: _Real, seen: _Complex, least: float) -> tuple[_Real, _Real]:
+def _fit_basis(basis: _Real, values: _Complex, least: float) -> tuple[_Real, _Real]:
     """Return the weights for each coefficient, and the standard deviation of the residual."""
     Q, R = np.linalg.qr(basis)
-    left = seen - Q @ (Q.T @ seen)
+    residual = values - Q @ (Q.T @ values)
     freedom = len(basis) - basis.shape[1]
-    std = np.sqrt(np.sum(np.abs(left) ** 2, axis=0) / freedom)
+    std = np.sqrt(np.sum(np.abs(residual) ** 2, axis=0) / freedom)
     return np.linalg.solve(R, Q.T), np.maximum(std, least)

@@ -65,8 +65,10 @@ class MassLoading(Irreparable):
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data times 1 - omega^2 m H_ii of the model."""
-        left = np.log(1.0 - self.value * evidence.drive_point_response)[:, :, None]
-        return divide_data(evidence.frf, np.broadcast_to(-left, evidence.frf.values.shape))
+        log_correction = np.log(1.0 - self.value * evidence.drive_point_response)[:, :, None]
+        return divide_data(
+            evidence.frf, np.broadcast_to(-log_correction, evidence.frf.values.shape)
+        )
 
     def is_plausible(self) -> bool:
         """Return whether the mass is positive."""

@@ -15,10 +15,10 @@ from updyn.updating.judge.causes.altered import AlteredPart
 from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
-from updyn.updating.judge.causes.screening import best_elements
+from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.problem.problem import Part
 
-__all__ = ["MissingElement", "directed_places"]
+__all__ = ["MissingElement", "list_directed_places"]
 
 #: Largest number of elements of a kind that are fitted at a point.
 _MOST = 4
@@ -34,7 +34,7 @@ class MissingElement(Irreparable):
     ----------
     between : bool
         Whether it acts between two DOFs; else between each DOF and the ground.
-    places : int
+    n_places : int
         Number of places that were tested; they share the odds of the kind.
     """
 
@@ -56,26 +56,26 @@ class MissingElement(Irreparable):
     loss: ClassVar[float] = 0.0
 
     @classmethod
-    def places_in(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
+    def list_places(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
         """Yield the DOFs of each tested place, and whether the element acts between them."""
-        yield from directed_places(frf)
+        yield from list_directed_places(frf)
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the elements that explain most, to first order."""
-        return cls._best(evidence, _MOST)
+        return cls._find_best(evidence, _MOST)
 
     @classmethod
-    def _best(cls, evidence: Evidence, most: int) -> list[Self]:
+    def _find_best(cls, evidence: Evidence, most: int) -> list[Self]:
         every = [
-            AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.places_in(evidence.frf)
+            AddedElement(cls.quantity, *at, 0.0, cls.loss) for at in cls.list_places(evidence.frf)
         ]
-        best = best_elements(evidence, every, most)
+        best = select_elements(evidence, every, most)
         return [cls(one.labels, one.value, one.between, len(every)) for one in best]
 
     def list_other_places(self, evidence: Evidence) -> Iterable[Fault]:
         """Return the elements at other places that explain most, to first order."""
-        found = (replace(one, n_places=self.n_places) for one in self._best(evidence, _NEXT))
+        found = (replace(one, n_places=self.n_places) for one in self._find_best(evidence, _NEXT))
         return [one for one in found if one.channels != self.channels]
 
     @property
@@ -105,12 +105,12 @@ class MissingElement(Irreparable):
         return self.value > 0.0
 
     @property
-    def size(self) -> str:
+    def size_text(self) -> str:
         """Size with its unit."""
         return f"{self.value:.4g} {self.units[':R' in self.channels[0]]}"
 
     @property
-    def place(self) -> str:
+    def place_text(self) -> str:
         """Place as text."""
         if self.between:
             return f"between {self.channels[0]} and {self.channels[1]}"
@@ -118,7 +118,7 @@ class MissingElement(Irreparable):
 
     def statement(self) -> str:
         """Return a sentence with the place and the size."""
-        return f"The model lacks a {self.noun} of {self.size} {self.place}."
+        return f"The model lacks a {self.noun} of {self.size_text} {self.place_text}."
 
     @property
     def remedy(self) -> str:
@@ -135,7 +135,7 @@ class MissingElement(Irreparable):
         )
 
 
-def directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
+def list_directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
     """Yield each measured DOF, and each pair of the same direction; pairs with True."""
     labels = MeasuredDofs.of(frf).labels
     for label in labels:

@@ -27,7 +27,7 @@ class MissingMass(MissingElement):
     units: ClassVar[tuple[str, str]] = ("kg", "kg m2")
 
     @classmethod
-    def places_in(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
+    def list_places(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
         """Yield the measured translations of each node, and each measured rotation."""
         of_node: dict[str, list[str]] = {}
         for label in MeasuredDofs.of(frf).labels:

@@ -16,7 +16,7 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.labels import list_response_labels
 from updyn.updating.judge.causes.misfit import log_misfit
-from updyn.updating.judge.causes.pole_fit import Pole, fitted_along
+from updyn.updating.judge.causes.pole_fit import Pole, fit_pole
 from updyn.updating.problem.problem import Part
 
 __all__ = ["MissingMode"]
@@ -26,7 +26,7 @@ _Complex = NDArray[np.complex128]
 
 #: Ratio of the misfit at a line to its median, and its smallest value, above which a mode may be
 #: missing; largest number of such lines.
-_STANDS_OUT, _LEAST, _MOST = 3.0, 0.1, 3
+_PEAK_RATIO, _LEAST, _MOST = 3.0, 0.1, 3
 #: Lines that are fitted: within a share of the frequency of the mode, and at least this many.
 _NEAR, _FEWEST = 0.15, 9
 #: First and smallest loss factor; number of refinements of the pole.
@@ -37,7 +37,7 @@ _FEW = 0.6
 _NARROW = 0.03
 #: Share of its frequency on either side that the repair omits if its shape is unknown; largest
 #: ratio of the mode to the residual at a line that is kept if it is known.
-_LEFT_OUT, _MOST_OF_IT = 0.05, 3.0
+_OMITTED, _DOMINANT = 0.05, 3.0
 #: Largest number of entries of a shape in a sentence.
 _SHORT = 12
 
@@ -53,9 +53,9 @@ class MissingMode(Fault):
     ----------
     loss : float
         Loss factor eta.
-    wide : float
+    bandwidth : float
         Half-power bandwidth, in spacings of the lines near it.
-    many : float
+    channel_share : float
         Share of the sensors, or of the forces, that measure it: (sum a)^2 / (n sum a^2), with a the
         root of the explained misfit of each.
     shape : tuple of (str, complex)
@@ -64,8 +64,8 @@ class MissingMode(Fault):
     """
 
     loss: float = _LOSS
-    wide: float = 1.0
-    many: float = 1.0
+    bandwidth: float = 1.0
+    channel_share: float = 1.0
     shape: tuple[tuple[str, complex], ...] = ()
 
     kind: ClassVar[str] = "missing-mode"
@@ -84,7 +84,7 @@ class MissingMode(Fault):
         power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
         padded = np.pad(power, 1, constant_values=-1.0)
         peaks = (power >= padded[:-2]) & (power > padded[2:])
-        large = power > max(_STANDS_OUT * float(np.median(power)), _LEAST)
+        large = power > max(_PEAK_RATIO * float(np.median(power)), _LEAST)
         out = np.flatnonzero(peaks & large & (frf.freq > 0.0))
         for line in out[np.argsort(-power[out])][:_MOST]:
             yield cls((), float(frf.freq[line])).adapt_to(evidence)
@@ -95,8 +95,8 @@ class MissingMode(Fault):
 
     def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault with the pole that explains most, near its own."""
-        at = _Residual.near(evidence, self.value)
-        best, least = self, at.left(self)
+        at = _LocalResidual.near(evidence, self.value)
+        best, least = self, at.squared_error(self)
         spacing = float(np.median(np.diff(at.freq)))
         step, factor = spacing, 3.0
         for _ in range(_REFINED):
@@ -107,23 +107,24 @@ class MissingMode(Fault):
                 if f > 0.0
             ]
             for one in near:
-                left = at.left(one)
-                if left < least:
-                    best, least = one, left
+                error = at.squared_error(one)
+                if error < least:
+                    best, least = one, error
             step, factor = 0.5 * step, np.sqrt(factor)
-        return replace(best, wide=best.loss * best.value / spacing, many=at.many(best))
+        bandwidth = best.loss * best.value / spacing
+        return replace(best, bandwidth=bandwidth, channel_share=at.channel_share(best))
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data minus the mode; its shape, if unknown, is fitted to the residual."""
         frf = evidence.frf
         if self.shape:
-            return replace(frf, values=frf.values - self._pole(frf).term(frf))
-        residues = _Residual.near(evidence, self.value).residues(self)
+            return replace(frf, values=frf.values - self._shape_pole(frf).contribution(frf))
+        residues = _LocalResidual.near(evidence, self.value).residues(self)
         u, s, vh = np.linalg.svd(residues)
         shape = s[0] * np.outer(u[:, 0], vh[0])
-        return replace(frf, values=frf.values - self.pole(frf)[:, None, None] * shape)
+        return replace(frf, values=frf.values - self.pole_factor(frf)[:, None, None] * shape)
 
-    def pole(self, frf: FRF) -> _Complex:
+    def pole_factor(self, frf: FRF) -> _Complex:
         """Return s^k / (1 + i eta + s^2), s = i omega / omega_0, shape (n_f,)."""
         s = frf.s / (2.0 * np.pi * self.value)
         return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
@@ -132,16 +133,16 @@ class MissingMode(Fault):
         """Return the mode with its shape, fitted to all data together with the unknowns."""
         frf = part.frf
         evidence = Evidence(part, x)
-        residues = _Residual.near(evidence, self.value).residues(self)
+        residues = _LocalResidual.near(evidence, self.value).residues(self)
         u, s, vh = np.linalg.svd(residues)
         size = s[0] / (2.0 * np.pi * self.value) ** QUANTITIES[frf.quantity]
-        pole = fitted_along(part, x, Pole(self.value, self.loss, size * u[:, 0], vh[0]))
+        pole = fit_pole(part, x, Pole(self.value, self.loss, size * u[:, 0], vh[0]))
         labels = [*list_response_labels(frf), *(f"{FORCE}{abs(dof)}" for dof in frf.references)]
         signed = np.concatenate([pole.a * frf.responses.signs, pole.b * frf.references.signs])
         shape = tuple(zip(labels, signed.tolist(), strict=True))
         return replace(self, value=pole.frequency, loss=pole.loss, shape=shape)
 
-    def _pole(self, frf: FRF) -> Pole:
+    def _shape_pole(self, frf: FRF) -> Pole:
         """Return the pole for the channels of data."""
         known = dict(self.shape)
         parts: list[_Complex] = []
@@ -168,17 +169,19 @@ class MissingMode(Fault):
         DataError
             If no line remains, or the shape is unknown at a channel.
         """
-        left = frf
+        remaining = frf
         if self.shape:
-            term = self._pole(frf).term(frf)
-            left = replace(frf, values=frf.values - term)
-            sizes = [np.sqrt(np.mean(np.abs(one) ** 2, axis=(1, 2))) for one in (term, left.values)]
-            kept = sizes[0] <= _MOST_OF_IT * sizes[1]
+            term = self._shape_pole(frf).contribution(frf)
+            remaining = replace(frf, values=frf.values - term)
+            sizes = [
+                np.sqrt(np.mean(np.abs(one) ** 2, axis=(1, 2))) for one in (term, remaining.values)
+            ]
+            is_kept = sizes[0] <= _DOMINANT * sizes[1]
         else:
-            kept = np.abs(frf.freq / self.value - 1.0) > _LEFT_OUT
-        if not kept.any():
+            is_kept = np.abs(frf.freq / self.value - 1.0) > _OMITTED
+        if not is_kept.any():
             raise DataError(f"repair {self.kind!r}: all lines are about {self.value:.6g} Hz")
-        return left.select(lines=frf.freq[kept])
+        return remaining.select(lines=frf.freq[is_kept])
 
     @classmethod
     def parse(cls, channels: str, value: str) -> MissingMode:
@@ -197,7 +200,7 @@ class MissingMode(Fault):
             return found
         loss, *shape = more
         try:
-            return replace(found, loss=float(loss), shape=tuple(map(_entry, shape)))
+            return replace(found, loss=float(loss), shape=tuple(map(_parse_entry, shape)))
         except ValueError as error:
             raise OptionError(
                 f"repair {cls.kind!r}: expected its frequency, its loss factor and what it adds by"
@@ -215,20 +218,20 @@ class MissingMode(Fault):
 
     def is_plausible(self) -> bool:
         """Return whether the damping is that of a mode, and enough channels measure it."""
-        return self.loss < 0.5 and self.wide > _NARROW and self.many > _FEW
+        return self.loss < 0.5 and self.bandwidth > _NARROW and self.channel_share > _FEW
 
     @property
     def remedy(self) -> str:
         """Advice to the user."""
-        does, written = "subtract it", self.repair_text
+        action, text = "subtract it", self.repair_text
         if not self.shape or len(self.shape) > _SHORT:
-            does = f"omit {100.0 * _LEFT_OUT:.0f} % on either side of it"
-            written = replace(self, shape=()).repair_text
+            action = f"omit {100.0 * _OMITTED:.0f} % on either side of it"
+            text = replace(self, shape=()).repair_text
         return (
             f"Check the measured shape of the mode at {self.value:.4g} Hz: the model may lack"
             " this motion (torsion, another plane, an attached part). Until the model has it,"
-            f" {does}:"
-            f' repair = ["{written}"] under [test].'
+            f" {action}:"
+            f' repair = ["{text}"] under [test].'
         )
 
     def statement(self) -> str:
@@ -239,7 +242,7 @@ class MissingMode(Fault):
         )
 
 
-def _entry(text: str) -> tuple[str, complex]:
+def _parse_entry(text: str) -> tuple[str, complex]:
     """Return the label and the number of ``force 2:Z 0.5-0.1j``."""
     label, _, number = text.strip().rpartition(" ")
     plain = str(abs(Dof.parse(label.removeprefix(FORCE))))
@@ -247,7 +250,7 @@ def _entry(text: str) -> tuple[str, complex]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Residual:
+class _LocalResidual:
     """Residual of the data near a frequency.
 
     Attributes
@@ -268,7 +271,7 @@ class _Residual:
     frf: FRF
 
     @classmethod
-    def near(cls, evidence: Evidence, frequency: float) -> _Residual:
+    def near(cls, evidence: Evidence, frequency: float) -> _LocalResidual:
         """Return the residual at the lines near a frequency."""
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
@@ -282,23 +285,23 @@ class _Residual:
     def _basis(self, mode: MissingMode) -> _Complex:
         """Return the mode and a constant receptance by channel, weighted, (n_i, n_j, n, 2)."""
         flat = (self.frf.s / (2.0 * np.pi * mode.value)) ** QUANTITIES[self.frf.quantity]
-        both = np.stack([mode.pole(self.frf), flat], axis=-1)
+        both = np.stack([mode.pole_factor(self.frf), flat], axis=-1)
         return np.asarray(self.weight.transpose(1, 2, 0)[..., None] * both)
 
-    def _fitted(self, mode: MissingMode) -> tuple[_Complex, _Complex, _Complex]:
+    def _fit_mode(self, mode: MissingMode) -> tuple[_Complex, _Complex, _Complex]:
         A = self._basis(mode)
         b = (self.weight * self.values).transpose(1, 2, 0)
         Q, R = np.linalg.qr(A)
         return R, np.einsum("ijnk,ijn->ijk", Q.conj(), b), b
 
-    def left(self, mode: MissingMode) -> float:
+    def squared_error(self, mode: MissingMode) -> float:
         """Return the sum of squares of the residual after a fit of the mode."""
-        _, q, b = self._fitted(mode)
+        _, q, b = self._fit_mode(mode)
         return float(np.sum(np.abs(b) ** 2) - np.sum(np.abs(q) ** 2))
 
-    def many(self, mode: MissingMode) -> float:
+    def channel_share(self, mode: MissingMode) -> float:
         """Return the share of the sensors, or of the forces if less, that measure the mode."""
-        R = self._fitted(mode)[0]
+        R = self._fit_mode(mode)[0]
         beyond = np.abs(self.residues(mode) * np.abs(R[..., 0, 0])) ** 2
         shares = []
         for axis in (0, 1):
@@ -308,7 +311,7 @@ class _Residual:
 
     def residues(self, mode: MissingMode) -> _Complex:
         """Return the residue of each channel, shape (n_i, n_j)."""
-        R, q, _ = self._fitted(mode)
+        R, q, _ = self._fit_mode(mode)
         last = q[..., 1] / np.where(R[..., 1, 1] == 0, 1.0, R[..., 1, 1])
         first = np.where(R[..., 0, 0] == 0, 1.0, R[..., 0, 0])
         return np.asarray((q[..., 0] - R[..., 0, 1] * last) / first)

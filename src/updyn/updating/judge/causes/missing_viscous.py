@@ -13,7 +13,7 @@ from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import list_fixed_coefficients
 from updyn.updating.problem.problem import Part
 
-__all__ = ["MissingViscous", "viscous_places"]
+__all__ = ["MissingViscous", "count_viscous_places"]
 
 
 class MissingViscous(MissingElement):
@@ -38,7 +38,7 @@ class MissingViscous(MissingElement):
             for one in LossOverFrequency.propose_faults(evidence)
             for viscous in one.viscous
         }
-        n_places = viscous_places(evidence.part)
+        n_places = count_viscous_places(evidence.part)
         yield from (replace(one, n_places=n_places) for one in super().propose_faults(evidence))
         for one in ProportionalDamping.propose_faults(evidence):
             yield replace(
@@ -46,6 +46,6 @@ class MissingViscous(MissingElement):
             )
 
 
-def viscous_places(part: Part) -> int:
+def count_viscous_places(part: Part) -> int:
     """Return the number of places of dashpots and of groups whose damping is not an unknown."""
-    return len(list(MissingViscous.places_in(part.frf))) + len(list_fixed_coefficients(part))
+    return len(list(MissingViscous.list_places(part.frf))) + len(list_fixed_coefficients(part))

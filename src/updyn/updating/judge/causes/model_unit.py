@@ -34,13 +34,13 @@ class ModelUnit(Irreparable):
 
     Attributes
     ----------
-    of : str
+    quantity : str
         ``"stiffness"`` or ``"mass"``.
     mistake : str
         A mistake with this effect, as text.
     """
 
-    of: str = "stiffness"
+    quantity: str = "stiffness"
     mistake: str = ""
 
     kind: ClassVar[str] = "model-unit"
@@ -53,18 +53,18 @@ class ModelUnit(Irreparable):
         return ()
 
     @classmethod
-    def every(cls) -> Iterator[Self]:
+    def list_mistakes(cls) -> Iterator[Self]:
         """Yield the common mistakes."""
-        for of, factor, mistake in UNITS_OF_MODELS:
-            yield cls((), factor, of, mistake)
+        for quantity, factor, mistake in UNITS_OF_MODELS:
+            yield cls((), factor, quantity, mistake)
 
-    def as_told(self, frf: FRF) -> FRF:
+    def convert_data(self, frf: FRF) -> FRF:
         """Return the data as they would be for a structure in the units of the model.
 
         With a times the stiffness K and b times the mass M, the receptance at omega is 1/a times
         that of K and M at omega sqrt(b/a).
         """
-        a, b = (self.value, 1.0) if self.of == "stiffness" else (1.0, self.value)
+        a, b = (self.value, 1.0) if self.quantity == "stiffness" else (1.0, self.value)
         stretch = float(np.sqrt(b / a))
         # Other quantities than receptance contain powers of the frequency.
         factor = a * stretch ** QUANTITIES[frf.quantity]
@@ -88,6 +88,6 @@ class ModelUnit(Irreparable):
     def statement(self) -> str:
         """Return a sentence with the factor and the mistake."""
         return (
-            f"The model explains the data with {self.value:.6g} times its {self.of}:"
+            f"The model explains the data with {self.value:.6g} times its {self.quantity}:"
             f" {self.mistake}."
         )

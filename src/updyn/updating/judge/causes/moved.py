@@ -41,10 +41,10 @@ class Moved(Fault):
         OptionError
             If the label is not in the data, or the correct one is already used.
         """
-        here, there = (name.removeprefix(FORCE) for name in self.channels)
+        stated, actual = (name.removeprefix(FORCE) for name in self.channels)
         if self._is_force:
-            return replace(frf, references=_renamed(frf.references, here, there, "reference"))
-        return replace(frf, responses=_renamed(frf.responses, here, there, "response"))
+            return replace(frf, references=_rename_dof(frf.references, stated, actual, "reference"))
+        return replace(frf, responses=_rename_dof(frf.responses, stated, actual, "response"))
 
     @property
     def _is_force(self) -> bool:
@@ -52,10 +52,10 @@ class Moved(Fault):
 
     def statement(self) -> str:
         """Return a sentence with the correct place."""
-        here, there = (name.removeprefix(FORCE) for name in self.channels)
+        stated, actual = (name.removeprefix(FORCE) for name in self.channels)
         if self._is_force:
-            return f"The force labelled {here} acts at {there}."
-        return f"The sensor labelled {here} is at {there}."
+            return f"The force labelled {stated} acts at {actual}."
+        return f"The sensor labelled {stated} is at {actual}."
 
     @classmethod
     def parse(cls, channels: str, value: str) -> Self:
@@ -75,15 +75,15 @@ class Moved(Fault):
         return found
 
 
-def _renamed(dofs: DofSet, here: str, there: str, role: str) -> DofSet:
+def _rename_dof(dofs: DofSet, stated: str, actual: str, role: str) -> DofSet:
     """Return DOFs of which one has another label."""
     labels = list_unsigned_labels(dofs)
-    if here not in labels:
-        raise OptionError(f"{here!r} is no {role} of the data; {suggest(here, labels)}")
-    if there in labels:
-        raise OptionError(f"{there!r} is a {role} of the data already")
-    renamed = [
-        replace(Dof.parse(there), sign=dof.sign) if label == here else dof
+    if stated not in labels:
+        raise OptionError(f"{stated!r} is no {role} of the data; {suggest(stated, labels)}")
+    if actual in labels:
+        raise OptionError(f"{actual!r} is a {role} of the data already")
+    new_dofs = [
+        replace(Dof.parse(actual), sign=dof.sign) if label == stated else dof
         for label, dof in zip(labels, dofs, strict=True)
     ]
-    return DofSet(renamed)
+    return DofSet(new_dofs)

@@ -19,11 +19,11 @@ from updyn.updating.problem.problem import Part
 __all__ = ["NoSupport"]
 
 #: First values: remaining shares of the stiffness.
-_LEFT = (0.2, 0.02)
+_SHARES = (0.2, 0.02)
 #: Largest remaining share of the stiffness that is reported.
-_MOST_LEFT = 0.3
+_LARGEST_SHARE = 0.3
 #: Smallest share of the stiffness, and the prior standard deviation of its logarithm.
-_LEAST, _ANYTHING = 1e-4, 5.0
+_LEAST, _WIDE_DEVIATION = 1e-4, 5.0
 #: Step of the logarithm for finite differences.
 _STEP = 1e-3
 
@@ -46,8 +46,8 @@ class NoSupport(Irreparable):
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
         """Yield the groups of springs to the ground whose stiffness is taken as known."""
         for group in list_ground_springs(evidence.part):
-            for left in _LEFT:
-                yield cls((group,), float(np.log(left)))
+            for share in _SHARES:
+                yield cls((group,), float(np.log(share)))
 
     @property
     def remedy(self) -> str:
@@ -73,25 +73,27 @@ class NoSupport(Irreparable):
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with this stiffness as an unknown with a wide prior."""
-        items, at = list(part.coordinates.parameters), self._at(part)
-        items[at] = replace(items[at], lower=_LEAST, prior_std=_ANYTHING)
+        items, at = list(part.coordinates.parameters), self._stiffness_index(part)
+        items[at] = replace(items[at], lower=_LEAST, prior_std=_WIDE_DEVIATION)
         wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
         return replace(part, coordinates=wide)
 
     def choose_start(self, part: Part, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x with the stiffness at its share."""
-        return part.coordinates.with_one(x, self._at(part), max(self.value, np.log(_LEAST)))
+        return part.coordinates.with_one(
+            x, self._stiffness_index(part), max(self.value, np.log(_LEAST))
+        )
 
     def adapt_to(self, evidence: Evidence) -> Self:
         """Return the fault with the stiffness at the point."""
-        return replace(self, value=float(evidence.x[self._at(evidence.part)]))
+        return replace(self, value=float(evidence.x[self._stiffness_index(evidence.part)]))
 
-    def _at(self, part: Part) -> int:
+    def _stiffness_index(self, part: Part) -> int:
         return part.coordinates.parameters.names.index(f"{self.channels[0]}.stiffness")
 
     def is_plausible(self) -> bool:
         """Return whether most of the stiffness is missing."""
-        return bool(self.value < np.log(_MOST_LEFT))
+        return bool(self.value < np.log(_LARGEST_SHARE))
 
     def statement(self) -> str:
         """Return a sentence with the group and the remaining share of its stiffness."""

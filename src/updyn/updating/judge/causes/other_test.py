@@ -27,9 +27,9 @@ __all__ = ["OtherTest"]
 #: grids of a search for the best one, each finer than the one before: with sharp resonances a step
 #: of first order may increase the misfit.
 _SHIFTS = (-0.07, -0.045, -0.025, 0.0, 0.025, 0.045, 0.07)
-_SEARCHED = tuple(np.linspace(-half, half, n) for half, n in ((0.15, 41), (0.006, 9), (0.001, 5)))
+_GRIDS = tuple(np.linspace(-half, half, n) for half, n in ((0.15, 41), (0.006, 9), (0.001, 5)))
 #: Variance of a value without weight, in units of the square of the largest value.
-_LOST = 1e6
+_WITHOUT_WEIGHT = 1e6
 
 
 class OtherTest(Fault):
@@ -73,19 +73,21 @@ class OtherTest(Fault):
     def mask_channels(self, frf: FRF) -> FRF:
         """Return the data in which the sensor has no weight."""
         assert frf.variance is not None
-        lost = _LOST * float(np.abs(frf.values).max()) ** 2
-        return replace(frf, variance=np.where(self._at(frf), lost, frf.variance))
+        lost = _WITHOUT_WEIGHT * float(np.abs(frf.values).max()) ** 2
+        return replace(frf, variance=np.where(self._channel_mask(frf), lost, frf.variance))
 
     def search_size(self, evidence: Evidence) -> Self:
         """Return the fault with the shift that fits the data best at a point."""
 
-        def left(one: Self) -> float:
+        def squared_error(one: Self) -> float:
             e = evidence.misfit(one.repair_with_model(evidence))
             return float(e @ e)
 
         best = replace(self, value=0.0)
-        for steps in _SEARCHED:
-            best = min((replace(self, value=best.value + float(v)) for v in steps), key=left)
+        for steps in _GRIDS:
+            best = min(
+                (replace(self, value=best.value + float(v)) for v in steps), key=squared_error
+            )
         return best
 
     def list_similar_faults(self, part: Part) -> Iterable[Fault]:
@@ -106,15 +108,18 @@ class OtherTest(Fault):
         """Return d ln A / d ln f at the channels, with A the accelerance."""
         frf = evidence.frf
         power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
-        return (frf.freq[:, None, None] * evidence.slope_by_frequency + power) * self._at(frf)
+        return (frf.freq[:, None, None] * evidence.slope_by_frequency + power) * self._channel_mask(
+            frf
+        )
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by the model's A(exp(value) f) / A(f) at the channels."""
         return divide_data(
-            evidence.frf, evidence.log_ratio_with_scaled_axis(self.value) * self._at(evidence.frf)
+            evidence.frf,
+            evidence.log_ratio_with_scaled_axis(self.value) * self._channel_mask(evidence.frf),
         )
 
-    def _at(self, frf: FRF) -> NDArray[np.bool_]:
+    def _channel_mask(self, frf: FRF) -> NDArray[np.bool_]:
         """Return which channels are of the other test, shape (n_i, n_j)."""
         return find_channels(self.channels, frf).channel_mask(frf)
 

@@ -13,7 +13,7 @@ from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, compute_
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Pole", "fitted_along"]
+__all__ = ["Pole", "fit_pole"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -49,22 +49,22 @@ class Pole:
     a: _Complex
     b: _Complex
 
-    def along(self, frf: FRF) -> _Complex:
+    def frequency_factor(self, frf: FRF) -> _Complex:
         """Return its factor over the lines of data, shape (n_f,)."""
         share = (frf.s / (2.0 * np.pi * self.frequency)) ** 2
         return np.asarray(frf.s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + share))
 
-    def term(self, frf: FRF) -> _Complex:
+    def contribution(self, frf: FRF) -> _Complex:
         """Return its contribution to the FRFs at the lines of data, shape (n_f, n_i, n_j)."""
-        return np.asarray(self.along(frf)[:, None, None] * np.outer(self.a, self.b))
+        return np.asarray(self.frequency_factor(frf)[:, None, None] * np.outer(self.a, self.b))
 
-    def scaled(self) -> Pole:
+    def normalise(self) -> Pole:
         """Return the same pole with 1 as the largest b."""
         largest = self.b[int(np.argmax(np.abs(self.b)))]
         return replace(self, a=self.a * largest, b=self.b / largest)
 
 
-class _Problem:
+class _PoleProblem:
     """Misfit of model and pole as a function of x, ln omega_0, ln eta, and the parts of a and b.
 
     The weight of a line is the number of lines that it represents, `count` of shape (n_f,).
@@ -72,73 +72,73 @@ class _Problem:
 
     def __init__(self, part: Part, x: _Real, pole: Pole, count: _Real) -> None:
         self.part, self.n, self.n_i = part, part.n, len(pole.a)
-        self.often = np.sqrt(count)[:, None, None]
-        self.begin, self.size = pole, float(np.abs(pole.a).max())
+        self.line_weight = np.sqrt(count)[:, None, None]
+        self.start_pole, self.size = pole, float(np.abs(pole.a).max())
         # The weight of the priors follows from the residual at the start.
         e = self._misfit(x, pole)[0]
         unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + PERFECT_FIT
-        self.pull = unit / compute_spread(part)
-        self._known: tuple[_Real, _Real, _Real] | None = None
+        self.prior_weight = unit / compute_spread(part)
+        self._last_evaluation: tuple[_Real, _Real, _Real] | None = None
 
-    def packed(self, x: _Real, pole: Pole) -> _Real:
+    def pack_variables(self, x: _Real, pole: Pole) -> _Real:
         """Return the variables of a point, with a in units of its largest entry."""
         a = pole.a / self.size
         own = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
         return np.concatenate([x, own])
 
-    def unpacked(self, z: _Real) -> tuple[_Real, Pole]:
+    def unpack_variables(self, z: _Real) -> tuple[_Real, Pole]:
         """Return x and the pole of a point."""
         x, (f, eta), rest = z[: self.n], z[self.n : self.n + 2], z[self.n + 2 :]
         a, b = rest[: 2 * self.n_i], rest[2 * self.n_i :]
-        frequency, loss = self.begin.frequency * np.exp(f), self.begin.loss * np.exp(eta)
-        at_responses = self.size * _complex(a)
-        return x, Pole(float(frequency), float(loss), at_responses, _complex(b))
+        frequency, loss = self.start_pole.frequency * np.exp(f), self.start_pole.loss * np.exp(eta)
+        at_responses = self.size * _join_complex(a)
+        return x, Pole(float(frequency), float(loss), at_responses, _join_complex(b))
 
     def bounds(self) -> tuple[_Real, _Real]:
         """Return the bounds of all variables."""
         lower, upper = self.part.coordinates.bounds
-        free = np.full(2 * (self.n_i + len(self.begin.b)), np.inf)
+        free = np.full(2 * (self.n_i + len(self.start_pole.b)), np.inf)
         return (
             np.concatenate([lower, -np.array(_MOVES), -free]),
             np.concatenate([upper, _MOVES, free]),
         )
 
     def residual(self, z: _Real) -> _Real:
-        return self._at(z)[1]
+        return self._evaluate(z)[1]
 
     def slopes(self, z: _Real) -> _Real:
-        return self._at(z)[2]
+        return self._evaluate(z)[2]
 
     def _misfit(self, x: _Real, pole: Pole) -> tuple[_Complex, _Real, Evidence]:
         evidence = Evidence(self.part, x)
         frf = self.part.frf
-        return *log_misfit(evidence.model_response(frf) + pole.term(frf), frf), evidence
+        return *log_misfit(evidence.model_response(frf) + pole.contribution(frf), frf), evidence
 
-    def _at(self, z: _Real) -> tuple[_Real, _Real, _Real]:
-        if self._known is not None and np.array_equal(self._known[0], z):
-            return self._known
-        x, pole = self.unpacked(z)
+    def _evaluate(self, z: _Real) -> tuple[_Real, _Real, _Real]:
+        if self._last_evaluation is not None and np.array_equal(self._last_evaluation[0], z):
+            return self._last_evaluation
+        x, pole = self.unpack_variables(z)
         e, weight, evidence = self._misfit(x, pole)
         frf = self.part.frf
-        H, T = evidence.model_response(frf), pole.term(frf)
+        H, T = evidence.model_response(frf), pole.contribution(frf)
         total = H + T
-        e, weight = self.often * e, self.often * weight
+        e, weight = self.line_weight * e, self.line_weight * weight
         share = weight / np.where(total == 0, 1.0, total)
         columns = [share * dH for dH in evidence.model_slopes(frf)]
-        columns += [share * one for one in self._of_pole(pole, frf, T)]
+        columns += [share * one for one in self._derive_by_pole(pole, frf, T)]
         J = -np.array(columns).reshape(len(columns), -1)
-        off = self.pull * (x - self.part.coordinates.home)
+        off = self.prior_weight * (x - self.part.coordinates.home)
         residual = np.concatenate([e.real.ravel(), e.imag.ravel(), off])
         priors = np.zeros((self.n, len(z)))
-        priors[:, : self.n] = np.diag(self.pull)
-        self._known = z.copy(), residual, np.vstack([J.real.T, J.imag.T, priors])
-        return self._known
+        priors[:, : self.n] = np.diag(self.prior_weight)
+        self._last_evaluation = z.copy(), residual, np.vstack([J.real.T, J.imag.T, priors])
+        return self._last_evaluation
 
-    def _of_pole(self, pole: Pole, frf: FRF, T: _Complex) -> list[_Complex]:
+    def _derive_by_pole(self, pole: Pole, frf: FRF, T: _Complex) -> list[_Complex]:
         """Return the derivatives of the pole's contribution by its own variables."""
         share = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
         below = (1.0 + 1j * pole.loss + share)[:, None, None]
-        course = pole.along(frf)[:, None, None]
+        course = pole.frequency_factor(frf)[:, None, None]
         by_a = [self.size * course * np.outer(row, pole.b) for row in np.eye(len(pole.a))]
         by_b = [course * np.outer(pole.a, column) for column in np.eye(len(pole.b))]
         out = [2.0 * share[:, None, None] / below * T, -1j * pole.loss / below * T]
@@ -147,13 +147,13 @@ class _Problem:
         return out
 
 
-def _complex(parts: _Real) -> _Complex:
+def _join_complex(parts: _Real) -> _Complex:
     """Return complex numbers from their real parts, then their imaginary parts."""
     real, imaginary = np.split(parts, 2)
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
-def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
+def fit_pole(part: Part, x: _Real, pole: Pole) -> Pole:
     """Return the pole that explains the data best in addition to the model, with all unknowns free.
 
     The fit starts at `x` and `pole`. Many lines are first represented by some of them; a few steps
@@ -165,16 +165,16 @@ def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
         If the model cannot be solved at a point.
     """
     freq = part.frf.freq
-    count = _standing_for(freq, pole)
+    count = _count_represented_lines(freq, pole)
     few = count > 0.0
     if few.all():
-        return _descended(part, x, pole, _MOST, count)[1].scaled()
+        return _fit_from(part, x, pole, _MOST, count)[1].normalise()
     fewer = part.with_data(part.frf.select(lines=freq[few]))
-    x, pole = _descended(fewer, x, pole, _MOST, count[few])
-    return _descended(part, x, pole, _LAST, np.ones(len(freq)))[1].scaled()
+    x, pole = _fit_from(fewer, x, pole, _MOST, count[few])
+    return _fit_from(part, x, pole, _LAST, np.ones(len(freq)))[1].normalise()
 
 
-def _standing_for(freq: _Real, pole: Pole) -> _Real:
+def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:
     """Return the number of lines that each line represents, 0 for omitted lines, shape (n_f,)."""
     about = np.abs(freq / pole.frequency - 1.0) <= _ABOUT * pole.loss
     count = np.zeros(len(freq))
@@ -185,11 +185,11 @@ def _standing_for(freq: _Real, pole: Pole) -> _Real:
     return count
 
 
-def _descended(part: Part, x: _Real, pole: Pole, most: int, count: _Real) -> tuple[_Real, Pole]:
+def _fit_from(part: Part, x: _Real, pole: Pole, most: int, count: _Real) -> tuple[_Real, Pole]:
     """Return the end of a fit of model and pole after at most `most` evaluations."""
-    problem = _Problem(part, x, pole, count)
+    problem = _PoleProblem(part, x, pole, count)
     bounds = problem.bounds()
-    begin = np.clip(problem.packed(x, pole), *bounds)
+    begin = np.clip(problem.pack_variables(x, pole), *bounds)
     found = scipy.optimize.least_squares(
         problem.residual,
         begin,
@@ -201,4 +201,4 @@ def _descended(part: Part, x: _Real, pole: Pole, most: int, count: _Real) -> tup
         gtol=1e-12,
         max_nfev=most,
     )
-    return problem.unpacked(found.x)
+    return problem.unpack_variables(found.x)

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from updyn.errors import ModelError, SolverError
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.other_model import OtherModel
-from updyn.updating.judge.causes.score import fitted
+from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import Part
 from updyn.variants import LARGEST_TRIED
 
-__all__ = ["IN_REACH", "gain_of", "other_models", "promising_variants"]
+__all__ = ["IN_REACH", "estimate_gain", "list_other_models", "select_variants"]
 
 _Real = NDArray[np.float64]
 
@@ -29,14 +29,14 @@ _LINES, _FOLLOWED = 20, 3
 IN_REACH = 50.0
 
 
-def other_models(part: Part) -> list[OtherModel]:
+def list_other_models(part: Part) -> list[OtherModel]:
     """Return the variants of the whole model of a part; empty for a large model."""
     if part.solver.system.n > LARGEST_TRIED:
         return []
     return [OtherModel(part, variant) for variant in part.variants]
 
 
-def promising_variants(
+def select_variants(
     part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
 ) -> list[WrongAxes]:
     """Return the variants worth a fit from the start, the most promising first.
@@ -52,13 +52,13 @@ def promising_variants(
     for fault, one in zip(faults, others, strict=True):
         part.session.check(often=True)
         with suppress(SolverError, ModelError):
-            found.append((_gain(few, one.instead(few), fault, start), fault))
+            found.append((_compare_parts(few, one.instead(few), fault, start), fault))
     found.sort(key=lambda pair: -pair[0])
     least = max((gain for gain, _ in found), default=0.0) - IN_REACH
     return [fault for gain, fault in found[:_FOLLOWED] if gain > max(least, -IN_REACH)]
 
 
-def gain_of(part: Part, fault: WrongAxes, x: _Real) -> float:
+def estimate_gain(part: Part, fault: WrongAxes, x: _Real) -> float:
     """Return the logarithm of the odds of a variant at a point, to first order.
 
     Raises
@@ -66,11 +66,11 @@ def gain_of(part: Part, fault: WrongAxes, x: _Real) -> float:
     SolverError
         If one of the models is singular there.
     """
-    return _gain(part, fault.correct_part(part, x), fault, x)
+    return _compare_parts(part, fault.correct_part(part, x), fault, x)
 
 
-def _gain(part: Part, there: Part, fault: WrongAxes, x: _Real) -> float:
-    own, other = (fitted(Evidence(one, x), None)[0] for one in (part, there))
+def _compare_parts(part: Part, there: Part, fault: WrongAxes, x: _Real) -> float:
+    own, other = (fit_first_order(Evidence(one, x), None)[0] for one in (part, there))
     return 0.5 * (own - other) + float(np.log(fault.prior))
 
 

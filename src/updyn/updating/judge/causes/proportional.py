@@ -38,9 +38,9 @@ class ProportionalDamping(Irreparable):
 
     Attributes
     ----------
-    places : int
+    n_places : int
         Number of groups and places of dashpots that were tested.
-    course : Fault or None
+    varying_loss_factor : Fault or None
         A loss factor of the same groups that varies with frequency as this damping does.
     """
 

@@ -37,11 +37,11 @@ class Reciprocity(DataFault):
 
     Attributes
     ----------
-    as_if : str
+    explanation : str
         An explanation of the difference, as text.
     """
 
-    as_if: str = ""
+    explanation: str = ""
 
     kind: ClassVar[str] = "reciprocity"
     odds: ClassVar[float] = 1e-2
@@ -52,7 +52,7 @@ class Reciprocity(DataFault):
         """Yield the pairs that are not reciprocal, the worst first."""
         square = Square.of(frf)
         found = []
-        for a, b in square.pairs():
+        for a, b in square.iter_pairs():
             difference = _Difference.of(square, a, b)
             if len(difference.freq) < _FEWEST:
                 continue
@@ -62,9 +62,9 @@ class Reciprocity(DataFault):
             log_odds = ratio - 1.0 - float(np.log(max(ratio, 1.0))) + float(np.log(cls.odds))
             if ratio > 1.0 and log_odds > LIKELY:
                 pair = (square.labels[a], square.labels[b])
-                fault = cls(pair, size, difference.described())
+                fault = cls(pair, size, difference.explain())
                 found.append(Detection(fault, log_odds, min(size, 1.0)))
-        number = max(sum(1 for _ in square.pairs()), 1)
+        number = max(sum(1 for _ in square.iter_pairs()), 1)
         found.sort(key=lambda one: -one.log_odds)
         for one in found:
             yield replace(one, share=one.share / number)
@@ -82,14 +82,14 @@ class Reciprocity(DataFault):
         a, b = self.channels
         return (
             f"Reciprocity is violated: the response at {a} to a force at {b} and that at {b} to a"
-            f" force at {a} differ by {100.0 * self.value:.0f} %{self.as_if}."
+            f" force at {a} differ by {100.0 * self.value:.0f} %{self.explanation}."
         )
 
     def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which neither of the two FRFs has weight."""
         square = Square.of(frf)
         a, b = (square.labels.index(label) for label in self.channels)
-        return square.without(frf, [(a, b), (b, a)])
+        return square.mask_pairs(frf, [(a, b), (b, a)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,31 +114,31 @@ class _Difference:
         """Median difference, which ignores the few lines of slightly shifted resonances."""
         return float(np.sqrt(np.median(np.abs(self.log_ratio) ** 2)))
 
-    def without(self, log_factor: Any) -> _Difference:
+    def divide_by(self, log_factor: Any) -> _Difference:
         """Return the difference after division by a factor, with phases between -pi and pi."""
-        left = self.log_ratio - log_factor
-        return replace(self, log_ratio=left.real + 1j * np.angle(np.exp(1j * left.imag)))
+        remaining = self.log_ratio - log_factor
+        return replace(self, log_ratio=remaining.real + 1j * np.angle(np.exp(1j * remaining.imag)))
 
-    def delay(self) -> float:
+    def estimate_delay(self) -> float:
         """Return the delay in s that aligns the two best."""
-        tried = np.linspace(-_TURNS, _TURNS, _STEPS) / self.freq[-1]
+        delays = np.linspace(-_TURNS, _TURNS, _STEPS) / self.freq[-1]
         unit = np.exp(1j * self.log_ratio.imag)
-        aligned = (np.exp(2j * np.pi * tried[:, None] * self.freq) @ unit).real
-        return float(tried[np.argmax(aligned)])
+        aligned = (np.exp(2j * np.pi * delays[:, None] * self.freq) @ unit).real
+        return float(delays[np.argmax(aligned)])
 
-    def described(self) -> str:
+    def explain(self) -> str:
         """Return the explanation of the difference by one or two numbers, if there is one."""
-        factor, late = float(np.median(self.log_ratio.real)), self.delay()
-        turned = -2j * np.pi * self.freq * late
+        factor, late = float(np.median(self.log_ratio.real)), self.estimate_delay()
+        delay_phase = -2j * np.pi * self.freq * late
         times = f"a factor of {np.exp(factor):.3g}"
-        described: list[tuple[Any, str]] = [
+        explanations: list[tuple[Any, str]] = [
             (1j * np.pi, "the sign"),
             (factor, times),
             (factor + 1j * np.pi, f"the sign and {times}"),
-            (turned, f"a delay of {late:.2g} s"),
-            (factor + turned, f"a delay of {late:.2g} s and {times}"),
+            (delay_phase, f"a delay of {late:.2g} s"),
+            (factor + delay_phase, f"a delay of {late:.2g} s and {times}"),
         ]
-        for log_factor, text in described:
-            if self.without(log_factor).size < _EXPLAINED * self.size:
+        for log_factor, text in explanations:
+            if self.divide_by(log_factor).size < _EXPLAINED * self.size:
                 return f"; {text} explains it"
         return "; neither sign nor a factor nor a delay explains it"

@@ -11,7 +11,7 @@ from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_re
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import n_seen
 
-__all__ = ["fitted"]
+__all__ = ["fit_first_order"]
 
 #: Sine of the angle between the effects of a fault and of the unknowns, above which they are
 #: distinct.
@@ -20,7 +20,7 @@ _DISTINCT = 1e-6
 _MaybeFault = TypeVar("_MaybeFault", bound=Fault | None)
 
 
-def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
+def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
     """Return the least cost with a fault, or without, to first order, and the fault of best size.
 
     The cost is -2 ln of the likelihood with the noise level estimated, and of the prior of the
@@ -30,12 +30,12 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
     if fault is not None and not (fault.has_free_size and fault.value == 0.0):
         frf = fault.repair_with_model(evidence)
     unit = evidence.rms_misfit
-    home = evidence.offset_to_start
-    b = np.concatenate([evidence.misfit(frf) / unit, home])
+    offset = evidence.offset_to_start
+    b = np.concatenate([evidence.misfit(frf) / unit, offset])
     b = evidence.project_out_unknowns(frf, b)
     if fault is not None and fault.has_free_size:
         d = np.zeros_like(b)
-        d[: -len(home)] = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
+        d[: -len(offset)] = stack_real_imag(evidence.weight * fault.slope(evidence)) / unit
         size = float(np.linalg.norm(d))
         d = evidence.project_out_unknowns(frf, d)
         # An effect that the unknowns can produce is attributed to them.
@@ -43,6 +43,6 @@ def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
             step = float(d @ b / (d @ d))
             b -= step * d
             fault = replace(fault, value=fault.value + step)
-    e, held = b[: -len(home)], b[-len(home) :]
+    e, held = b[: -len(offset)], b[-len(offset) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size
     return n_seen(evidence.frf) * float(np.log(power + PERFECT_FIT**2)) + float(held @ held), fault

@@ -13,7 +13,7 @@ from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.misfit import log_misfit
 
-__all__ = ["best_elements"]
+__all__ = ["select_elements"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -30,14 +30,14 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, slots=True)
-class _Screened:
+class _ScreenedElement:
     """An element with one of the trial sizes, and the remaining sum of squares."""
 
     element: AddedElement
-    left: float
+    squared_error: float
 
 
-def best_elements(
+def select_elements(
     evidence: Evidence, elements: Sequence[AddedElement], most: int
 ) -> list[AddedElement]:
     """Return the `most` elements that explain the data best, with starting values of their sizes.
@@ -48,14 +48,14 @@ def best_elements(
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
     gains = np.concatenate(
         [
-            misfit.gains(elements[first : first + _CHUNK], units[first : first + _CHUNK])
+            misfit.compute_gains(elements[first : first + _CHUNK], units[first : first + _CHUNK])
             for first in range(0, len(elements), _CHUNK)
         ]
         or [np.zeros(0)]
     )
-    tried = np.argsort(-gains)[:_TRIED]
-    found = [misfit.best_of(elements[i], units[i]) for i in tried]
-    found.sort(key=lambda one: one.left)
+    chosen = np.argsort(-gains)[:_TRIED]
+    found = [misfit.find_best_size(elements[i], units[i]) for i in chosen]
+    found.sort(key=lambda one: one.squared_error)
     return [one.element for one in found[:most]]
 
 
@@ -71,39 +71,39 @@ class _Misfit:
         """Return the misfit of model and data."""
         return cls(evidence, log_misfit(evidence.model_response(evidence.frf), evidence.frf)[0])
 
-    def _outside(self, changes: Sequence[_Complex], way: _Real) -> _Real:
+    def _project_changes(self, changes: Sequence[_Complex], prior: _Real) -> _Real:
         """Return the parts of weighted changes that unknowns cannot imitate, shape (2 m + n, k)."""
         columns = [
-            np.concatenate([stack_real_imag(one) / self.evidence.rms_misfit, way])
+            np.concatenate([stack_real_imag(one) / self.evidence.rms_misfit, prior])
             for one in changes
         ]
         return self.evidence.project_out_unknowns(self.evidence.frf, np.stack(columns, axis=1))
 
     def residual(self, change: _Complex | float = 0.0) -> _Real:
         """Return the residual with a weighted change of the model, after all unknowns adapted."""
-        return self._outside([self.e - change], self.evidence.offset_to_start)[:, 0]
+        return self._project_changes([self.e - change], self.evidence.offset_to_start)[:, 0]
 
     def _slopes(self, elements: Sequence[AddedElement]) -> _Real:
         weight, R = self.evidence.weight, self.evidence.receptances
-        still = np.zeros(len(self.evidence.offset_to_start))
-        return self._outside([weight * R.slope(one) for one in elements], still)
+        zeros = np.zeros(len(self.evidence.offset_to_start))
+        return self._project_changes([weight * R.slope(one) for one in elements], zeros)
 
-    def gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> _Real:
+    def compute_gains(self, elements: Sequence[AddedElement], units: Sequence[float]) -> _Real:
         """Return the decrease of the sum of squares by each element, to first order from size 0."""
         D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
         along = np.maximum(self.residual() @ D, 0.0)
         return np.asarray(along**2 / np.maximum(np.sum(D**2, axis=0), _TINY))
 
-    def best_of(self, element: AddedElement, unit: float) -> _Screened:
+    def find_best_size(self, element: AddedElement, unit: float) -> _ScreenedElement:
         """Return the element with the trial size that leaves the least residual after a step."""
         sized = [replace(element, value=size * unit) for size in _SIZES]
-        return min((self._stepped(one) for one in sized), key=lambda one: one.left)
+        return min((self._screen_element(one) for one in sized), key=lambda one: one.squared_error)
 
-    def _stepped(self, element: AddedElement) -> _Screened:
+    def _screen_element(self, element: AddedElement) -> _ScreenedElement:
         weight, R = self.evidence.weight, self.evidence.receptances
         b = self.residual(weight * R.log_change(element) if element.value else 0.0)
         d = self._slopes([element])[:, 0]
         step = float(d @ b) / max(float(d @ d), _TINY)
         low, high = (_DOWN * element.value, _UP * element.value) if element.value else (0.0, np.inf)
         b = b - float(np.clip(step, low, high)) * d
-        return _Screened(element, float(b @ b))
+        return _ScreenedElement(element, float(b @ b))

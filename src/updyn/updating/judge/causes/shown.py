@@ -44,7 +44,7 @@ class DataFault(Irreparable):
 
     Attributes
     ----------
-    symptom : bool
+    is_symptom : bool
         Whether a fault of another kind may be its cause; it is reported if none is found.
     """
 

@@ -15,7 +15,7 @@ from updyn.updating.problem.noise.neighbours import scatter
 __all__ = ["Square"]
 
 #: Variance of a value without weight, in units of the square of the largest value.
-_LOST = 1e6
+_WITHOUT_WEIGHT = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,14 +65,16 @@ class Square:
         values, noise = frf.values[at] * sign, np.sqrt(variance)
         return cls(labels, rows, columns, values, noise, frf.freq, frf.s, frf.quantity)
 
-    def pairs(self) -> Iterator[tuple[int, int]]:
+    def iter_pairs(self) -> Iterator[tuple[int, int]]:
         """Yield the pairs of different DOFs."""
         yield from combinations(range(len(self.labels)), 2)
 
-    def without(self, frf: FRF, pairs: Iterable[tuple[int, int]]) -> FRF:
+    def mask_pairs(self, frf: FRF, pairs: Iterable[tuple[int, int]]) -> FRF:
         """Return the data with no weight on some pairs of response and force, as positions."""
         assert frf.variance is not None
         variance = frf.variance.copy()
         for i, j in pairs:
-            variance[:, self.rows[i], self.columns[j]] = _LOST * np.abs(frf.values).max() ** 2
+            variance[:, self.rows[i], self.columns[j]] = (
+                _WITHOUT_WEIGHT * np.abs(frf.values).max() ** 2
+            )
         return replace(frf, variance=variance)

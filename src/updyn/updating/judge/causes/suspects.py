@@ -14,10 +14,10 @@ from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import n_seen
 from updyn.updating.judge.causes.quadratic import Quadratic
-from updyn.updating.judge.causes.score import fitted
+from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Suspect", "likeliest", "suspects"]
+__all__ = ["ScoredFault", "score_faults", "select_likeliest"]
 
 _Real = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ _FOLLOWED, _OF_A_KIND = 6, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Suspect:
+class ScoredFault:
     """A fault and its expected gain at a point, to first order.
 
     Attributes
@@ -52,7 +52,7 @@ class Suspect:
         return self.fault.kind, self.fault.channels
 
 
-def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
+def score_faults(part: Part, x: _Real, *, promising: bool = False) -> list[ScoredFault]:
     """Return the faults with their expected gain at a point, the best first.
 
     If `promising`, the residual there is nearly noise, and the evidence is meaningful.
@@ -64,19 +64,19 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
     """
     try:
         evidence = Evidence(part, x)
-        without, _ = fitted(evidence, None)
+        without, _ = fit_first_order(evidence, None)
     except SolverError:
         return []
     weighs = promising and bool(find_held(part).any())
     unheld = _log_evidence(evidence, None) if weighs else 0.0
-    found: list[Suspect] = []
+    found: list[ScoredFault] = []
     for kind in CAUSES:
         for fault in CAUSES[kind].propose_faults(evidence):
             part.session.check(often=True)
             if fault.channels and evidence.noise_channels.issuperset(fault.channels):
                 continue
             try:
-                cost, tuned = fitted(evidence, fault)
+                cost, tuned = fit_first_order(evidence, fault)
             except SolverError:  # a resonance without damping, under that hypothesis
                 continue
             if tuned is None or not tuned.is_plausible():
@@ -86,13 +86,13 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
             gain += float(np.log(fault.prior))
             gain -= 0.5 * fault.count_parameters(part.frf) * float(np.log(max(n_seen(part.frf), 2)))
-            found.append(Suspect(tuned, x, gain, gain - 0.5 * without))
+            found.append(ScoredFault(tuned, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
 
 
-def likeliest(found: Iterable[Suspect]) -> list[Suspect]:
+def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:
     """Return the most promising suspects, the best first, with few of each kind."""
-    chosen: list[Suspect] = []
+    chosen: list[ScoredFault] = []
     for one in found:
         if any(one.key == other.key for other in chosen):
             continue

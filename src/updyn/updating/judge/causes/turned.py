@@ -17,7 +17,7 @@ from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.misfit import SEEN
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Turned", "axes_across"]
+__all__ = ["Turned", "list_rotation_axes"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -51,7 +51,9 @@ class Turned(Fault):
         """Yield each axis with both perpendicular directions at a node, with its best angle."""
         frf = evidence.frf
         sides = [(frf.responses, ""), (frf.references, FORCE)]
-        rows, columns = ([f"{prefix}{dof}" for dof in axes_across(dofs)] for dofs, prefix in sides)
+        rows, columns = (
+            [f"{prefix}{dof}" for dof in list_rotation_axes(dofs)] for dofs, prefix in sides
+        )
         both = [(one, f"{FORCE}{one}") for one in rows if f"{FORCE}{one}" in columns]
         for channels in [*((one,) for one in (*rows, *columns)), *both]:
             fault = cls(channels).adapt_to(evidence)
@@ -64,7 +66,9 @@ class Turned(Fault):
         If the directions are not coupled, the transverse response is zero, and the derivative of
         its logarithm does not lead to the angle.
         """
-        return replace(self, value=_best_angle(_Turn.of(self.channels, evidence.frf), evidence))
+        return replace(
+            self, value=_find_best_angle(_ChannelRotation.of(self.channels, evidence.frf), evidence)
+        )
 
     def fit_all_data(self, part: Part, x: _Real) -> Self:
         """Return the fault with the best-fitting angle for all data of a part."""
@@ -78,7 +82,7 @@ class Turned(Fault):
         OptionError
             If a node lacks one of the two directions.
         """
-        turn = _Turn.of(self.channels, frf)
+        turn = _ChannelRotation.of(self.channels, frf)
         left, right = (
             side.rotation(-np.radians(self.value)) for side in (turn.responses, turn.references)
         )
@@ -96,7 +100,7 @@ class Turned(Fault):
         """Return d ln(measured) / d angle, from the model, shape (n_f, n_i, n_j)."""
         frf, H = evidence.frf, evidence.model_response(evidence.frf)
         assert frf.variance is not None
-        turn = _Turn.of(self.channels, frf)
+        turn = _ChannelRotation.of(self.channels, frf)
         change = turn.responses.generator @ H + H @ turn.references.generator.T
         # A response below the noise has no logarithm.
         size = np.maximum(np.abs(H) ** 2, SEEN**2 * frf.variance)
@@ -113,20 +117,20 @@ class Turned(Fault):
         things = ["force" if label.startswith(FORCE) else "sensor" for label in self.channels]
         node, axis = dofs[0].node, dofs[0].direction
         verb = "is" if len(things) == 1 else "are"
-        said = (
+        text = (
             f"The {' and the '.join(things)} at node {node} {verb} turned about {axis} by"
             f" {self.value:.3g} degrees."
         )
-        first, second = (f"{node}:{direction}" for direction in _across(axis))
+        first, second = (f"{node}:{direction}" for direction in _list_perpendicular(axis))
         if abs(abs(self.value) - 90.0) < _LEAST:
             opposite = second if self.value > 0.0 else first
-            said += (
+            text += (
                 f" By 90 degrees that is the same as {first} and {second} exchanged, with the sign"
                 f" of {opposite} changed."
             )
         if abs(abs(self.value) - 180.0) < _LEAST:
-            said += f" By 180 degrees that is the same as opposite signs of {first} and {second}."
-        return said
+            text += f" By 180 degrees that is the same as opposite signs of {first} and {second}."
+        return text
 
     @classmethod
     def parse(cls, channels: str, value: str) -> Self:
@@ -147,13 +151,13 @@ class Turned(Fault):
         return found
 
 
-def _across(axis: str) -> tuple[str, str]:
+def _list_perpendicular(axis: str) -> tuple[str, str]:
     """Return the two directions perpendicular to an axis, in the order of the right-hand rule."""
     k = DIRECTIONS.index(axis)
     return DIRECTIONS[(k + 1) % 3], DIRECTIONS[(k + 2) % 3]
 
 
-def axes_across(dofs: DofSet) -> list[Dof]:
+def list_rotation_axes(dofs: DofSet) -> list[Dof]:
     """Return the nodes and axes for which both perpendicular directions are among some DOFs."""
     known = {(dof.node, dof.direction) for dof in dofs}
     return [
@@ -161,14 +165,14 @@ def axes_across(dofs: DofSet) -> list[Dof]:
         for node in dict.fromkeys(dofs.nodes.tolist())
         for axis in DIRECTIONS[:3]
         if any(
-            all((node, turning + direction) in known for direction in _across(axis))
+            all((node, turning + direction) in known for direction in _list_perpendicular(axis))
             for turning in ("", "R")
         )
     ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Side:
+class _DofRotation:
     """Rotations of the responses, or of the references.
 
     Attributes
@@ -191,24 +195,24 @@ class _Side:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Turn:
+class _ChannelRotation:
     """Rotations of responses and of references by one angle."""
 
-    responses: _Side
-    references: _Side
+    responses: _DofRotation
+    references: _DofRotation
 
     @classmethod
-    def of(cls, channels: Sequence[str], frf: FRF) -> _Turn:
+    def of(cls, channels: Sequence[str], frf: FRF) -> _ChannelRotation:
         """Return the rotations of some channels."""
         forces = [c.removeprefix(FORCE) for c in channels if c.startswith(FORCE)]
         sensors = [c for c in channels if not c.startswith(FORCE)]
         return cls(
-            _Side(_generator(sensors, frf.responses, "response")),
-            _Side(_generator(forces, frf.references, "reference")),
+            _DofRotation(_make_generator(sensors, frf.responses, "response")),
+            _DofRotation(_make_generator(forces, frf.references, "reference")),
         )
 
 
-def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
+def _make_generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
     """Return the derivative of measured values by the angle, shape (n, n)."""
     G = np.zeros((len(dofs), len(dofs)))
     place = {(dof.node, dof.direction): i for i, dof in enumerate(dofs)}
@@ -216,7 +220,9 @@ def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
         axis = Dof.parse(name)
         found = False
         for turning in ("", "R"):
-            along = [place.get((axis.node, turning + d)) for d in _across(axis.direction)]
+            along = [
+                place.get((axis.node, turning + d)) for d in _list_perpendicular(axis.direction)
+            ]
             if along[0] is None or along[1] is None:
                 continue
             a, b = along[0], along[1]
@@ -224,7 +230,7 @@ def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
             G[a, b], G[b, a] = sign, -sign
             found = True
         if not found:
-            first, second = (f"{axis.node}:{d}" for d in _across(axis.direction))
+            first, second = (f"{axis.node}:{d}" for d in _list_perpendicular(axis.direction))
             raise OptionError(
                 f"{name!r}: a turn about {axis.direction} needs both {first} and {second} as a"
                 f" {role} of the data"
@@ -232,7 +238,7 @@ def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
     return G
 
 
-def _best_angle(turn: _Turn, evidence: Evidence) -> float:
+def _find_best_angle(turn: _ChannelRotation, evidence: Evidence) -> float:
     """Return the angle in degrees that best fits the model to the data, by least squares.
 
     All lines have equal weight: each is divided by its energy.
@@ -243,22 +249,24 @@ def _best_angle(turn: _Turn, evidence: Evidence) -> float:
     assert frf.variance is not None
     rows = turn.responses.generator.any(axis=1)
     columns = turn.references.generator.any(axis=1)
-    moved = rows[:, None] | columns
+    affected = rows[:, None] | columns
     energy = np.abs(frf.values) ** 2 + np.abs(H) ** 2 + frf.variance
-    weight = 1.0 / np.maximum(energy[:, moved].sum(axis=1), np.finfo(np.float64).tiny)
-    data = np.where(moved, weight[:, None, None] * frf.values.conj(), 0.0)
+    weight = 1.0 / np.maximum(energy[:, affected].sum(axis=1), np.finfo(np.float64).tiny)
+    data = np.where(affected, weight[:, None, None] * frf.values.conj(), 0.0)
     # A rotation preserves the norm: the largest correlation is the smallest difference.
-    alike = np.empty((3, 3))
+    correlation = np.empty((3, 3))
     for p, left in enumerate(turn.responses.basis):
         for q, right in enumerate(turn.references.basis):
-            alike[p, q] = float(np.sum((data * (left @ H @ right.T)).real))
+            correlation[p, q] = float(np.sum((data * (left @ H @ right.T)).real))
     t = np.stack([np.ones(len(_ANGLES)), np.sin(_ANGLES), np.cos(_ANGLES)])
-    at = np.argmax(np.einsum("pa,pq,qa->a", t, alike, t))
+    at = np.argmax(np.einsum("pa,pq,qa->a", t, correlation, t))
     between = _ANGLES[at] - _STEP, _ANGLES[at] + _STEP
 
-    def unlike(angle: float) -> float:
+    def negative_correlation(angle: float) -> float:
         parts = np.array([1.0, np.sin(angle), np.cos(angle)])
-        return -float(parts @ alike @ parts)
+        return -float(parts @ correlation @ parts)
 
-    best = minimize_scalar(unlike, bounds=between, method="bounded", options={"xatol": 1e-7})
+    best = minimize_scalar(
+        negative_correlation, bounds=between, method="bounded", options={"xatol": 1e-7}
+    )
     return float(np.degrees(best.x))

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divide_data
-from updyn.updating.judge.causes.missing_viscous import viscous_places
+from updyn.updating.judge.causes.missing_viscous import count_viscous_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Window"]
+__all__ = ["WindowDamping"]
 
 
-class Window(Fault):
+class WindowDamping(Fault):
     """Records were multiplied by exp(-value t): the data are H at i omega + value, value in 1/s."""
 
     __slots__ = ()
@@ -61,7 +61,7 @@ class Window(Fault):
         (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s between
         quantities distinguish a window from it.
         """
-        n_places = viscous_places(part)
+        n_places = count_viscous_places(part)
         return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value, n_places),)
 
     def is_plausible(self) -> bool:

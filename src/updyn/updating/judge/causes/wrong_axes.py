@@ -26,7 +26,7 @@ class WrongAxes(Irreparable):
     ----------
     other : OtherModel or None
         The model with the correct axes.
-    places : int
+    n_places : int
         Number of variants of the model that were compared; they share the odds of the kind.
     """
 
@@ -39,7 +39,7 @@ class WrongAxes(Irreparable):
 
     @classmethod
     def propose_faults(cls, evidence: Evidence) -> Iterable[Self]:
-        """Return an empty tuple: `promising_variants` selects these faults."""
+        """Return an empty tuple: `select_variants` selects these faults."""
         return ()
 
     @property

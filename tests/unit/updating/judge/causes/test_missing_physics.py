@@ -19,9 +19,9 @@ from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.proportional import ProportionalDamping
-from updyn.updating.judge.causes.screening import best_elements
+from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.judge.causes.trial import tried
-from updyn.updating.judge.causes.window import Window
+from updyn.updating.judge.causes.window import WindowDamping
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
 
@@ -196,11 +196,11 @@ def test_the_difference_of_the_halves_is_counted_in_its_deviations(chain12, unkn
     for seed in range(60):
         data = add_noise(frf, np.random.default_rng(seed), 0.01)
         data = replace(data, variance=(0.01 * np.abs(frf.values)) ** 2)
-        spread.append(compare_band_halves(Evidence(part.with_data(data), x), Window(), 0.0))
+        spread.append(compare_band_halves(Evidence(part.with_data(data), x), WindowDamping(), 0.0))
     assert np.sqrt(np.mean(np.square(spread))) == pytest.approx(1.0, abs=0.3)
-    slope = Window().slope(Evidence(part.with_data(data), x))
+    slope = WindowDamping().slope(Evidence(part.with_data(data), x))
     bent = replace(data, values=data.values * np.exp(np.where(lower, -0.05, 0.05) * slope))
-    assert compare_band_halves(Evidence(part.with_data(bent), x), Window(), 0.0) > 10.0
+    assert compare_band_halves(Evidence(part.with_data(bent), x), WindowDamping(), 0.0) > 10.0
 
 
 @pytest.fixture(scope="module")
@@ -253,7 +253,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_odds(silent, taken):
 
 
 def test_sensors_that_measure_only_noise_do_not_change_the_halves(silent):
-    fault = Window((), 0.05)
+    fault = WindowDamping((), 0.05)
     apart = [
         compare_band_halves(Evidence(fault.correct_part(part, x), x), fault, 0.0)
         for part in silent
@@ -281,7 +281,7 @@ def test_places_share_the_odds_of_a_kind():
 
 def test_damping_in_place_of_a_window_shares_the_odds_of_its_kind(chain12, unknowns):
     part = Part.build(chain12, updyn.response(chain12, LINES, SENSORS, FORCES), unknowns)
-    (found,) = Window((), 0.5).list_similar_faults(part)
+    (found,) = WindowDamping((), 0.5).list_similar_faults(part)
     rates = 2 * (len(chain12.groups) + 1)
     assert found.prior == pytest.approx(1e-2 / (5 + 10 + rates))
 
@@ -291,15 +291,17 @@ def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unkno
     frf = measured(with_element(chain12_true, element), add_noise)
     frf = replace(frf, variance=choose_noise(None, frf).beforehand(frf))
     part = Part.build(chain12_true, frf, unknowns)
-    every = [AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.places_in(part.frf)]
+    every = [
+        AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.list_places(part.frf)
+    ]
     assert len(every) == 5 + 10
-    best = best_elements(Evidence(part, part.coordinates.home), every, 3)
+    best = select_elements(Evidence(part, part.coordinates.home), every, 3)
     assert best[0].labels == element.labels
 
 
 def test_a_mass_acts_in_all_measured_translations_of_a_node():
     frf = updyn.FRF([1.0], np.ones((1, 4, 1)), ["1:X", "1:Y", "2:X", "2:RZ"], ["1:X"], "receptance")
-    found = [labels for labels, _ in MissingMass.places_in(frf)]
+    found = [labels for labels, _ in MissingMass.list_places(frf)]
     assert found == [("1:X", "1:Y"), ("2:X",), ("2:RZ",)]
     assert MissingMass(("2:RZ",), 0.1).statement() == "The model lacks a mass of 0.1 kg m2 at 2:RZ."
 

@@ -29,7 +29,7 @@ def test_data_in_the_units_of_a_model_are_those_that_it_computes(
     chain12, quantity, of, factor, mistake
 ):
     right = updyn.response(chain12, FREQ, SENSORS, ["5:X"], quantity, decay=0.3)
-    told = ModelUnit((), factor, of, mistake).as_told(right)
+    told = ModelUnit((), factor, of, mistake).convert_data(right)
     wrong = in_wrong_units(chain12, of, factor)
     H = updyn.response(wrong, told.freq, SENSORS, ["5:X"], quantity, decay=told.decay)
     # Of the order of the rounding of K - omega^2 M beside resonances.

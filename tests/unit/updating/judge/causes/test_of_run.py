@@ -9,7 +9,7 @@ import updyn
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
 from updyn.updating.judge.causes.diagnosis import unseen
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.causes.suspects import suspects
+from updyn.updating.judge.causes.suspects import score_faults
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Stopped
@@ -77,12 +77,12 @@ def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypat
     known = replace(data, variance=1e-4 * np.abs(data.values) ** 2)
     part = Part.build(chain12, known, unknowns)
     part.session.wants_stop = lambda: bool(asked.append(True))
-    found = suspects(part, part.coordinates.home)
+    found = score_faults(part, part.coordinates.home)
     assert len(asked) > len(found) > len(SENSORS) * (len(SENSORS) - 1) / 2
     part.session.wants_stop = lambda: len(asked) > 10 or bool(asked.append(True))
     asked.clear()
     with pytest.raises(Stopped):
-        suspects(part, part.coordinates.home)
+        score_faults(part, part.coordinates.home)
 
 
 def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.judge.causes.pole_fit import Pole, _standing_for, fitted_along
+from updyn.updating.judge.causes.pole_fit import Pole, _count_represented_lines, fit_pole
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import Part
 
@@ -15,9 +15,9 @@ def test_the_lines_that_are_kept_stand_for_all():
     """Few lines stand for themselves; of many, those about the pole are the densest."""
     pole = Pole(10.0, 0.02, np.ones(1), np.ones(1))
     few = np.linspace(1.0, 20.0, 100)
-    assert (_standing_for(few, pole) == 1.0).all()
+    assert (_count_represented_lines(few, pole) == 1.0).all()
     many = np.linspace(1.0, 20.0, 4001)
-    count = _standing_for(many, pole)
+    count = _count_represented_lines(many, pole)
     about = np.abs(many / 10.0 - 1.0) < 0.1
     assert count[about].sum() == about.sum()
     assert count[~about].sum() == pytest.approx((~about).sum())
@@ -33,7 +33,9 @@ def test_the_pole_that_was_put_in_is_found(chain12, chain12_true, add_noise, lin
     level = np.abs(clean.values).max()
     true = Pole(9.3, 0.02, level * np.array([0.01, -0.02, 0.005 + 0.002j]), np.array([1.0, -0.7]))
     frf = add_noise(
-        replace(clean, values=clean.values + true.term(clean)), np.random.default_rng(2), 0.01
+        replace(clean, values=clean.values + true.contribution(clean)),
+        np.random.default_rng(2),
+        0.01,
     )
     frf = replace(frf, variance=Stated(0.01, 1e-3).variance(frf.values, frf))
     rng = np.random.default_rng(5)
@@ -42,7 +44,7 @@ def test_the_pole_that_was_put_in_is_found(chain12, chain12_true, add_noise, lin
     )
     part = Part.build(start, frf, updyn.parameters(start, stiffness="all"))
     begin = Pole(9.35, 0.03, true.a * 0.8, true.b)
-    found = fitted_along(part, part.coordinates.home, begin)
+    found = fit_pole(part, part.coordinates.home, begin)
     assert found.frequency == pytest.approx(9.3, rel=1e-3)
     assert found.loss == pytest.approx(0.02, rel=0.1)
     outer = np.outer(found.a, found.b)
