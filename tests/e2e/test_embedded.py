@@ -62,7 +62,7 @@ def test_a_sensor_is_moved_by_two_clicks(window):
     drawn = "() => document.querySelector('[data-scene]')?.updynViewer?.find"
     frame = embedded(page, drawn)
     frame.evaluate(FIND, 107)  # the picture: the sensor that is there
-    page.get_by_text("107:Z: click the node that it sits at").wait_for()
+    page.get_by_text("107:Z: click its node").wait_for()
     frame.evaluate(FIND, 102)
     page.get_by_text("job.toml (edited)").wait_for()
     page.get_by_role("button", name="Undo").click()

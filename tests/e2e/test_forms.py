@@ -72,7 +72,7 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(job):
         page.goto(f"{server.base}/plan")
         page.get_by_label("sensors", exact=True).fill("3")
         page.get_by_role("button", name="Save and begin").click()
-        page.get_by_text("not begun: missing key 'band' in [plan]").wait_for()
+        page.get_by_text("not started: missing key 'band' in [plan]").wait_for()
         page.get_by_role("alert").filter(has_text="Not in the job yet").wait_for()
         assert job.read_bytes() == before
         page.get_by_role("button", name="Close").click()
@@ -80,7 +80,7 @@ def test_nothing_incomplete_or_invalid_is_written_or_begun(job):
         page.goto(f"{server.base}/plan")
         page.get_by_label("band, from and to (Hz)").fill("22, 0.6")
         page.get_by_role("button", name="Save and begin").click()
-        page.get_by_text("not begun: band, from and to (Hz): '22, 0.6'; expected two").wait_for()
+        page.get_by_text("not started: band, from and to (Hz): '22, 0.6'; expected two").wait_for()
         assert page.get_by_role("status").count() == 0
         assert job.read_bytes() == before
         page.get_by_role("button", name="Close").click()

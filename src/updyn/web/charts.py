@@ -83,16 +83,16 @@ def frf_chart(
             {
                 "type": "line",
                 "name": name,
-                "data": _rows(freq, np.abs(values), scale, points),
+                "data": _make_points(freq, np.abs(values), scale, points),
                 "showSymbol": False,
                 "silent": many,
                 "lineStyle": {**look, **colour(own)},
                 "itemStyle": colour(own),
             }
         )
-    areas = [_area(low, high, "held-band") for low, high in excluded]
+    areas = [_mark_area(low, high, "held-band") for low, high in excluded]
     if band is not None:
-        areas.append(_area(*band, "fit-band"))
+        areas.append(_mark_area(*band, "fit-band"))
     if series and areas:
         series[0]["markArea"] = {"silent": True, "data": areas}
     chart: dict[str, Any] = {
@@ -128,7 +128,7 @@ def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str
     line = {
         "type": "line",
         "name": "coherence",
-        "data": _rows(freq, np.asarray(values, dtype=float), "linear", _MOST_POINTS),
+        "data": _make_points(freq, np.asarray(values, dtype=float), "linear", _MOST_POINTS),
         "showSymbol": False,
         "lineStyle": {"width": 1.2, **colour(STATES["measured"])},
         "itemStyle": colour(STATES["measured"]),
@@ -167,7 +167,7 @@ def _axis(name: str, gap: int, kind: str = "value") -> dict[str, Any]:
     }
 
 
-def _rows(
+def _make_points(
     freq: NDArray[np.float64], magnitude: NDArray[np.float64], scale: str, points: int
 ) -> list[list[float | None]]:
     at = thin_indices(magnitude, points)
@@ -211,7 +211,7 @@ def thin_indices(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
     return np.array(sorted(found))
 
 
-def _area(low: float, high: float, token: str) -> list[dict[str, Any]]:
+def _mark_area(low: float, high: float, token: str) -> list[dict[str, Any]]:
     return [{"xAxis": low, "itemStyle": colour(token)}, {"xAxis": high}]
 
 

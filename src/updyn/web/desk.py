@@ -110,7 +110,7 @@ class Desk:
         self._end()
         self._line, other = self._context.Pipe()
         arguments = (other, self._folder, self._memory)
-        process = self._context.Process(target=_serve, args=arguments, daemon=True)
+        process = self._context.Process(target=_answer_calls, args=arguments, daemon=True)
         with interrupts_blocked():
             process.start()
         self._process = process
@@ -126,10 +126,10 @@ class Desk:
             self._line = None
 
 
-def _serve(line: Connection, folder: Path, memory: int) -> None:
+def _answer_calls(line: Connection, folder: Path, memory: int) -> None:
     """Answer calls until the other end is closed; Ctrl-C in the terminal is for the server."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit(memory)
+    _limit_memory(memory)
     confine(folder)
     while True:
         try:
@@ -151,7 +151,7 @@ def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[s
             return "error", InputError("not enough memory for this")
 
 
-def _limit(memory: int) -> None:
+def _limit_memory(memory: int) -> None:
     """Limit the memory of this process, if the system supports it."""
     if memory <= 0:
         return

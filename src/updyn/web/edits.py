@@ -56,7 +56,7 @@ def set_band(low: float, high: float, test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        _set_key(_test(document, test), "band", _numbers((low, high)))
+        _set_key(_find_test(document, test), "band", _format_numbers((low, high)))
         _keep_lines(document, lambda line: low <= line <= high)
 
     return edit
@@ -76,8 +76,8 @@ def exclude(low: float, high: float, test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        table = _test(document, test)
-        entry = _numbers((low, high))
+        table = _find_test(document, test)
+        entry = _format_numbers((low, high))
         present = table.get("exclude")
         if isinstance(present, Array):
             present.append(entry)
@@ -117,7 +117,7 @@ def include_all(test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        _test(document, test).pop("exclude", None)
+        _find_test(document, test).pop("exclude", None)
 
     return edit
 
@@ -134,8 +134,8 @@ def add_repair(written: str, test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        table = _test(document, test)
-        present = _texts(table.get("repair", []))
+        table = _find_test(document, test)
+        present = _as_texts(table.get("repair", []))
         if written not in present:
             _set_key(table, "repair", [*present, written])
 
@@ -155,11 +155,11 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        own = _test(document, test)
+        own = _find_test(document, test)
         several = _has_several_tests(document)
         if several:
-            _share_out(document, "validation")
-        table = own if several or "validation" in own else _table(document, "method")
+            _move_to_tests(document, "validation")
+        table = own if several or "validation" in own else _get_table(document, "method")
         if responses:
             _set_key(table, "validation", list(responses))
         else:
@@ -168,7 +168,7 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
     return edit
 
 
-def _share_out(document: TOMLDocument, key: str) -> None:
+def _move_to_tests(document: TOMLDocument, key: str) -> None:
     """Move a key from ``[method]`` to all tests that do not have it."""
     method = document.get("method")
     if not isinstance(method, MutableMapping) or key not in method:
@@ -189,7 +189,7 @@ def match_sensor(sensor: str, dof: str) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        _set_key(_table(_table(document, "match"), "table"), sensor, dof)
+        _set_key(_get_table(_get_table(document, "match"), "table"), sensor, dof)
 
     return edit
 
@@ -206,7 +206,7 @@ def set_key(table: str, key: str, value: Any) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        changed = _table(document, table)
+        changed = _get_table(document, table)
         if value is None:
             changed.pop(key, None)
         else:
@@ -266,11 +266,11 @@ def as_value(kind: str, text: str, label: str) -> Any:
             case "whole":
                 return int(text)
             case "number":
-                return _number(text)
+                return _parse_number(text)
             case "numbers":
-                return [_number(part) for part in parts] or None
+                return [_parse_number(part) for part in parts] or None
             case "band":
-                return _band(parts)
+                return _parse_band(parts)
             case "texts":
                 return parts or None
     except ValueError as error:
@@ -279,15 +279,15 @@ def as_value(kind: str, text: str, label: str) -> Any:
     return text
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(text)
     return value
 
 
-def _band(parts: Sequence[str]) -> list[float]:
-    low, high = map(_number, parts)
+def _parse_band(parts: Sequence[str]) -> list[float]:
+    low, high = map(_parse_number, parts)
     if not 0 <= low < high:
         raise ValueError(parts)
     return [low, high]
@@ -305,7 +305,7 @@ def set_picks(pick: Sequence[float], poles: Sequence[float]) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        table = _table(document, "modes")
+        table = _get_table(document, "modes")
         for key, values in (("pick", pick), ("poles", poles)):
             if values:
                 _set_key(table, key, sorted(float(f"{value:.7g}") for value in values))
@@ -334,7 +334,7 @@ def set_unknowns(
     """
 
     def edit(document: TOMLDocument) -> None:
-        tables = _tables(document)
+        tables = _get_parameter_tables(document)
         missing = {quantity: set(names) for quantity, names in chosen.items()}
         for table in list(tables):
             if "groups" not in table or "quantity" not in table:
@@ -378,7 +378,7 @@ def chosen_groups(text: str, groups: Mapping[str, Sequence[str]]) -> dict[str, s
         If the text has no tables ``[[parameter]]``.
     """
     chosen: dict[str, set[str]] = {quantity: set() for quantity in groups}
-    for table in _tables(tomlkit.parse(text)):
+    for table in _get_parameter_tables(tomlkit.parse(text)):
         quantity = str(table.get("quantity", ""))
         if quantity in chosen and "groups" in table:
             chosen[quantity].update(_match_groups(groups[quantity], table["groups"]))
@@ -420,7 +420,7 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
         )
 
     def edit(document: TOMLDocument) -> None:
-        tables = _tables(document)
+        tables = _get_parameter_tables(document)
         for table in tables:
             present = _match_groups([*groups, group], table.get("groups", []))
             is_own = str(table.get("quantity", "")) == quantity and group in present
@@ -446,7 +446,7 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
 
 def _match_groups(groups: Sequence[str], patterns: Any) -> list[str]:
     """Return the groups that match the patterns of a table."""
-    texts = _texts(patterns)
+    texts = _as_texts(patterns)
     return [
         name
         for name in groups
@@ -473,7 +473,7 @@ def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
         method["lines"] = kept
 
 
-def _texts(given: Any) -> list[str]:
+def _as_texts(given: Any) -> list[str]:
     """Return one text, or several, as a list."""
     return (
         [str(item) for item in given]
@@ -483,11 +483,11 @@ def _texts(given: Any) -> list[str]:
 
 
 # -- parts of a document ---------------------------------------------------------------------------
-def _test(document: TOMLDocument, number: int) -> Table:
+def _find_test(document: TOMLDocument, number: int) -> Table:
     """Return the table of a test."""
     tests = document.get("test")
     if not isinstance(tests, AoT):
-        return _table(document, "test")
+        return _get_table(document, "test")
     if number >= len(tests):
         raise InputError(f"the job has {len(tests)} tests, and no number {number + 1}")
     return tests[number]
@@ -498,7 +498,7 @@ def _has_several_tests(document: TOMLDocument) -> bool:
     return isinstance(tests, AoT) and len(tests) > 1
 
 
-def _table(outer: MutableMapping[str, Any], name: str) -> Table:
+def _get_table(outer: MutableMapping[str, Any], name: str) -> Table:
     """Return a table, created if missing."""
     if name not in outer:
         outer[name] = tomlkit.table()
@@ -508,7 +508,7 @@ def _table(outer: MutableMapping[str, Any], name: str) -> Table:
     return cast(Table, found)
 
 
-def _tables(document: TOMLDocument) -> AoT:
+def _get_parameter_tables(document: TOMLDocument) -> AoT:
     """Return the tables ``[[parameter]]``, possibly empty."""
     if not document.get("parameter"):
         document.pop("parameter", None)  # an empty one, whose place may be before other keys
@@ -526,7 +526,7 @@ def _set_key(table: Table, key: str, value: Any) -> None:
     if key in table or not isinstance(table, Table):
         table[key] = value
         return
-    tail = _cut_tail(table)
+    tail = _take_tail(table)
     table[key] = value
     table.value.body.extend(tail)
 
@@ -535,8 +535,8 @@ def _append(tables: AoT, table: Table) -> None:
     """Append a table; comments after the last table stay after the new one."""
     tail = []
     if tables:
-        last = _end(tables)
-        tail = _cut_tail(last)
+        last = _find_last_table(tables)
+        tail = _take_tail(last)
         last.add(tomlkit.nl())
     tables.append(table)
     table.value.body.extend(tail)
@@ -545,7 +545,7 @@ def _append(tables: AoT, table: Table) -> None:
 def _remove(document: TOMLDocument, tables: AoT, table: Table) -> None:
     """Remove a table, but not the comments after it, which belong to the next table."""
     number = next(i for i, each in enumerate(tables) if each is table)
-    tail = _cut_tail(_end(table))
+    tail = _take_tail(_find_last_table(table))
     if number:
         before: Any = tables[number - 1]
     else:
@@ -553,10 +553,10 @@ def _remove(document: TOMLDocument, tables: AoT, table: Table) -> None:
         before = items[next(i for i, each in enumerate(items) if each is tables) - 1]
     del tables[number]
     if isinstance(before, Table | AoT):
-        _end(before).value.body.extend(tail)
+        _find_last_table(before).value.body.extend(tail)
 
 
-def _end(item: Table | AoT) -> Table:
+def _find_last_table(item: Table | AoT) -> Table:
     """Return the table that ends last of a table and those in it."""
     while True:
         if isinstance(item, AoT):
@@ -568,7 +568,7 @@ def _end(item: Table | AoT) -> Table:
         item = inner[-1]
 
 
-def _cut_tail(table: Table) -> list[tuple[Any, Item]]:
+def _take_tail(table: Table) -> list[tuple[Any, Item]]:
     """Remove and return the lines after a table's last key, from the first empty line on.
 
     They belong to the table in the document, but comment on the next table.
@@ -588,7 +588,7 @@ def _cut_tail(table: Table) -> list[tuple[Any, Item]]:
     return tail
 
 
-def _numbers(values: Sequence[float]) -> Array:
+def _format_numbers(values: Sequence[float]) -> Array:
     """Return numbers as an array on one line, with eight digits."""
     made = tomlkit.array()
     made.extend([float(f"{value:.8g}") for value in values])

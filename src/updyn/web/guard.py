@@ -73,8 +73,8 @@ class Guard:
             await _refuse(scope, receive, send, *refusal)
         elif scope["type"] == "websocket":
             await self._app(scope, receive, send)
-        elif self._asked_token(scope) is not None:
-            await self._welcome(scope, send)
+        elif self._find_token(scope) is not None:
+            await self._set_cookie(scope, send)
         else:
             await self._pass_on(scope, receive, _add_rules(send, headers["host"]))
 
@@ -86,7 +86,7 @@ class Guard:
         own = {f"http://{host}" for host in self._hosts}
         if origin not in own and (origin is not None or scope["type"] == "websocket"):
             return 403, "A page of another address has asked."
-        if not self._knows_token(scope, headers):
+        if not self._has_token(scope, headers):
             return 401, "The secret is missing: open the address that updyn serve printed."
         length = headers.get("content-length", "0")
         readable = length.isdecimal() and len(length) <= _MOST_DIGITS
@@ -108,19 +108,19 @@ class Guard:
             if not limit.exceeded:  # otherwise the application reports a truncated body
                 raise
 
-    def _asked_token(self, scope: Scope) -> str | None:
+    def _find_token(self, scope: Scope) -> str | None:
         """Return the secret in the address."""
         asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(_TOKEN)
         return asked[0] if asked else None
 
-    def _knows_token(self, scope: Scope, headers: Mapping[str, str]) -> bool:
+    def _has_token(self, scope: Scope, headers: Mapping[str, str]) -> bool:
         """Return whether the secret is in the address or in the cookie."""
-        asked = self._asked_token(scope) if scope["type"] == "http" else None
+        asked = self._find_token(scope) if scope["type"] == "http" else None
         given = _cookies(headers, self._cookie) if asked is None else [asked]
         secret = self._token.encode()
         return any(hmac.compare_digest(each.encode(), secret) for each in given)
 
-    async def _welcome(self, scope: Scope, send: Send) -> None:
+    async def _set_cookie(self, scope: Scope, send: Send) -> None:
         """Keep the secret in a cookie, and lead to the same page without it in the address."""
         asked = parse_qs(scope["query_string"].decode("latin-1"))
         asked.pop(_TOKEN)

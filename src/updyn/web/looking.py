@@ -29,20 +29,20 @@ from updyn.viewer import model_scene, page
 __all__ = [
     "CHOICES",
     "FORWARD",
-    "Curve",
+    "ChannelCurve",
     "FindingRow",
+    "IdentifiabilityView",
+    "JobView",
     "ModalView",
-    "Separability",
     "TestView",
     "UnknownRow",
-    "View",
-    "counterparts",
-    "curve",
-    "findings",
-    "identifiability",
-    "look",
-    "propose",
-    "structure",
+    "assess_identifiability",
+    "compute_curve",
+    "count_counterparts",
+    "find_faults",
+    "propose_job",
+    "read_view",
+    "render_structure",
 ]
 
 T = TypeVar("T")
@@ -148,7 +148,7 @@ class UnknownRow:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class JobView:
     """A job as far as it can be read.
 
     Attributes
@@ -159,7 +159,7 @@ class View:
         The model in a few words.
     groups : list of str
         Its groups.
-    able : mapping of str to list of str
+    groups_by_quantity : mapping of str to list of str
         The groups that have a quantity, by the quantities of `CHOICES`.
     tests : list of TestView
         Its tests with FRFs.
@@ -167,7 +167,7 @@ class View:
         Its tests with modes that could be read and matched.
     unknowns : list of UnknownRow
         Those of the job.
-    wrong : mapping of str to str
+    errors : mapping of str to str
         Errors of reading and matching, by part: ``"job"``, ``"test"``, ``"all"``.
     has_picture : bool
         Whether the model has a geometry, by which it can be drawn.
@@ -176,16 +176,16 @@ class View:
     title: str
     model: str
     groups: list[str]
-    able: Mapping[str, list[str]]
+    groups_by_quantity: Mapping[str, list[str]]
     tests: list[TestView]
     modal: list[ModalView]
     unknowns: list[UnknownRow]
-    wrong: Mapping[str, str]
+    errors: Mapping[str, str]
     has_picture: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Separability:
+class IdentifiabilityView:
     """What the data could determine of the unknowns.
 
     Attributes
@@ -194,7 +194,7 @@ class Separability:
         Combinations that are determined, and unknowns.
     collinearity : float
         Brun's index.
-    open : mapping of str to str
+    undetermined : mapping of str to str
         The unknowns that are not determined, with those they trade against.
     advice : str
         What to do.
@@ -203,7 +203,7 @@ class Separability:
     rank: int
     n: int
     collinearity: float
-    open: Mapping[str, str]
+    undetermined: Mapping[str, str]
     advice: str
 
 
@@ -215,7 +215,7 @@ class FindingRow:
     ----------
     statement, remedy : str
         The finding, and its remedy.
-    written : str
+    repair : str
         Entry of ``repair`` in the job that corrects it; empty if it cannot.
     odds : float
         Its odds.
@@ -225,13 +225,13 @@ class FindingRow:
 
     statement: str
     remedy: str
-    written: str
+    repair: str
     odds: float
     test: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class ChannelCurve:
     """One channel of the model.
 
     Attributes
@@ -251,7 +251,7 @@ def _load_and_prepare(path: Path, text: str) -> Prepared:
     return prepare(load_job(path, text=text))
 
 
-def look(path: Path, text: str) -> View:
+def read_view(path: Path, text: str) -> JobView:
     """Read a job and all its files; errors replace parts that cannot be read.
 
     Parameters
@@ -265,18 +265,22 @@ def look(path: Path, text: str) -> View:
     -------
     View
     """
-    wrong: dict[str, str] = {}
-    job = _try_part(lambda: load_job(path, text=text), "job", wrong)
+    errors: dict[str, str] = {}
+    job = _try_part(lambda: load_job(path, text=text), "job", errors)
     if job is None:
-        return View("", "", [], {}, [], [], [], wrong)
-    ready = _try_part(lambda: _load_and_prepare(path, text), "all", wrong)
+        return JobView("", "", [], {}, [], [], [], errors)
+    ready = _try_part(lambda: _load_and_prepare(path, text), "all", errors)
     tests = []
     for number, part in enumerate(job.parts):
         if not part.has_modes:
-            seen = _try_part(lambda part=part, at=number: _test(part, at, ready), "test", wrong)  # type: ignore[misc]
-            tests += [] if seen is None else [seen]
+            view = _try_part(
+                lambda part=part, at=number: _view_test(part, at, ready),  # type: ignore[misc]
+                "test",
+                errors,
+            )
+            tests += [] if view is None else [view]
     if ready is None:
-        return View(job.title or path.stem, "", [], {}, tests, [], [], wrong)
+        return JobView(job.title or path.stem, "", [], {}, tests, [], [], errors)
     model = ready.model
     about = f"{model.n_dofs:,} DOFs in {len(model.groups)} groups"
     unknowns = [
@@ -285,31 +289,33 @@ def look(path: Path, text: str) -> View:
     groups = list(model.groups)
     title = job.title or path.stem
     modal = [
-        _modal(test, number)
+        _view_modes(test, number)
         for number, test in enumerate(ready.tests)
         if isinstance(test.data, ModeSet)
     ]
     drawn = model.geometry is not None
-    return View(title, about, groups, _able(model), tests, modal, unknowns, wrong, drawn)
+    return JobView(
+        title, about, groups, _find_groups_by_quantity(model), tests, modal, unknowns, errors, drawn
+    )
 
 
-def _able(model: Model) -> dict[str, list[str]]:
+def _find_groups_by_quantity(model: Model) -> dict[str, list[str]]:
     """Return the groups of a model that have each quantity of `CHOICES`."""
     stiff = [name for name, group in model.groups.items() if group.stiffness is not None]
     heavy = [name for name, group in model.groups.items() if group.mass is not None]
     return {"stiffness": stiff, "mass": heavy, "loss_factor": stiff}
 
 
-def _try_part(make: Callable[[], T], what: str, wrong: dict[str, str]) -> T | None:
-    """Return the result of a function, or None after storing its error in `wrong`."""
+def _try_part(make: Callable[[], T], what: str, errors: dict[str, str]) -> T | None:
+    """Return the result of a function, or None after storing its error in `errors`."""
     try:
         return make()
     except UpdynError as error:
-        wrong.setdefault(what, str(error))
+        errors.setdefault(what, str(error))
         return None
 
 
-def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
+def _view_test(part: Job, number: int, ready: Prepared | None) -> TestView:
     """Return a test over all its lines."""
     table = part.test
     free = table.model_copy(update={"band": None, "exclude": None})
@@ -319,7 +325,7 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         used = np.isin(whole.freq, whole.select(band=table.band, exclude=table.exclude or ()).freq)
     except InputError:  # no line remains; the error is reported for the whole job
         used = np.zeros(len(whole.freq), dtype=bool)
-    held, held_band = _held_out(part)
+    held, held_band = _find_validation_set(part)
     return TestView(
         number,
         table.name,
@@ -330,15 +336,15 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         whole.references.labels,
         used,
         table.band,
-        [] if ready is None else _matches(ready.tests[number]),
+        [] if ready is None else _list_matches(ready.tests[number]),
         held,
         held_band,
-        _holdable(held, None if ready is None else ready.tests[number]),
+        _list_holdable(held, None if ready is None else ready.tests[number]),
         None if whole.coherence is None else whole.coherence.astype(np.float32),
     )
 
 
-def _matches(test: PreparedTest) -> list[dict[str, str]]:
+def _list_matches(test: PreparedTest) -> list[dict[str, str]]:
     """Return the sensors with their DOFs."""
     return [
         {
@@ -351,7 +357,7 @@ def _matches(test: PreparedTest) -> list[dict[str, str]]:
     ]
 
 
-def _held_out(part: Job) -> tuple[list[str], tuple[float, float] | None]:
+def _find_validation_set(part: Job) -> tuple[list[str], tuple[float, float] | None]:
     """Return the responses and the band that a test holds out; one of them, or none."""
     labels: list[str] = []
     numbers: list[float] = []
@@ -363,7 +369,7 @@ def _held_out(part: Job) -> tuple[list[str], tuple[float, float] | None]:
     return labels, (numbers[0], numbers[1]) if numbers else None
 
 
-def _holdable(held: Sequence[str], test: PreparedTest | None) -> dict[str, str]:
+def _list_holdable(held: Sequence[str], test: PreparedTest | None) -> dict[str, str]:
     """Return what may be held out, by the label for the job; one that is held keeps its writing."""
     if test is None:
         return {label: label for label in held}
@@ -378,23 +384,23 @@ def _holdable(held: Sequence[str], test: PreparedTest | None) -> dict[str, str]:
     return found
 
 
-def _modal(test: PreparedTest, number: int) -> ModalView:
+def _view_modes(test: PreparedTest, number: int) -> ModalView:
     """Return a test whose data are modes."""
     found = test.data
     assert isinstance(found, ModeSet)
     rows = zip(
-        _with_std(found.frequency, found.std_frequency, ".6g"),
-        _with_std(found.loss_factor, found.std_loss_factor, ".3g"),
+        _format_values(found.frequency, found.std_frequency, ".6g"),
+        _format_values(found.loss_factor, found.std_loss_factor, ".3g"),
         strict=True,
     )
     modes = [
         {"mode": str(place), "frequency": frequency, "damping": loss}
         for place, (frequency, loss) in enumerate(rows, 1)
     ]
-    return ModalView(number, test.job.test.name, modes, _matches(test))
+    return ModalView(number, test.job.test.name, modes, _list_matches(test))
 
 
-def _with_std(values: NDArray[np.float64], std: NDArray[np.float64], form: str) -> list[str]:
+def _format_values(values: NDArray[np.float64], std: NDArray[np.float64], form: str) -> list[str]:
     """Return numbers with their standard deviations, as far as either is known."""
     return [
         ("" if np.isnan(value) else f"{value:{form}}") + ("" if np.isnan(s) else f" ± {s:.2g}")
@@ -402,7 +408,7 @@ def _with_std(values: NDArray[np.float64], std: NDArray[np.float64], form: str) 
     ]
 
 
-def identifiability(path: Path, text: str) -> Separability:
+def assess_identifiability(path: Path, text: str) -> IdentifiabilityView:
     """Return which unknowns the data of a job could determine.
 
     Parameters
@@ -422,10 +428,12 @@ def identifiability(path: Path, text: str) -> Separability:
         for name in direction:
             others = [other for other in direction if other != name]
             trades.setdefault(name, ", ".join(others))
-    return Separability(found.rank, found.n_parameters, found.collinearity, trades, found.advice)
+    return IdentifiabilityView(
+        found.rank, found.n_parameters, found.collinearity, trades, found.advice
+    )
 
 
-def findings(path: Path, text: str) -> list[FindingRow]:
+def find_faults(path: Path, text: str) -> list[FindingRow]:
     """Return the suspected faults in the data of a job, before any fit.
 
     Parameters
@@ -449,7 +457,7 @@ def findings(path: Path, text: str) -> list[FindingRow]:
     return sorted(found, key=lambda row: -row.odds)
 
 
-def counterparts(path: Path, text: str) -> list[str]:
+def count_counterparts(path: Path, text: str) -> list[str]:
     """Return for each test how many of its modes have a counterpart in the model.
 
     Parameters
@@ -469,9 +477,9 @@ def counterparts(path: Path, text: str) -> list[str]:
     return [f"{name}: {one.statement}".removeprefix(": ") for name, one in found.items()]
 
 
-def curve(
+def compute_curve(
     path: Path, text: str, values: Mapping[str, float], test: int, response: int, reference: int
-) -> Curve:
+) -> ChannelCurve:
     """Return one channel of the model at values of the unknowns.
 
     Parameters
@@ -494,7 +502,7 @@ def curve(
     own = ready.tests[test]
     data: FRF = own.frf
     freq = data.freq[:: max(1, len(data.freq) // _MOST_LINES)]
-    model = _model_at(ready, own.model, values)
+    model = _apply_values(ready, own.model, values)
     shown = model_response(
         model,
         freq,
@@ -502,17 +510,17 @@ def curve(
         references=[data.references.labels[reference]],
         quantity=data.quantity,
     )
-    return Curve(shown.freq, shown.values[:, 0, 0])
+    return ChannelCurve(shown.freq, shown.values[:, 0, 0])
 
 
-def _model_at(ready: Prepared, model: Model, values: Mapping[str, float]) -> Model:
+def _apply_values(ready: Prepared, model: Model, values: Mapping[str, float]) -> Model:
     """Return a model at values of the unknowns; others have those of the start."""
     unknowns = ParameterSet(tuple(p for p in ready.parameters if not p.is_channel))
     x = np.array([values.get(p.name, p.start) for p in unknowns])
     return unknowns.apply(model, x) if len(unknowns) else model
 
 
-def structure(path: Path, text: str, n_modes: int = 0) -> str:
+def render_structure(path: Path, text: str, n_modes: int = 0) -> str:
     """Return the viewer of the model with sensors and forces as a page.
 
     Parameters
@@ -533,9 +541,9 @@ def structure(path: Path, text: str, n_modes: int = 0) -> str:
     own = ready.tests[0]
     data = own.data
     sensors, forces = ([], []) if not isinstance(data, FRF) else (data.responses, data.references)
-    model = _model_at(ready, own.model, {})
-    moving = modes(model, min(n_modes, model.n_dofs)) if n_modes else None
-    scene = model_scene(model, moving, responses=list(sensors), references=list(forces))
+    model = _apply_values(ready, own.model, {})
+    shown_modes = modes(model, min(n_modes, model.n_dofs)) if n_modes else None
+    scene = model_scene(model, shown_modes, responses=list(sensors), references=list(forces))
     shown = page(scene)
     return shown.replace("</body>", f"<script>{FORWARD}</script></body>")
 
@@ -547,7 +555,7 @@ FORWARD = """document.addEventListener("updyn-pick", ({ detail }) => {
 });"""
 
 
-def propose(model: Path, measurement: Path, job: Path, stated: dict[str, object]) -> str:
+def propose_job(model: Path, measurement: Path, job: Path, stated: dict[str, object]) -> str:
     """Return a commented job for a model and a measurement.
 
     Parameters

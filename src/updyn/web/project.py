@@ -46,13 +46,13 @@ class RunFolder:
         The folder.
     record : mapping
         The content of its ``result.json``.
-    written : float
+    modified : float
         When, in seconds since 1970.
     """
 
     path: Path
     record: dict[str, Any]
-    written: float
+    modified: float
 
 
 class Project:
@@ -116,18 +116,18 @@ class Project:
     def jobs(self) -> list[Path]:
         """Return the job files: TOML files that no run wrote, the latest first."""
         found = []
-        for folder, names in self._walk():
+        for folder, names in self._walk_folders():
             jobs = [folder / name for name in names if name.lower().endswith(_JOB)]
             if _RESULT in names:
-                jobs = [path for path in jobs if not _is_of_a_run(path)]
+                jobs = [path for path in jobs if not _is_run_job_file(path)]
             found += jobs
         return sorted(found, key=_modified_time, reverse=True)
 
     def inputs(self) -> list[Path]:
         """Return the files that a job could name: all but results and job files."""
         found, results = [], set[Path]()
-        for folder, names in self._walk():
-            results |= _results(folder, names)
+        for folder, names in self._walk_folders():
+            results |= _find_results(folder, names)
             found += [folder / n for n in names if not n.lower().endswith(_NO_INPUT)]
         return sorted(path for path in found if path not in results)
 
@@ -137,7 +137,7 @@ class Project:
         Results are among them: a job may start from the model of a run.
         """
         found = []
-        for folder, names in self._walk():
+        for folder, names in self._walk_folders():
             for name in names:
                 if name.endswith(_NO_INPUT):
                     continue
@@ -151,7 +151,7 @@ class Project:
     def runs(self) -> list[RunFolder]:
         """Return the folders of results, the latest first; damaged records are left out."""
         found = []
-        for folder, names in self._walk():
+        for folder, names in self._walk_folders():
             if _RESULT not in names:
                 continue
             path = folder / _RESULT
@@ -161,7 +161,7 @@ class Project:
                 continue
             if isinstance(record, dict) and isinstance(record.get("status"), str):
                 found.append(RunFolder(folder, record, _modified_time(path)))
-        return sorted(found, key=lambda run: run.written, reverse=True)
+        return sorted(found, key=lambda run: run.modified, reverse=True)
 
     def runs_of(self, job: Path) -> list[Path]:
         """Return the folders of the runs of a job, the latest first.
@@ -175,7 +175,7 @@ class Project:
         -------
         list of Path
         """
-        return [run.path for run in self.runs() if _job_of(run.path) == job]
+        return [run.path for run in self.runs() if _find_job(run.path) == job]
 
     def pages(self, page: str, command: str) -> list[Path]:
         """Return the pages that a command has written, the latest first.
@@ -192,7 +192,7 @@ class Project:
         list of Path
         """
         found = []
-        for folder, names in self._walk():
+        for folder, names in self._walk_folders():
             if page in names and MANIFEST in names:
                 with suppress(FormatError):
                     entry = Manifest.read(folder).entries.get(page)
@@ -241,7 +241,7 @@ class Project:
         file = self.plain_name(file if file.lower().endswith(_JOB) else file + _JOB)
         path = self.inside(Path(folder, file))
         parts = path.parent.relative_to(self.folder).parts
-        if len(parts) > _DEPTH or not all(map(_is_shown, parts)):
+        if len(parts) > _DEPTH or not all(map(_is_listed, parts)):
             raise InputError(f"{name!r}: a job in this folder is not shown; choose another folder")
         if not path.parent.is_dir():
             raise InputError(f"{name!r}: no such folder {folder!r}; make it first")
@@ -301,7 +301,7 @@ class Project:
         write_bytes(path, content)
         return path
 
-    def _walk(self) -> Iterator[tuple[Path, list[str]]]:
+    def _walk_folders(self) -> Iterator[tuple[Path, list[str]]]:
         """Yield folders with the names of their files, not deep and not without end.
 
         Hidden ones are left out, and names that UTF-8 does not hold, which no page can show.
@@ -311,11 +311,11 @@ class Project:
                 return
             path = Path(folder)
             deep = len(path.relative_to(self.folder).parts) >= _DEPTH
-            folders[:] = [] if deep else sorted(filter(_is_shown, folders))
-            yield path, sorted(filter(_is_shown, names))
+            folders[:] = [] if deep else sorted(filter(_is_listed, folders))
+            yield path, sorted(filter(_is_listed, names))
 
 
-def _results(folder: Path, names: list[str]) -> set[Path]:
+def _find_results(folder: Path, names: list[str]) -> set[Path]:
     """Return the files of a folder, and of the folders in it, that hold results."""
     if MANIFEST in names:
         with suppress(FormatError):
@@ -328,7 +328,7 @@ def _results(folder: Path, names: list[str]) -> set[Path]:
     return {folder / name for name in names} if _RESULT in names else set()
 
 
-def _job_of(folder: Path) -> Path | None:
+def _find_job(folder: Path) -> Path | None:
     """Return the job file of a run; None if that is not known."""
     try:
         with (folder / JOB_FILE).open(encoding="utf-8") as lines:
@@ -338,7 +338,7 @@ def _job_of(folder: Path) -> Path | None:
         return None
 
 
-def _is_of_a_run(path: Path) -> bool:
+def _is_run_job_file(path: Path) -> bool:
     """Return whether a run wrote a job file; one that cannot be read is a user's."""
     try:
         return is_run_job(path)
@@ -346,7 +346,7 @@ def _is_of_a_run(path: Path) -> bool:
         return False
 
 
-def _is_shown(name: str) -> bool:
+def _is_listed(name: str) -> bool:
     return not name.startswith(".") and is_encodable(name)
 
 

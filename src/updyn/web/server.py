@@ -107,7 +107,7 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
     sys.stdout.flush()
     if open_browser:
         webbrowser.open_new_tab(address)
-    with _handling_signals():
+    with _let_server_handle_signals():
         try:
             uvicorn.Server(config).run(sockets=[listening])
         finally:
@@ -115,7 +115,7 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
 
 
 @contextmanager
-def _handling_signals() -> Iterator[None]:
+def _let_server_handle_signals() -> Iterator[None]:
     """Leave Ctrl-C to the server, which ends in order, however long a run takes to write results.
 
     The command line watches for signals, too, and would end the process meanwhile.

@@ -1,4 +1,4 @@
-"""`Task`: work on a job that takes a while, in a separate process; a line in `TASKS` each."""
+"""`JobTask`: work on a job that takes a while, in a separate process; a line in `TASKS` each."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from updyn.registry import Registry
 if TYPE_CHECKING:
     from updyn.updating.fit.monitor import Progress
 
-__all__ = ["MODES", "PLAN", "RUN", "TASKS", "Ended", "Field", "Reporter", "Task"]
+__all__ = ["MODES", "PLAN", "RUN", "TASKS", "Field", "JobTask", "Reporter", "TaskResult"]
 
 
 class Reporter(Protocol):
@@ -31,7 +31,7 @@ class Reporter(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class TaskResult:
     """How a task has ended.
 
     Attributes
@@ -72,13 +72,14 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class JobTask:
     """Work on a job.
 
     Attributes
     ----------
     do : callable
-        Takes job file, folder for the results, reporter and whether to resume; returns an `Ended`.
+        Takes job file, folder for the results, reporter and whether to resume; returns a
+        `TaskResult`.
     page : str
         The HTML file that it writes.
     suffix : str
@@ -95,7 +96,7 @@ class Task:
         Whether a stopped or ended task can be resumed.
     """
 
-    do: Callable[[Path, Path, Reporter, bool], Ended]
+    do: Callable[[Path, Path, Reporter, bool], TaskResult]
     page: str
     suffix: str
     table: str = ""
@@ -105,17 +106,17 @@ class Task:
     resumes: bool = False
 
 
-def _run(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
+def _run_job(job: Path, out: Path, reporter: Reporter, resume: bool) -> TaskResult:
     run = run_job(load_job(job), out, reporter, resume=resume)
-    return Ended(run.result.status, run.summary(), run.result.values)
+    return TaskResult(run.result.status, run.summary(), run.result.values)
 
 
-def _modes(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
+def _identify_modes(job: Path, out: Path, reporter: Reporter, _resume: bool) -> TaskResult:
     found = modes_job(load_job(job, of_test=True), out, say=reporter.say)
-    return Ended(f"{len(found)} modes", "")
+    return TaskResult(f"{len(found)} modes", "")
 
 
-def _plan(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
+def _plan_test(job: Path, out: Path, reporter: Reporter, resume: bool) -> TaskResult:
     stages: list[str] = []
 
     def show(progress: Progress) -> None:
@@ -124,12 +125,12 @@ def _plan(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
             reporter.say(progress.stage)
 
     made = plan_job(load_job(job, before_test=True), out, show, resume=resume)
-    return Ended("planned", made.summary())
+    return TaskResult("planned", made.summary())
 
 
-RUN = Task(_run, "report.html", "-run", stops=True, resumes=True)
-MODES = Task(
-    _modes,
+RUN = JobTask(_run_job, "report.html", "-run", stops=True, resumes=True)
+MODES = JobTask(
+    _identify_modes,
     "modes.html",
     "-modes",
     "modes",
@@ -137,8 +138,8 @@ MODES = Task(
     "Identifies the modes of the measurement. A click in the diagram leaves a mode out or adds one"
     " for the job.",
 )
-PLAN = Task(
-    _plan,
+PLAN = JobTask(
+    _plan_test,
     "plan.html",
     "-plan",
     "plan",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 #: Shortest time between two lines of the same stage, in s.
-_BETWEEN = 0.1
+_MIN_INTERVAL = 0.1
 
 
 class _StopFlag:
@@ -63,7 +63,7 @@ class _Reporter:
         stage, step, at = self._last
         now = time.monotonic()
         is_new = (progress.stage, progress.iteration) != (stage, step)
-        if is_new or now - at >= _BETWEEN:
+        if is_new or now - at >= _MIN_INTERVAL:
             self._last = progress.stage, progress.iteration, now
             write(
                 "progress",
@@ -117,7 +117,7 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
         0, or 2 for input that cannot be used.
     """
     flag = _StopFlag()
-    warnings.showwarning = _show
+    warnings.showwarning = _write_warning
     warnings.simplefilter("always", UpdynWarning)
     confine(Path(folder))
     try:
@@ -132,7 +132,9 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
     return 0
 
 
-def _show(message: Warning | str, category: type[Warning], *_where: Any, **_more: Any) -> None:
+def _write_warning(
+    message: Warning | str, category: type[Warning], *_where: Any, **_more: Any
+) -> None:
     if issubclass(category, UpdynWarning):
         write("note", text=str(message))
 

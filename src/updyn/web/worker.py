@@ -98,9 +98,9 @@ class Worker:
             start_new_session=sys.platform != "win32",
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
-        collecting = threading.Thread(target=self._collect, daemon=True)
-        collecting.start()
-        threading.Thread(target=self._read_events, args=(collecting,), daemon=True).start()
+        error_reader = threading.Thread(target=self._collect_errors, daemon=True)
+        error_reader.start()
+        threading.Thread(target=self._read_events, args=(error_reader,), daemon=True).start()
 
     @property
     def active(self) -> bool:
@@ -136,7 +136,7 @@ class Worker:
             self._process.kill()
             self._process.wait()
 
-    def _collect(self) -> None:
+    def _collect_errors(self) -> None:
         """Keep the last lines of what the process writes on stderr."""
         assert self._process is not None
         assert self._process.stderr is not None
@@ -144,24 +144,24 @@ class Worker:
             for line in lines:
                 self._errors.append(line.rstrip("\n"))
 
-    def _read_events(self, collecting: threading.Thread) -> None:
+    def _read_events(self, error_reader: threading.Thread) -> None:
         """Take what the process writes until it ends."""
         assert self._process is not None
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             for line in lines:
                 try:
-                    self._take(json.loads(line))
+                    self._handle_event(json.loads(line))
                 except (ValueError, KeyError, TypeError):
                     self._errors.append(line.rstrip("\n"))
         code = self._process.wait()
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.close()
-        collecting.join(_LAST_LINES)
-        self._close(code)
+        error_reader.join(_LAST_LINES)
+        self._record_end(code)
 
-    def _take(self, event: Mapping[str, Any]) -> None:
+    def _handle_event(self, event: Mapping[str, Any]) -> None:
         """Take one line."""
         kind = event["kind"]
         self.values = event.get("values") or self.values
@@ -179,19 +179,19 @@ class Worker:
             self.status = event.get("status", "")
         self.version += 1
 
-    def _close(self, code: int) -> None:
+    def _record_end(self, code: int) -> None:
         """Note how the process ended."""
         if code == 0 and self.status:
             self.state = "done"
         elif self.state == "stopping" and not TASKS.find(self.task).stops:
             self.message, self.state = "Stopped; nothing was written.", "stopped"
         else:
-            self.message = self.message or _epitaph(code, list(self._errors))
+            self.message = self.message or _describe_failure(code, list(self._errors))
             self.state = "failed"
         self.version += 1
 
 
-def _epitaph(code: int, errors: list[str]) -> str:
+def _describe_failure(code: int, errors: list[str]) -> str:
     """Return a message about a process that ended without one."""
     if code < 0:
         try:

@@ -16,7 +16,7 @@ from updyn.web.desk import Desk
 from updyn.web.document import JobDocument
 from updyn.web.faults import new_faults
 from updyn.web.form import Form
-from updyn.web.looking import View, look, propose
+from updyn.web.looking import JobView, propose_job, read_view
 from updyn.web.project import Project
 from updyn.web.tasks import TASKS
 from updyn.web.worker import Worker
@@ -59,10 +59,10 @@ class Workspace:
         self.document: JobDocument | None = None
         self.workers: dict[str, Worker] = {}
         self.theme = "auto"
-        self._desk = Desk(self.project.folder, _SECONDS, _memory())
+        self._desk = Desk(self.project.folder, _SECONDS, _memory_limit())
         self._forms: dict[str, Form] = {}
-        self._opened: set[Path] = set()
-        self._seen: tuple[Path, str, View] | None = None
+        self._opened_paths: set[Path] = set()
+        self._cached_view: tuple[Path, str, JobView] | None = None
         self._stamp = self.project.stamp()
 
     @property
@@ -125,13 +125,13 @@ class Workspace:
                 name = self.project.name_of(made)
                 return list(dict.fromkeys([name, *pages])), name
         suffixes = "|".join(map(re.escape, (work.suffix, TASKS.find("run").suffix)))
-        stem = re.escape(self.opened.path.stem)
+        stem = re.escape(self.open_document.path.stem)
         named = re.compile(rf"{stem}(({suffixes})(-\d+)?)?")
         own = [path for path in found if named.fullmatch(path.parent.name)]
         return pages, self.project.name_of(own[0]) if own else ""
 
     @property
-    def opened(self) -> JobDocument:
+    def open_document(self) -> JobDocument:
         """The open job.
 
         Raises
@@ -165,12 +165,12 @@ class Workspace:
         self._check_saved()
         self.document = JobDocument(path)
         self._forms.clear()
-        self._opened.add(path)
+        self._opened_paths.add(path)
 
     def jobs(self) -> list[Path]:
         """Return the jobs of the project, and those that were opened under any other name."""
         listed = self.project.jobs()
-        others = {path for path in self._opened if path not in listed and path.is_file()}
+        others = {path for path in self._opened_paths if path not in listed and path.is_file()}
         return [*sorted(others), *listed]
 
     def _check_saved(self) -> None:
@@ -204,7 +204,7 @@ class Workspace:
         InputError
             If the text would have a new fault; the text is not changed then.
         """
-        document = self.opened
+        document = self.open_document
         changed = document.with_change(change)
         found = new_faults(document.path, document.text, changed)
         if found:
@@ -232,7 +232,7 @@ class Workspace:
         task : str
             Its name.
         """
-        return self.form(task).entries(self.opened.text)
+        return self.form(task).entries(self.open_document.text)
 
     def note(self, task: str, key: str, entry: str) -> None:
         """Take an entry of a form as it is typed; it goes into the job with the next `enter`.
@@ -244,7 +244,7 @@ class Workspace:
         entry : str
             The typed text.
         """
-        self.form(task).note(key, entry, self.opened.text)
+        self.form(task).note(key, entry, self.open_document.text)
 
     def enter(self, task: str, key: str, entry: str) -> None:
         """Take an entry of a form, and write all of it into the job once that is complete.
@@ -257,7 +257,7 @@ class Workspace:
             The typed text.
         """
         self.note(task, key, entry)
-        self.form(task).commit(self.opened)
+        self.form(task).commit(self.open_document)
 
     def save(self) -> None:
         """Write the open job to its file, with the entries of all forms that are complete.
@@ -267,13 +267,13 @@ class Workspace:
         InputError
             As `JobDocument.save`; if entries are left out, after the rest is saved.
         """
-        document = self.opened
+        document = self.open_document
         for form in self._forms.values():
             form.commit(document)
         document.save()
         reasons = [form.reason for form in self._forms.values() if form.pending]
         if reasons:
-            raise InputError(f"saved without entries of forms: {'; '.join(reasons)}")
+            raise InputError(f"saved without form entries: {'; '.join(reasons)}")
 
     def open_demo(self, name: str) -> None:
         """Write the inputs of a demo into a new folder of the project and open its job.
@@ -308,19 +308,19 @@ class Workspace:
             If the name is not a plain one, or the file exists.
         """
         self.project.plain_name(name)  # no folder: the files that the job names are relative to it
-        own = self.project.name_of(self.opened.path.with_name(name))
-        self.opened.save_as(self.project.new_job(own))
+        own = self.project.name_of(self.open_document.path.with_name(name))
+        self.open_document.save_as(self.project.new_job(own))
 
-    def view(self) -> View:
+    def view(self) -> JobView:
         """Return the content of the present job, which is read once."""
-        self._forget_changed()
-        document = self.opened
-        seen = self._seen
-        if seen is not None and seen[:2] == (document.path, document.text):
-            return seen[2]
+        self._discard_stale_data()
+        document = self.open_document
+        cached = self._cached_view
+        if cached is not None and cached[:2] == (document.path, document.text):
+            return cached[2]
         path, text = document.path, document.text
-        view = self.ask(look)
-        self._seen = path, text, view
+        view = self.ask(read_view)
+        self._cached_view = path, text, view
         return view
 
     def ask(self, function: Callable[..., T], *arguments: object) -> T:
@@ -338,8 +338,8 @@ class Workspace:
         object
             Its return value.
         """
-        self._forget_changed()
-        document = self.opened
+        self._discard_stale_data()
+        document = self.open_document
         return self._desk.ask(function, document.path, document.text, *arguments)
 
     def create(self, model: str, measurement: str, name: str, stated: dict[str, object]) -> None:
@@ -359,17 +359,20 @@ class Workspace:
             edits that are not saved; nothing is written then.
         """
         self._check_saved()
-        inputs = self.project.inside(model), self.project.inside(measurement)
+        inputs = (
+            self.project.inside(model),
+            self.project.inside(measurement),
+        )
         path = self.project.new_job(name)
-        text = self._desk.ask(propose, *inputs, path, stated)
+        text = self._desk.ask(propose_job, *inputs, path, stated)
         write_bytes(path, text.encode())
         self.open_job(path)
 
-    def _forget_changed(self) -> None:
+    def _discard_stale_data(self) -> None:
         """Discard data of files that have changed since they were read."""
         stamp = self.project.stamp()
         if stamp != self._stamp:
-            self._stamp, self._seen = stamp, None
+            self._stamp, self._cached_view = stamp, None
             self._desk.close()  # its process caches data
 
     def begin(self, task: str, folder: str, *, resume: bool = False) -> Worker:
@@ -398,11 +401,11 @@ class Workspace:
             raise InputError("a task is under way; stop it first")
         if not folder.strip():
             raise InputError("the results need a folder; give its name")
-        document, out = self.opened, self.project.inside(folder.strip())
+        document, out = self.open_document, self.project.inside(folder.strip())
         form = self.form(task)
         form.commit(document)
         if form.pending:
-            raise InputError(f"not begun: {form.reason}")
+            raise InputError(f"not started: {form.reason}")
         if document.is_changed:
             document.save()
         worker = Worker(task, document.path, out, self.project.folder, resume=resume)
@@ -424,7 +427,7 @@ class Workspace:
             That of the task's latest results of this job, where there are some; a plant goes to the
             folder of the run whose model it is of; else one that is free.
         """
-        path = self.opened.path
+        path = self.open_document.path
         for name in (task, "run"):
             worker = self.workers.get(name)
             if worker is not None and worker.job == path and (name == task or task == "plant"):
@@ -442,7 +445,7 @@ class Workspace:
         self._desk.end()
 
 
-def _memory() -> int:
+def _memory_limit() -> int:
     """Return how many bytes reading and looking may take: half of those of the machine."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2

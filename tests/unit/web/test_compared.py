@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("nicegui")
 
-from updyn.web.pages.results import compared
+from updyn.web.pages.results import compare_runs
 from updyn.web.project import RunFolder
 
 RECORD = {
@@ -29,7 +29,7 @@ def table(**records):
         name.replace("_", "."): RunFolder(Path(name), record, 0.0)
         for name, record in records.items()
     }
-    columns, rows = compared(runs)
+    columns, rows = compare_runs(runs)
     labels = {column["field"]: column["label"] for column in columns}
     return {
         row["what"]: {labels[key]: text for key, text in row.items() if key != "what"}

@@ -27,33 +27,33 @@ def workspace(chain_project: Path) -> Workspace:
 
 def table(workspace: Workspace, name: str) -> dict[str, object] | None:
     """A table of the open job as it is written."""
-    return tomllib.loads(workspace.opened.text).get(name)
+    return tomllib.loads(workspace.open_document.text).get(name)
 
 
 def test_nothing_is_written_before_the_table_is_complete(workspace: Workspace) -> None:
-    before = workspace.opened.text
+    before = workspace.open_document.text
     workspace.enter("plan", "n_sensors", "3")
-    assert workspace.opened.text == before
+    assert workspace.open_document.text == before
     assert "missing key 'band' in [plan]" in workspace.form("plan").reason
     assert workspace.entries("plan")["n_sensors"] == "3"
     workspace.enter("plan", "criterion", "a-optimal")
-    assert workspace.opened.text == before
-    load_job(workspace.opened.path, text=workspace.opened.text)
+    assert workspace.open_document.text == before
+    load_job(workspace.open_document.path, text=workspace.open_document.text)
     workspace.enter("plan", "band", "5, 40")
     assert table(workspace, "plan") == {
         "n_sensors": 3, "criterion": "a-optimal", "band": [5.0, 40.0],
     }  # fmt: skip
     assert (workspace.form("plan").reason, workspace.form("plan").pending) == ("", {})
-    workspace.opened.undo()  # one edit
-    assert workspace.opened.text == before
+    workspace.open_document.undo()  # one edit
+    assert workspace.open_document.text == before
 
 
 def test_a_complete_table_stays_complete(workspace: Workspace) -> None:
     for key, text in (("n_sensors", "3"), ("band", "5, 40")):
         workspace.enter("plan", key, text)
-    before = workspace.opened.text
+    before = workspace.open_document.text
     workspace.enter("plan", "band", "")
-    assert workspace.opened.text == before
+    assert workspace.open_document.text == before
     assert "missing key 'band'" in workspace.form("plan").reason
     workspace.enter("plan", "n_sensors", "")  # nothing is left of the table
     assert table(workspace, "plan") is None
@@ -80,14 +80,14 @@ def test_an_invalid_entry_starts_nothing(
 ) -> None:
     for each, given in (("n_sensors", "3"), ("band", "5, 40")):
         workspace.enter("plan", each, given)
-    before = workspace.opened.text
+    before = workspace.open_document.text
     workspace.enter("plan", key, text)
     with pytest.raises(InputError) as caught:
         workspace.begin("plan", "planned")
     assert expected in str(caught.value)
     assert len(str(caught.value)) < 300
     assert workspace.workers == {}
-    assert workspace.opened.text == before
+    assert workspace.open_document.text == before
     assert workspace.entries("plan")[key] == text  # to be mended
 
 
@@ -98,7 +98,7 @@ def test_an_entry_is_taken_when_the_task_begins_though_it_was_not_left(
     workspace.note("plan", "n_sensors", "3")
     workspace.note("plan", "band", "5, 40")
     workspace.begin("plan", "planned")
-    written = tomllib.loads(workspace.opened.path.read_text(encoding="utf-8"))
+    written = tomllib.loads(workspace.open_document.path.read_text(encoding="utf-8"))
     assert written["plan"] == {"n_sensors": 3, "band": [5.0, 40.0]}
 
 
@@ -107,7 +107,7 @@ def test_saving_takes_entries_and_names_those_that_it_cannot(workspace: Workspac
     workspace.note("plan", "n_sensors", "3")
     with pytest.raises(InputError, match=r"saved without .*missing key 'band' in \[plan\]"):
         workspace.save()
-    written = tomllib.loads(workspace.opened.path.read_text(encoding="utf-8"))
+    written = tomllib.loads(workspace.open_document.path.read_text(encoding="utf-8"))
     assert written["modes"] == {"damping": "viscous"}
     assert "plan" not in written
     with pytest.raises(InputError, match="plan"):  # an entry that would be lost
@@ -119,8 +119,8 @@ def test_saving_takes_entries_and_names_those_that_it_cannot(workspace: Workspac
 def test_entries_of_one_job_are_not_those_of_another(workspace: Workspace) -> None:
     workspace.enter("plan", "n_sensors", "3")
     workspace.form("plan").discard()
-    other = workspace.opened.path.with_name("other.toml")
-    other.write_text(workspace.opened.text, encoding="utf-8")
+    other = workspace.open_document.path.with_name("other.toml")
+    other.write_text(workspace.open_document.text, encoding="utf-8")
     workspace.open_job("other.toml")
     assert workspace.entries("plan")["n_sensors"] == ""
 
@@ -128,10 +128,10 @@ def test_entries_of_one_job_are_not_those_of_another(workspace: Workspace) -> No
 def test_an_entry_that_is_what_the_job_says_is_no_edit(workspace: Workspace) -> None:
     for key, text in PLANT.items():
         workspace.enter("plant", key, text)
-    before, version = workspace.opened.text, workspace.opened.version
+    before, version = workspace.open_document.text, workspace.open_document.version
     for key, text in workspace.entries("plant").items():
         workspace.enter("plant", key, text)
-    assert (workspace.opened.text, workspace.opened.version) == (before, version)
+    assert (workspace.open_document.text, workspace.open_document.version) == (before, version)
 
 
 def test_what_a_label_has_besides_is_kept(chain_project: Path) -> None:
@@ -142,7 +142,7 @@ def test_what_a_label_has_besides_is_kept(chain_project: Path) -> None:
     workspace = Workspace(chain_project)
     workspace.open_job("job.toml")
     workspace.enter("plant", "inputs", "2:X, 4:X")
-    assert tomllib.loads(workspace.opened.text)["plant"]["inputs"] == [
+    assert tomllib.loads(workspace.open_document.text)["plant"]["inputs"] == [
         {"dof": "2:X", "ratio": 97.0},
         "4:X",
     ]
@@ -165,23 +165,25 @@ def test_a_text_that_is_no_job_has_an_empty_form(text: str) -> None:
 def test_an_edit_that_breaks_the_job_is_refused(workspace: Workspace) -> None:
     from updyn.web import edits
 
-    before = workspace.opened.text
+    before = workspace.open_document.text
     with pytest.raises(InputError, match="missing key 'parameter'"):
         workspace.edit("none", edits.set_unknowns({"mass": [], "stiffness": [], "loss_factor": []}, {
             kind: ["part1", "part2", "part3", "part4"] for kind in ("mass", "stiffness", "loss_factor")
         }))  # fmt: skip
     with pytest.raises(InputError, match="unknown key"):
         workspace.edit("key", edits.set_key("test", "bnad", 3))
-    assert workspace.opened.text == before
+    assert workspace.open_document.text == before
     workspace.edit("band", edits.set_band(1.0, 10.0))
-    assert workspace.opened.is_changed
+    assert workspace.open_document.is_changed
 
 
 def test_an_edit_that_mends_a_job_in_part_is_made(workspace: Workspace) -> None:
     """A job with another fault can be edited: only what is new is refused."""
     from updyn.web import edits
 
-    workspace.opened.replace("typing", workspace.opened.text + "\n[plan]\nn_sensors = 3\n")
+    workspace.open_document.replace(
+        "typing", workspace.open_document.text + "\n[plan]\nn_sensors = 3\n"
+    )
     workspace.edit("band", edits.set_band(1.0, 10.0))
     workspace.enter("plan", "criterion", "a-optimal")
     assert table(workspace, "plan") == {"n_sensors": 3, "criterion": "a-optimal"}
@@ -193,7 +195,7 @@ def test_an_edit_that_mends_a_job_in_part_is_made(workspace: Workspace) -> None:
 def test_bounds_that_are_none_are_refused(workspace: Workspace, low: float, high: float) -> None:
     from updyn.web import edits
 
-    before = workspace.opened.text
+    before = workspace.open_document.text
     with pytest.raises(InputError, match="expected a lower bound below the upper one"):
         workspace.edit("bounds", edits.set_bounds("part1.mass", low, high, ["part1"]))
-    assert workspace.opened.text == before
+    assert workspace.open_document.text == before

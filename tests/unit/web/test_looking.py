@@ -51,8 +51,8 @@ def path(chain_project: Path) -> Path:
 
 
 def test_a_job_that_can_be_read(path: Path) -> None:
-    view = looking.look(path, JOB)
-    assert (view.title, view.model, view.wrong) == ("Chain", "12 DOFs in 4 groups", {})
+    view = looking.read_view(path, JOB)
+    assert (view.title, view.model, view.errors) == ("Chain", "12 DOFs in 4 groups", {})
     assert view.groups == ["part1", "part2", "part3", "part4"]
     assert [(u.name, u.group, u.quantity, u.start, u.lower, u.upper) for u in view.unknowns] == [
         (f"part{n}.stiffness", f"part{n}", "stiffness", 1.0, 0.3, 3.0) for n in (1, 2, 3, 4)
@@ -89,9 +89,9 @@ def test_what_is_wrong_is_said_in_its_place_and_the_rest_is_shown(
     path: Path, change: tuple[str, str], part: str, message: str, n_tests: int
 ) -> None:
     assert change[0] in JOB
-    view = looking.look(path, JOB.replace(*change))
-    assert message in view.wrong[part]
-    assert view.wrong[part].startswith(str(path))
+    view = looking.read_view(path, JOB.replace(*change))
+    assert message in view.errors[part]
+    assert view.errors[part].startswith(str(path))
     assert len(view.tests) == n_tests
     assert view.unknowns == []
     if part != "job":
@@ -114,7 +114,7 @@ def numbered(path: Path) -> str:
 
 
 def test_responses_are_held_out_by_the_labels_of_the_model(path: Path, numbered: str) -> None:
-    (test,) = looking.look(path, numbered).tests
+    (test,) = looking.read_view(path, numbered).tests
     assert test.responses == ["1:X", "2:X", "3:X", "4:-X", "5:X"]
     assert (test.held, test.held_band) == (["7:X"], None)
     assert dict(test.holdable) == {
@@ -133,49 +133,49 @@ def test_responses_are_held_out_by_the_labels_of_the_model(path: Path, numbered:
 
 def test_what_is_held_out_is_offered_as_the_job_writes_it(path: Path, numbered: str) -> None:
     """With another sign, where it cannot be known what it is, and a band in place of responses."""
-    (test,) = looking.look(path, numbered.replace('"7:X"]', '"7:-X", "10:X"]')).tests
+    (test,) = looking.read_view(path, numbered.replace('"7:X"]', '"7:-X", "10:X"]')).tests
     assert test.held == ["7:-X", "10:X"]
     assert list(test.holdable) == ["2:X", "5:X", "7:-X", "10:X", "12:X"]
 
-    view = looking.look(path, numbered.replace('["7:X"]', '["3:X"]'))
-    assert "validation response 3:X" in view.wrong["all"]
+    view = looking.read_view(path, numbered.replace('["7:X"]', '["3:X"]'))
+    assert "validation response 3:X" in view.errors["all"]
     (test,) = view.tests
     assert (test.held, dict(test.holdable)) == (["3:X"], {"3:X": "3:X"})
 
-    (test,) = looking.look(path, numbered.replace('["7:X"]', "[3.0, 4.5]")).tests
+    (test,) = looking.read_view(path, numbered.replace('["7:X"]', "[3.0, 4.5]")).tests
     assert (test.held, test.held_band) == ([], (3.0, 4.5))
     assert len(test.holdable) == 5
 
 
 def test_a_curve_is_the_response_of_the_model_at_the_values(path: Path) -> None:
     values = {"part1.stiffness": 0.8, "part3.stiffness": 1.5}
-    found = looking.curve(path, JOB, values, 0, 1, 0)
+    found = looking.compute_curve(path, JOB, values, 0, 1, 0)
     model = chain.build().scaled({"part1": {"stiffness": 0.8}, "part3": {"stiffness": 1.5}})
     expected = response(model, found.freq, ["5:X"], ["2:X"], quantity="accelerance")
     np.testing.assert_allclose(found.values, expected.values[:, 0, 0], rtol=1e-9)
-    f = looking.look(path, JOB).tests[0]
+    f = looking.read_view(path, JOB).tests[0]
     np.testing.assert_array_equal(found.freq, f.freq[f.used])
 
 
 def test_what_the_data_could_determine(path: Path) -> None:
-    found = looking.identifiability(path, JOB)
-    assert (found.rank, found.n, found.open) == (4, 4, {})
+    found = looking.assess_identifiability(path, JOB)
+    assert (found.rank, found.n, found.undetermined) == (4, 4, {})
     assert found.collinearity >= 1.0
     # Two factors on one stiffness: only their product can be told.
     twice = JOB.replace(
         "[method]",
         '[[parameter]]\nname = "all.scale"\ndrives = { "part1.stiffness" = 1 }\n[method]',
     )
-    confused = looking.identifiability(path, twice)
+    confused = looking.assess_identifiability(path, twice)
     assert (confused.rank, confused.n) == (4, 5)
-    assert {"part1.stiffness", "all.scale"} <= set(confused.open)
-    assert "all.scale" in confused.open["part1.stiffness"]
+    assert {"part1.stiffness", "all.scale"} <= set(confused.undetermined)
+    assert "all.scale" in confused.undetermined["part1.stiffness"]
 
 
 def test_the_structure_of_a_model_without_positions(path: Path) -> None:
     with pytest.raises(InputError, match="the model has no geometry"):
-        looking.structure(path, JOB)
-    assert not looking.look(path, JOB).has_picture
+        looking.render_structure(path, JOB)
+    assert not looking.read_view(path, JOB).has_picture
 
 
 MIXED = """\
@@ -201,8 +201,8 @@ def test_tests_with_modes_and_tests_with_frfs_keep_their_numbers(path: Path) -> 
         [2.2, 6.4], np.eye(2), ["2:X", "5:X"], [0.02, 0.03], std_frequency=[0.01, np.nan]
     )
     write_modes(measured, path.with_name("chain.unv"))
-    view = looking.look(path, MIXED)
-    assert view.wrong == {}
+    view = looking.read_view(path, MIXED)
+    assert view.errors == {}
     assert [(test.number, test.name) for test in view.tests] == [(1, "ours")]
     (modal,) = view.modal
     assert (modal.number, modal.name) == (0, "theirs")
@@ -215,7 +215,7 @@ def test_tests_with_modes_and_tests_with_frfs_keep_their_numbers(path: Path) -> 
     set_band(3.0, 9.0, view.tests[0].number)(edited)
     assert "band" not in edited["test"][0]
     assert list(edited["test"][1]["band"]) == [3.0, 9.0]
-    found = looking.curve(path, MIXED, {}, view.tests[0].number, 0, 0)
+    found = looking.compute_curve(path, MIXED, {}, view.tests[0].number, 0, 0)
     np.testing.assert_array_equal(found.freq, view.tests[0].freq[view.tests[0].used])
 
 
@@ -245,8 +245,8 @@ def drawn(page: str) -> dict[str, Any]:
 def test_the_structure_has_sensors_and_forces_and_tells_of_picks(
     solid: tuple[Path, str, Model],
 ) -> None:
-    page = looking.structure(*solid[:2])
-    assert looking.look(*solid[:2]).has_picture
+    page = looking.render_structure(*solid[:2])
+    assert looking.read_view(*solid[:2]).has_picture
     assert looking.FORWARD in page
     scene = drawn(page)
     assert [arrow["label"] for arrow in scene["arrows"]] == ["15:X", "15:-Z", "15:Z"]
@@ -255,11 +255,11 @@ def test_the_structure_has_sensors_and_forces_and_tells_of_picks(
 
 def test_the_modes_of_the_structure_are_those_of_the_start(solid: tuple[Path, str, Model]) -> None:
     path, text, model = solid
-    rows = drawn(looking.structure(path, text, 3))["modes"]["rows"]
+    rows = drawn(looking.render_structure(path, text, 3))["modes"]["rows"]
     start = modes(model.scaled({"left": {"stiffness": 0.5}}), 3)
     expected = [f"{i}: {f:.5g} Hz" for i, f in enumerate(start.frequency, 1)]
     assert [row["label"].partition(",")[0] for row in rows] == expected
-    assert len(drawn(looking.structure(path, text, 10**6))["modes"]["rows"]) == model.n_dofs
+    assert len(drawn(looking.render_structure(path, text, 10**6))["modes"]["rows"]) == model.n_dofs
 
 
 def test_a_sensor_with_the_wrong_sign_is_found_and_undone(path: Path) -> None:
@@ -268,27 +268,27 @@ def test_a_sensor_with_the_wrong_sign_is_found_and_undone(path: Path) -> None:
     values[:, 1] *= -1.0
     write_frf(dataclasses.replace(data, values=values), path.with_name("chain.uff"))
     text = JOB.replace("[2.0, 10.0]", "[0.0, 100.0]")
-    found = looking.findings(path, text)
-    assert found[0].written == "sign:5:X"
+    found = looking.find_faults(path, text)
+    assert found[0].repair == "sign:5:X"
     assert "5:X" in found[0].statement
     assert [row.odds for row in found] == sorted((row.odds for row in found), reverse=True)
     repaired = text.replace("band =", 'repair = ["sign:5:X"]\nband =')
-    assert all(row.written != "sign:5:X" for row in looking.findings(path, repaired))
+    assert all(row.repair != "sign:5:X" for row in looking.find_faults(path, repaired))
 
 
 def test_coherence_is_that_of_the_file(path: Path) -> None:
     data = chain.measure()
     stated = np.linspace(0.2, 1.0, data.values.size).reshape(data.values.shape)
     write_frf(dataclasses.replace(data, coherence=stated), path.with_name("coherent.nc"))
-    assert looking.look(path, JOB).tests[0].coherence is None
-    seen = looking.look(path, JOB.replace("chain.uff", "coherent.nc")).tests[0].coherence
+    assert looking.read_view(path, JOB).tests[0].coherence is None
+    seen = looking.read_view(path, JOB.replace("chain.uff", "coherent.nc")).tests[0].coherence
     np.testing.assert_allclose(seen, stated, rtol=1e-6)
 
 
 def test_a_proposed_job_can_be_read(path: Path, chain_project: Path) -> None:
     job = chain_project / "new.toml"
     stated: dict[str, object] = {"quantity": None, "scale": None, "unit": None}
-    text = looking.propose(chain_project / "chain.h5", chain_project / "chain.uff", job, stated)
+    text = looking.propose_job(chain_project / "chain.h5", chain_project / "chain.uff", job, stated)
     assert not job.exists()
     assert load_job(job, text=text).model.file == "chain.h5"
-    assert looking.look(job, text).wrong == {}
+    assert looking.read_view(job, text).errors == {}

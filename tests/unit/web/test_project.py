@@ -158,7 +158,7 @@ def test_runs_are_the_folders_with_a_result_the_latest_first(worked: Path) -> No
     runs = Project(worked).runs()
     assert names(worked, [run.path for run in runs]) == ["second-run", "first-run"]
     assert [run.record["name"] for run in runs] == ["second-run", "first-run"]
-    assert [run.written for run in runs] == [4000.0, 3000.0]
+    assert [run.modified for run in runs] == [4000.0, 3000.0]
 
 
 @pytest.mark.parametrize(

@@ -25,11 +25,11 @@ def test_edits_are_not_lost(tmp_path, leave):
     (tmp_path / "other.toml").write_bytes(job.read_bytes())
     workspace = Workspace(tmp_path)
     workspace.open_job("job.toml")
-    workspace.opened.replace("typing", "title = 'mine'\n" + workspace.opened.text)
-    before, text = sorted(tmp_path.rglob("*")), workspace.opened.text
+    workspace.open_document.replace("typing", "title = 'mine'\n" + workspace.open_document.text)
+    before, text = sorted(tmp_path.rglob("*")), workspace.open_document.text
     with pytest.raises(InputError, match="edits that are not saved"):
         leave(workspace)
     assert sorted(tmp_path.rglob("*")) == before
-    assert workspace.opened.text == text
+    assert workspace.open_document.text == text
     workspace.open_job("job.toml")  # the same one, as it is edited
-    assert workspace.opened.text == text
+    assert workspace.open_document.text == text

@@ -186,7 +186,7 @@ def test_what_a_process_says_that_is_no_progress(tmp_path: Path) -> None:
     """Whatever comes on its output, it is kept for the message and harms nothing."""
     worker = Worker("run", tmp_path, tmp_path, tmp_path)
     for told in ({"kind": "note", "text": f"note {n}"} for n in range(300)):
-        worker._take(told)
+        worker._handle_event(told)
     assert list(worker.notes) == [f"note {n}" for n in range(100, 300)]
     step = {
         "kind": "progress",
@@ -197,7 +197,7 @@ def test_what_a_process_says_that_is_no_progress(tmp_path: Path) -> None:
         "values": {},
     }
     for iteration, cost in ((0, 4.0), (0, 4.0), (1, None), (1, 3.0), (2, 2.0)):
-        worker._take({**step, "iteration": iteration, "cost": cost})
+        worker._handle_event({**step, "iteration": iteration, "cost": cost})
     costs = [(s["iteration"], s["cost"]) for s in worker.steps]
     assert costs[0] == (0, 4.0)
     assert costs[-1] == (2, 2.0)

@@ -12,7 +12,7 @@ from nicegui import ui
 
 from updyn.errors import UpdynError
 from updyn.style import LOOKS
-from updyn.web.looking import structure
+from updyn.web.looking import render_structure
 from updyn.web.pages import job, measurement, model, results, running, start, unknowns
 from updyn.web.pages.frame import add_frame
 from updyn.web.pages.task import task_page
@@ -45,15 +45,15 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
         ui.page(place, title=f"{name} – updyn")(add_frame(workspace, places, place, fill))
 
     @app.get("/embedded/structure")
-    def shown_structure(modes: int = Query(0, ge=0, le=_MOST_MODES)) -> HTMLResponse:
+    def serve_structure(modes: int = Query(0, ge=0, le=_MOST_MODES)) -> HTMLResponse:
         try:
-            content = workspace.ask(structure, modes)
+            content = workspace.ask(render_structure, modes)
         except UpdynError as error:
             return _plain(str(error), 200)  # the surrounding page shows the same message
         return _sandbox_page(content, workspace.theme)
 
     @app.get("/embedded/page/{name:path}")
-    def shown_page(name: str) -> HTMLResponse:
+    def serve_page(name: str) -> HTMLResponse:
         try:
             path = workspace.project.inside(name)
             if path.suffix != ".html":

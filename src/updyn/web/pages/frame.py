@@ -24,7 +24,7 @@ _DARK = {"auto": None, "light": False, "dark": True}
 
 
 def add_frame(
-    workspace: Workspace, places: Mapping[str, str], here: str, fill: Callable[[Workspace], Any]
+    workspace: Workspace, places: Mapping[str, str], current: str, fill: Callable[[Workspace], Any]
 ) -> Callable[[], Awaitable[None]]:
     """Return a function that builds a page with its frame.
 
@@ -50,11 +50,11 @@ def add_frame(
             with ui.element("nav").classes("flex gap-1").props('aria-label="Pages"'):
                 for place, name in places.items():
                     link = ui.link(name, place).classes("px-2 py-1 rounded no-underline")
-                    if place == here:
+                    if place == current:
                         link.props("aria-current=page")
             ui.space()
-            _job_bar(workspace)
-            _theme(workspace)
+            _show_job_bar(workspace)
+            _show_theme_menu(workspace)
         result = fill(workspace)
         if isinstance(result, Awaitable):
             await result
@@ -62,10 +62,10 @@ def add_frame(
     return page
 
 
-def _theme(workspace: Workspace) -> None:
+def _show_theme_menu(workspace: Workspace) -> None:
     """Show a menu for light or dark pages."""
 
-    def chosen(theme: str) -> Callable[[], None]:
+    def make_handler(theme: str) -> Callable[[], None]:
         def choose() -> None:
             workspace.theme = theme
             ui.navigate.reload()
@@ -74,19 +74,19 @@ def _theme(workspace: Workspace) -> None:
 
     with ui.button(icon="contrast").props('flat dense aria-label="Light or dark"'), ui.menu():
         for theme, name in THEMES.items():
-            ui.menu_item(name, on_click=chosen(theme))
+            ui.menu_item(name, on_click=make_handler(theme))
 
 
-def _job_bar(workspace: Workspace) -> None:
+def _show_job_bar(workspace: Workspace) -> None:
     """Show the open job, with undo, redo and save.
 
     The buttons are never rebuilt while the job changes, because a click during this would be lost.
     """
 
-    def on_document(action: Callable[[JobDocument], None]) -> Callable[[], None]:
-        return show_errors(lambda: action(workspace.opened))
+    def make_document_handler(action: Callable[[JobDocument], None]) -> Callable[[], None]:
+        return show_errors(lambda: action(workspace.open_document))
 
-    def saved() -> None:
+    def save_job() -> None:
         show_errors(workspace.save)()
         update()
 
@@ -94,16 +94,16 @@ def _job_bar(workspace: Workspace) -> None:
         name = ui.label().mark("job")
         buttons = ui.row().classes("items-center gap-1")
         with buttons:
-            undo = ui.button(icon="undo", on_click=on_document(JobDocument.undo))
-            redo = ui.button(icon="redo", on_click=on_document(JobDocument.redo))
-            for button, word in ((undo, "Undo"), (redo, "Redo")):
+            undo_button = ui.button(icon="undo", on_click=make_document_handler(JobDocument.undo))
+            redo_button = ui.button(icon="redo", on_click=make_document_handler(JobDocument.redo))
+            for button, word in ((undo_button, "Undo"), (redo_button, "Redo")):
                 button.props(f"flat dense aria-label={word}")
-            with undo:
+            with undo_button:
                 undo_tip = ui.tooltip("")
-            with redo:
+            with redo_button:
                 redo_tip = ui.tooltip("")
-            save = ui.button("Save", on_click=saved)
-            save.props("flat dense no-caps")
+            save_button = ui.button("Save", on_click=save_job)
+            save_button.props("flat dense no-caps")
 
     def update() -> None:
         document = workspace.document
@@ -116,9 +116,9 @@ def _job_bar(workspace: Workspace) -> None:
         last, following = document.last_edit, document.next_edit
         undo_tip.set_text(f"Undo: {last}" if last else "Nothing to undo")
         redo_tip.set_text(f"Redo: {following}" if following else "Nothing to redo")
-        undo.set_enabled(bool(last))
-        redo.set_enabled(bool(following))
-        save.set_enabled(workspace.has_unsaved)
+        undo_button.set_enabled(bool(last))
+        redo_button.set_enabled(bool(following))
+        save_button.set_enabled(workspace.has_unsaved)
 
     update()
     watch(lambda: (workspace.version, workspace.has_unsaved), update)
@@ -131,14 +131,14 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
     """
     last = version()
 
-    def look() -> None:
+    def check() -> None:
         nonlocal last
         now = version()
         if now != last:
             last = now
             refresh()
 
-    ui.timer(_PERIOD, look)
+    ui.timer(_PERIOD, check)
 
 
 def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
@@ -156,13 +156,13 @@ def show_errors(action: Callable[..., Any]) -> Callable[..., None]:
     """Return an action that shows its `UpdynError` or `OSError` as a message."""
 
     @functools.wraps(action)
-    def safe(*arguments: Any) -> None:
+    def run_safely(*arguments: Any) -> None:
         try:
             action(*arguments)
         except (UpdynError, OSError) as error:
             complain(str(error))
 
-    return safe
+    return run_safely
 
 
 def complain(text: str) -> None:
@@ -179,16 +179,16 @@ async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
     with ui.row().classes("items-center") as waiting:
         ui.spinner()
         ui.label("Reading …")
-    trouble = ""
+    message = ""
     try:
         found = await run.io_bound(function, *arguments)
     except UpdynError as error:
-        found, trouble = None, str(error)
+        found, message = None, str(error)
     if waiting.is_deleted:
         return None  # the page was rebuilt in the meantime
     waiting.delete()
-    if trouble:
-        ui.label(trouble).classes("whitespace-pre-wrap text-negative")
+    if message:
+        ui.label(message).classes("whitespace-pre-wrap text-negative")
     return found
 
 

@@ -6,14 +6,14 @@ from typing import Any
 
 from nicegui import events, ui
 
-from updyn.web.looking import View
+from updyn.web.looking import JobView
 from updyn.web.pages.frame import run_slow, show_errors, watch
 from updyn.web.workspace import Workspace
 
-__all__ = ["no_job", "show", "troubles"]
+__all__ = ["has_no_job", "show", "show_view_errors"]
 
 
-def no_job(workspace: Workspace) -> bool:
+def has_no_job(workspace: Workspace) -> bool:
     """Return whether no job is open; if so, show a message."""
     if workspace.document is not None:
         return False
@@ -23,9 +23,9 @@ def no_job(workspace: Workspace) -> bool:
     return True
 
 
-def troubles(view: View) -> None:
+def show_view_errors(view: JobView) -> None:
     """Show errors of reading and matching."""
-    for text in dict.fromkeys(view.wrong.values()):
+    for text in dict.fromkeys(view.errors.values()):
         with ui.row().classes("items-start no-wrap"):
             ui.icon("error", color="negative").props('aria-label="Error"')
             ui.label(text).classes("whitespace-pre-wrap")
@@ -33,11 +33,11 @@ def troubles(view: View) -> None:
 
 async def show(workspace: Workspace) -> None:
     """Fill the page."""
-    if no_job(workspace):
+    if has_no_job(workspace):
         return
-    document = workspace.opened
+    document = workspace.open_document
 
-    def typed(event: events.ValueChangeEventArguments[Any]) -> None:
+    def store_text(event: events.ValueChangeEventArguments[Any]) -> None:
         document.type(str(event.value))
 
     with ui.row().classes("items-center"):
@@ -48,18 +48,18 @@ async def show(workspace: Workspace) -> None:
             ui.notify(f"Saved as {workspace.project.name_of(document.path)}", type="positive")
 
         ui.button("Save as", on_click=show_errors(save_as)).props("outline no-caps")
-    editor = ui.codemirror(document.text, language="TOML", on_change=typed)
+    editor = ui.codemirror(document.text, language="TOML", on_change=store_text)
     editor.classes("w-full").style("height: 60vh")
     watch(lambda: document.text, lambda: editor.set_value(document.text))
 
     @ui.refreshable
-    async def checked() -> None:
+    async def show_check() -> None:
         view = await run_slow(workspace.view)
         if view is None:
             return
-        troubles(view)
-        if not view.wrong:
+        show_view_errors(view)
+        if not view.errors:
             ui.label(f"{view.model}; {len(view.unknowns)} unknowns. Nothing is wrong with the job.")
 
-    watch(lambda: workspace.version, checked.refresh)
-    await checked()
+    watch(lambda: workspace.version, show_check.refresh)
+    await show_check()

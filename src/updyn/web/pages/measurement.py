@@ -9,9 +9,9 @@ from nicegui import events, ui
 
 from updyn.web import edits
 from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, unused_bands
-from updyn.web.looking import FindingRow, ModalView, TestView, counterparts, findings
+from updyn.web.looking import FindingRow, ModalView, TestView, count_counterparts, find_faults
 from updyn.web.pages.frame import redraw, run_slow, show_errors, watch
-from updyn.web.pages.job import no_job, troubles
+from updyn.web.pages.job import has_no_job, show_view_errors
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -25,8 +25,8 @@ _MODES = [
 #: Largest number of channels drawn at once, and number of points of each.
 _MOST_CHANNELS, _FEW_POINTS = 200, 600
 #: Scripts that send the frequency of a click, if the pointer moved by at most 3 px.
-_PRESSED = "(e) => { window.updynPressed = e.offsetX; }"
-_CLICKED = """(e) => {
+_ON_PRESS = "(e) => { window.updynPressed = e.offsetX; }"
+_ON_CLICK = """(e) => {
   if (Math.abs(e.offsetX - window.updynPressed) > 3) return;
   const at = getElement(ID).chart.convertFromPixel({ xAxisIndex: 0 }, e.offsetX);
   if (Number.isFinite(at)) emit(at);
@@ -35,22 +35,22 @@ _CLICKED = """(e) => {
 
 async def show(workspace: Workspace) -> None:
     """Fill the page."""
-    if no_job(workspace):
+    if has_no_job(workspace):
         return
-    kept: dict[int, _Choice] = {}
+    choices: dict[int, _Choice] = {}
 
     @ui.refreshable
     async def content() -> None:
         view = await run_slow(workspace.view)
         if view is None:
             return
-        troubles(view)
+        show_view_errors(view)
         for test in view.tests:
-            choice = kept.setdefault(test.number, _Choice())
+            choice = choices.setdefault(test.number, _Choice())
             _Measurement(workspace, test, choice).show()
         for modal in view.modal:
             _show_modes(modal)
-        if view.tests and not view.wrong:
+        if view.tests and not view.errors:
             _look_for_faults(workspace)
 
     watch(lambda: workspace.version, content.refresh)
@@ -108,43 +108,43 @@ class _Measurement:
             whole = show_errors(
                 lambda: self._edit("all lines", edits.include_all(self._test.number))
             )
-            ui.button("Leave nothing out", on_click=whole).props("flat no-caps")
+            ui.button("Use all lines", on_click=whole).props("flat no-caps")
         used = test.freq[test.used]
         text = f"{len(used)} of {len(test.freq)} lines are used"
         ui.label(f"{text}, {used[0]:g} to {used[-1]:g} Hz." if len(used) else f"{text}.")
-        self._chart = ui.echart(self._options()).classes("w-full h-96").mark("frf")
+        self._chart = ui.echart(self._make_chart()).classes("w-full h-96").mark("frf")
         self._chart.on("chart:brushEnd", self._apply_drag, ["areas"])
-        self._chart.on("chart:finished", self._ready, [])
-        self._chart.on("mousedown", js_handler=_PRESSED)
-        clicked = _CLICKED.replace("ID", str(self._chart.id))
-        self._chart.on("click", self._exclude_click, js_handler=clicked)
+        self._chart.on("chart:finished", self._enable_drag, [])
+        self._chart.on("mousedown", js_handler=_ON_PRESS)
+        on_click = _ON_CLICK.replace("ID", str(self._chart.id))
+        self._chart.on("click", self._exclude_click, js_handler=on_click)
         self._is_ready = False
         self._coherence = ui.echart(coherence_chart(test.freq[:0], test.freq[:0]))
         self._coherence.classes("w-full h-32").mark("coherence")
         self._show_coherence()
-        self._validation()
+        self._show_validation()
 
-    def _validation(self) -> None:
+    def _show_validation(self) -> None:
         """Show a selection of responses to hold out of the fit."""
         test = self._test
 
-        def held(event: events.ValueChangeEventArguments[Any]) -> None:
+        def set_validation(event: events.ValueChangeEventArguments[Any]) -> None:
             names = [name for name in test.holdable if name in (event.value or ())]
             show_errors(self._edit)("responses held out", edits.hold_out(names, self._test.number))
 
-        label = "responses held out of the fit, to validate it with"
+        label = "responses held out of the fit for validation"
         if test.held_band is not None:
             low, high = test.held_band
             ui.label(
-                f"The band from {low:g} to {high:g} Hz is held out of the fit; responses that are"
-                " chosen here take its place."
+                f"The band from {low:g} to {high:g} Hz is held out of the fit; responses"
+                " chosen here replace it."
             )
         options = dict(test.holdable)
         shown = [name for name in options if name in test.held]
         chosen = ui.select(options, value=shown, multiple=True, label=label)
-        chosen.classes("min-w-64 max-w-full").props("use-chips").on_value_change(held)
+        chosen.classes("min-w-64 max-w-full").props("use-chips").on_value_change(set_validation)
 
-    def _ready(self) -> None:
+    def _enable_drag(self) -> None:
         """Enable dragging after the chart is drawn."""
         if not self._is_ready:
             self._is_ready = True
@@ -155,10 +155,10 @@ class _Measurement:
             }
             self._chart.run_chart_method("dispatchAction", cursor)
 
-    def _options(self) -> dict[str, Any]:
+    def _make_chart(self) -> dict[str, Any]:
         test, choice = self._test, self._choice
-        rows = _places(choice.response, len(test.responses))
-        columns = _places(choice.reference, len(test.references))
+        rows = _find_positions(choice.response, len(test.responses))
+        columns = _find_positions(choice.reference, len(test.references))
         curves = {
             f"{test.responses[row]} / {test.references[column]}": (
                 test.freq,
@@ -190,7 +190,7 @@ class _Measurement:
             redraw(self._coherence, coherence_chart(test.freq, values))
 
     def _redraw(self) -> None:
-        redraw(self._chart, self._options())
+        redraw(self._chart, self._make_chart())
         self._show_coherence()
 
     def _apply_drag(self, event: events.GenericEventArguments) -> None:
@@ -218,18 +218,18 @@ class _Measurement:
             self._edit("lines left out", edits.exclude(low, high, self._test.number))
 
     def _edit(self, what: str, edit: edits.Edit) -> None:
-        document = self._workspace.opened
+        document = self._workspace.open_document
         before = edits.listed_lines(document.text)
         self._workspace.edit(what, edit)
         after = edits.listed_lines(document.text)
         if after < before:
             rest = f"{after} are left" if after else "all lines of the test are used now"
             ui.notify(
-                f"{before - after} of the {before} lines that [method] lists lie there: {rest}"
+                f"{before - after} of the {before} lines listed in [method] are excluded: {rest}"
             )
 
 
-def _places(chosen: int, n: int) -> range:
+def _find_positions(chosen: int, n: int) -> range:
     """Return the chosen position, or all positions."""
     return range(n) if chosen == _ALL else range(chosen, chosen + 1)
 
@@ -237,31 +237,33 @@ def _places(chosen: int, n: int) -> range:
 def _look_for_faults(workspace: Workspace) -> None:
     """Show a button that searches for faults of the data, and a button for each repair."""
 
-    async def look() -> None:
+    async def show_faults() -> None:
         button.delete()
         with place:
-            for statement in await run_slow(workspace.ask, counterparts) or ():
+            for statement in await run_slow(workspace.ask, count_counterparts) or ():
                 ui.label(statement)
-            found = await run_slow(workspace.ask, findings)
+            found = await run_slow(workspace.ask, find_faults)
             if found is None:
                 return
             if not found:
-                ui.label("Nothing found that is wrong with these data.")
+                ui.label("No fault was found in these data.")
             for row in found:
                 _show_finding(workspace, row)
 
     place = ui.column().classes("w-full")
     with place:
-        button = ui.button("Look for faults of the data", on_click=look).props("outline no-caps")
+        button = ui.button("Look for faults of the data", on_click=show_faults).props(
+            "outline no-caps"
+        )
 
 
 def _show_finding(workspace: Workspace, row: FindingRow) -> None:
     with ui.card().classes("w-full"):
         ui.label(row.statement)
         ui.label(row.remedy).classes("opacity-80")
-        if row.written:
-            repair = edits.add_repair(row.written, row.test)
+        if row.repair:
+            repair = edits.add_repair(row.repair, row.test)
             ui.button(
-                f"Repair: {row.written}",
-                on_click=show_errors(lambda: workspace.edit(f"repair {row.written}", repair)),
+                f"Repair: {row.repair}",
+                on_click=show_errors(lambda: workspace.edit(f"repair {row.repair}", repair)),
             ).props("no-caps")

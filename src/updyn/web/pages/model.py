@@ -15,8 +15,8 @@ from updyn.errors import UpdynError
 from updyn.web import edits
 from updyn.web.looking import ModalView, TestView
 from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
-from updyn.web.pages.job import no_job, troubles
-from updyn.web.pages.picks import hear_picks
+from updyn.web.pages.job import has_no_job, show_view_errors
+from updyn.web.pages.picks import listen_for_picks
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -34,10 +34,10 @@ _COLUMNS = [
 
 async def show(workspace: Workspace) -> None:
     """Fill the page."""
-    if no_job(workspace):
+    if has_no_job(workspace):
         return
     mover = _Mover(workspace)
-    hear_picks(mover.take)
+    listen_for_picks(mover.handle_pick)
 
     modes = 0
 
@@ -51,16 +51,16 @@ async def show(workspace: Workspace) -> None:
         view = await run_slow(workspace.view)
         if view is None:
             return
-        troubles(view)
+        show_view_errors(view)
         tests: list[TestView | ModalView] = [*view.tests, *view.modal]
         mover.show(tests)
         if view.groups:
             ui.label(view.model)
             if view.has_picture:
-                address = f"/embedded/structure?modes={modes}&{workspace.opened.version}"
+                address = f"/embedded/structure?modes={modes}&{workspace.open_document.version}"
                 embed_page(address, "Structure", "640px")
             else:
-                ui.label("The model has no positions of its nodes, so that it cannot be drawn.")
+                ui.label("The model has no node positions, so it cannot be drawn.")
             if view.has_picture and not modes:
                 label = f"Show the {_MODES} lowest modes of the start"
                 ui.button(label, on_click=animate).props("outline no-caps")
@@ -107,26 +107,26 @@ class _Mover:
         rows = [row for test in tests for row in test.matches]
         self._sensor_of = {_strip_sign(row["dof"]): row["sensor"] for row in rows}
         with ui.row().classes("items-center"):
-            self._says = ui.label().mark("mover")
+            self._hint = ui.label().mark("mover")
             self._direction = ui.select(list(_DIRECTIONS), value="Z", label="direction")
             self._direction.classes("w-28")
             self._flip = ui.checkbox("against the axis")
-            ui.button("Let go", on_click=lambda: self._choose("")).props("flat no-caps")
+            ui.button("Deselect", on_click=lambda: self._choose("")).props("flat no-caps")
         self._choose(self._sensor)
 
     def select(self, event: events.TableSelectionEventArguments) -> None:
         """Select the sensor of a table row."""
         self._choose(str(event.selection[0]["sensor"]) if event.selection else "")
 
-    def take(self, picked: Mapping[str, Any]) -> None:
+    def handle_pick(self, message: Mapping[str, Any]) -> None:
         """Select the sensor at a picked node, or move the selected sensor to it."""
-        node = picked.get("label")
+        node = message.get("label")
         if not isinstance(node, int):
             return
         if self._sensor:
             show_errors(self._move)(node)
             return
-        at = [*_texts(picked.get("sensors")), *_texts(picked.get("forces"))]
+        at = [*_texts(message.get("sensors")), *_texts(message.get("forces"))]
         names = [self._sensor_of.get(_strip_sign(label), "") for label in at]
         self._choose(next((name for name in names if name), ""))
 
@@ -138,8 +138,8 @@ class _Mover:
             pass  # a label of another form: the user sets the direction
         else:
             self._direction.value, self._flip.value = dof.direction, dof.sign < 0
-        self._says.text = (
-            f"{sensor}: click the node that it sits at"
+        self._hint.text = (
+            f"{sensor}: click its node"
             if sensor
             else "To move a sensor, click it in the table or in the picture, then its node."
         )

@@ -1,4 +1,4 @@
-"""`hear_picks`: receive clicks in an embedded page, which can only send messages."""
+"""`listen_for_picks`: receive clicks in an embedded page, which can only send messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-__all__ = ["hear_picks"]
+__all__ = ["listen_for_picks"]
 
 #: Accept messages only from frames of this page and only of the expected form.
 _LISTEN = """
@@ -20,12 +20,12 @@ window.addEventListener("message", (event) => {
 """
 
 
-def hear_picks(hear: Callable[[Mapping[str, Any]], Any]) -> None:
-    """Call `hear` with the message of each pick in an embedded page; messages are not validated."""
+def listen_for_picks(handle: Callable[[Mapping[str, Any]], Any]) -> None:
+    """Call `handle` with each pick in an embedded page; its message is not validated."""
 
-    def take(event: events.GenericEventArguments) -> None:
+    def forward(event: events.GenericEventArguments) -> None:
         if isinstance(event.args, dict):
-            hear(event.args)
+            handle(event.args)
 
-    ui.on("updyn_pick", take)
+    ui.on("updyn_pick", forward)
     ui.add_body_html(f"<script>{_LISTEN}</script>")

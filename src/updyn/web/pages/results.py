@@ -13,7 +13,7 @@ from updyn.web.project import RunFolder
 from updyn.web.tasks import RUN
 from updyn.web.workspace import Workspace
 
-__all__ = ["compared", "show"]
+__all__ = ["compare_runs", "show"]
 
 #: Figures of agreement to compare, by their key in the record.
 _FIGURES = {
@@ -46,7 +46,7 @@ def show(workspace: Workspace) -> None:
             if not picked:
                 ui.label("No run is chosen.")
                 return
-            columns, rows = compared(picked)
+            columns, rows = compare_runs(picked)
             table = ui.table(rows=rows, columns=columns, row_key="what", pagination=50)
             table.props("flat dense wrap-cells").classes("max-w-full").mark("compared")
             for name, run in picked.items():
@@ -54,22 +54,24 @@ def show(workspace: Workspace) -> None:
                     place = f"/embedded/page/{quote(name)}/{RUN.page}"
                     ui.link(f"Report of {name} in a separate tab", place, new_tab=True)
                     if len(picked) == 1:
-                        embed_page(f"{place}?{run.written:g}", "Report", "85vh")
+                        embed_page(f"{place}?{run.modified:g}", "Report", "85vh")
 
         chosen.on_value_change(content.refresh)
         content()
 
     page()
-    watch(lambda: _run_states(workspace), page.refresh)
+    watch(lambda: _run_version(workspace), page.refresh)
 
 
-def _run_states(workspace: Workspace) -> object:
+def _run_version(workspace: Workspace) -> object:
     """Return a value that changes when a run has ended."""
     run = workspace.run
     return None if run is None else (id(run), run.active)
 
 
-def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
+def compare_runs(
+    runs: Mapping[str, RunFolder],
+) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
     """Return runs side by side as columns and rows of a table.
 
     Rows are status, trust, agreement, and each unknown with its standard deviation.
@@ -84,26 +86,26 @@ def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[
     ]
     rows: dict[str, dict[str, str]] = {}
 
-    def put(what: str, name: str, text: object) -> None:
+    def add_cell(what: str, name: str, text: object) -> None:
         rows.setdefault(what, {"what": what})[keys[name]] = str(text)
 
     for name, run in runs.items():
         record = run.record
-        put("status", name, record.get("status", ""))
-        put("message", name, record.get("message", ""))
-        put("steps", name, record.get("iterations", ""))
-        for part, verdict in _mapping(record.get("trust")).items():
-            put(part, name, _ANSWERS.get(_mapping(verdict).get("holds"), ""))
-        after = _mapping(_mapping(record.get("correlation")).get("after"))
+        add_cell("status", name, record.get("status", ""))
+        add_cell("message", name, record.get("message", ""))
+        add_cell("steps", name, record.get("iterations", ""))
+        for part, verdict in _as_mapping(record.get("trust")).items():
+            add_cell(part, name, _ANSWERS.get(_as_mapping(verdict).get("holds"), ""))
+        after = _as_mapping(_as_mapping(record.get("correlation")).get("after"))
         for figure, label in _FIGURES.items():
             if isinstance(after.get(figure), int | float):
-                put(label, name, f"{after[figure]:.4g}")
-        for unknown in _records(record.get("parameters")):
-            put(str(unknown.get("name", "")), name, _with_std(unknown))
+                add_cell(label, name, f"{after[figure]:.4g}")
+        for unknown in _as_records(record.get("parameters")):
+            add_cell(str(unknown.get("name", "")), name, _format_value(unknown))
     return columns, list(rows.values())
 
 
-def _with_std(unknown: Mapping[str, Any]) -> str:
+def _format_value(unknown: Mapping[str, Any]) -> str:
     """Return the value of an unknown with its standard deviation, if known."""
     value, std = unknown.get("value"), unknown.get("std")
     if not isinstance(value, int | float):
@@ -111,9 +113,9 @@ def _with_std(unknown: Mapping[str, Any]) -> str:
     return f"{value:.5g} ± {std:.2g}" if isinstance(std, int | float) else f"{value:.5g}"
 
 
-def _records(given: Any) -> list[Mapping[str, Any]]:
-    return [_mapping(item) for item in given] if isinstance(given, list) else []
+def _as_records(given: Any) -> list[Mapping[str, Any]]:
+    return [_as_mapping(item) for item in given] if isinstance(given, list) else []
 
 
-def _mapping(given: Any) -> Mapping[str, Any]:
+def _as_mapping(given: Any) -> Mapping[str, Any]:
     return given if isinstance(given, Mapping) else {}

@@ -10,10 +10,10 @@ from nicegui import background_tasks, ui
 from numpy.typing import NDArray
 
 from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
-from updyn.web.looking import Curve, TestView, curve
+from updyn.web.looking import ChannelCurve, TestView, compute_curve
 from updyn.web.pages.frame import redraw, run_slow, watch
-from updyn.web.pages.job import no_job, troubles
-from updyn.web.pages.task import controls, state_of
+from updyn.web.pages.job import has_no_job, show_view_errors
+from updyn.web.pages.task import show_controls, show_worker
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -21,35 +21,35 @@ __all__ = ["show"]
 
 async def show(workspace: Workspace) -> None:
     """Fill the page."""
-    if no_job(workspace):
+    if has_no_job(workspace):
         return
-    controls(workspace, "run", begin="Save and run")
-    _watched(workspace)
+    show_controls(workspace, "run", begin="Save and run")
+    _show_state(workspace)
     view = await run_slow(workspace.view)
     if view is None:
         return
-    troubles(view)
-    if view.tests and not view.wrong:
+    show_view_errors(view)
+    if view.tests and not view.errors:
         start = {unknown.name: unknown.start for unknown in view.unknowns}
         await _overlay(workspace, view.tests[0], start)
 
 
-def _watched(workspace: Workspace) -> None:
+def _show_state(workspace: Workspace) -> None:
     """Show the state of the run."""
 
     @ui.refreshable
-    def state() -> None:
+    def show_state() -> None:
         run = workspace.run
         if run is None:
             ui.label("This job has not run since the window was opened.").mark("state")
             if workspace.project.runs():
                 ui.link("Results of earlier runs", "/results")
             return
-        state_of(run, workspace)
+        show_worker(run, workspace)
         if run.state == "done":
             ui.link("Results", "/results")
 
-    state()
+    show_state()
     chart = ui.echart(cost_chart(())).classes("w-full h-72")
 
     def draw() -> None:
@@ -57,47 +57,49 @@ def _watched(workspace: Workspace) -> None:
         chart.set_visibility(len(steps) > 1)
         redraw(chart, cost_chart(steps))
 
-    def changed() -> None:
-        state.refresh()
+    def refresh() -> None:
+        show_state.refresh()
         draw()
 
     draw()
     watch(
         lambda: None if workspace.run is None else (id(workspace.run), workspace.run.version),
-        changed,
+        refresh,
     )
 
 
 async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, float]) -> None:
     """Show the measured FRF, the start model and the current model."""
     shown: dict[str, Any] = {"response": 0, "reference": 0, "scale": "log"}
-    kept: dict[tuple[int, int], Curve] = {}
-    begun = 0
+    start_curves: dict[tuple[int, int], ChannelCurve] = {}
+    n_started = 0
 
     async def draw() -> None:
-        nonlocal begun
-        begun += 1
-        number = begun
+        nonlocal n_started
+        n_started += 1
+        number = n_started
         place.clear()
         row, column = shown["response"], shown["reference"]
         run = workspace.run
-        own = run is not None and workspace.is_of_open_job(run)
-        values = dict(run.values) if run is not None and own else {}
+        is_own = run is not None and workspace.is_of_open_job(run)
+        values = dict(run.values) if run is not None and is_own else {}
         with place:
-            if (row, column) not in kept:
-                first = await run_slow(workspace.ask, curve, {}, test.number, row, column)
+            if (row, column) not in start_curves:
+                first = await run_slow(workspace.ask, compute_curve, {}, test.number, row, column)
                 if first is None:
                     return
-                kept[row, column] = first
-            now = None
+                start_curves[row, column] = first
+            updated = None
             if values:
-                now = await run_slow(workspace.ask, curve, values, test.number, row, column)
-        if number != begun:
+                updated = await run_slow(
+                    workspace.ask, compute_curve, values, test.number, row, column
+                )
+        if number != n_started:
             return  # a later step is already being drawn
         curves = {"measured": (test.freq[test.used], test.values[test.used, row, column])}
-        if now is not None:
-            curves["updated"] = _pair(now)
-        curves["start"] = _pair(kept[row, column])
+        if updated is not None:
+            curves["updated"] = _as_pair(updated)
+        curves["start"] = _as_pair(start_curves[row, column])
         redraw(overlay, frf_chart(test.quantity, curves, scale=shown["scale"]))
         bars.set_visibility(bool(values))
         bars.style(f"height: {max(160, 60 + 22 * len(values))}px")
@@ -115,15 +117,15 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
     bars = ui.echart(parameter_chart(start, {})).classes("w-full")
     bars.set_visibility(False)
     place = ui.column()
-    watch(lambda: _step(workspace), lambda: background_tasks.create(draw()))
+    watch(lambda: _step_version(workspace), lambda: background_tasks.create(draw()))
     await draw()
 
 
-def _pair(found: Curve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def _as_pair(found: ChannelCurve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     return found.freq, found.values
 
 
-def _step(workspace: Workspace) -> object:
+def _step_version(workspace: Workspace) -> object:
     """Return a value that changes with every step of the run."""
     run = workspace.run
     return None if run is None else (id(run), run.now.get("accepted"), run.state)

@@ -16,7 +16,7 @@ __all__ = ["show"]
 
 #: Largest number of files in the list.
 _MOST_FILES = 200
-_UNKNOWN = "as the file says"
+_UNKNOWN = "as in the file"
 
 
 def show(workspace: Workspace) -> None:
@@ -24,17 +24,17 @@ def show(workspace: Workspace) -> None:
     ui.label(str(workspace.project.folder)).classes("text-sm opacity-70")
     with ui.row().classes("w-full items-stretch"):
         with ui.card().classes("flex-1 min-w-72"):
-            _jobs(workspace)
+            _show_jobs(workspace)
         with ui.card().classes("flex-1 min-w-72"):
-            _demos(workspace)
+            _show_demos(workspace)
         with ui.card().classes("flex-1 min-w-72"):
-            new = ui.refreshable(_new)
-            new(workspace, _Stated())
+            new = ui.refreshable(_show_new_job)
+            new(workspace, _NewJob())
         with ui.card().classes("flex-1 min-w-72"):
-            _files(workspace, new.refresh)
+            _show_files(workspace, new.refresh)
 
 
-def _jobs(workspace: Workspace) -> None:
+def _show_jobs(workspace: Workspace) -> None:
     ui.label("Jobs of this folder").classes("text-lg")
     found = workspace.jobs()
     if not found:
@@ -42,22 +42,22 @@ def _jobs(workspace: Workspace) -> None:
     for path in found:
         name = workspace.project.name_of(path)
 
-        def opened(name: str = name) -> None:
+        def open_job(name: str = name) -> None:
             workspace.open_job(name)
             ui.navigate.to("/measurement")
 
-        ui.button(name, on_click=show_errors(opened)).props("flat no-caps align=left")
+        ui.button(name, on_click=show_errors(open_job)).props("flat no-caps align=left")
 
 
-def _demos(workspace: Workspace) -> None:
+def _show_demos(workspace: Workspace) -> None:
     ui.label("Demos").classes("text-lg")
     for demo in DEMOS.values():
 
-        def opened(name: str = demo.name) -> None:
+        def open_demo(name: str = demo.name) -> None:
             workspace.open_demo(name)
             ui.navigate.to("/measurement")
 
-        def finished(name: str = demo.name) -> None:
+        def run_demo(name: str = demo.name) -> None:
             workspace.open_demo(name)
             workspace.begin("run", workspace.proposed_folder("run"))
             ui.navigate.to("/run")
@@ -65,15 +65,15 @@ def _demos(workspace: Workspace) -> None:
         with ui.column().classes("gap-0"):
             ui.label(f"{demo.description[:1].upper()}{demo.description[1:]}")
             with ui.row().classes("gap-1"):
-                ui.button(f"Open {demo.name}", on_click=show_errors(opened)).props(
+                ui.button(f"Open {demo.name}", on_click=show_errors(open_demo)).props(
                     "flat dense no-caps"
                 )
-                ui.button(f"Run {demo.name}", on_click=show_errors(finished)).props(
+                ui.button(f"Run {demo.name}", on_click=show_errors(run_demo)).props(
                     "flat dense no-caps"
                 )
 
 
-class _Stated:
+class _NewJob:
     """Selections for a new job, kept when a file is added."""
 
     def __init__(self) -> None:
@@ -82,7 +82,7 @@ class _Stated:
         self.quantity, self.name = _UNKNOWN, "job.toml"
 
 
-def _new(workspace: Workspace, stated: _Stated) -> None:
+def _show_new_job(workspace: Workspace, entries: _NewJob) -> None:
     """Show a form that writes a job for a model and a measurement."""
     ui.label("New job").classes("text-lg")
     names = [workspace.project.name_of(path) for path in workspace.project.inputs()]
@@ -91,25 +91,25 @@ def _new(workspace: Workspace, stated: _Stated) -> None:
         return
     for what in ("model", "measurement"):
         entry = ui.select(names, label=what, with_input=True).classes("w-full")
-        entry.bind_value(stated, what)
+        entry.bind_value(entries, what)
     choices = [_UNKNOWN, *QUANTITIES]
-    quantity = ui.select(choices, label="what was measured").classes("w-full")
-    quantity.bind_value(stated, "quantity")
-    ui.input("Name of the job").classes("w-full").bind_value(stated, "name")
+    quantity = ui.select(choices, label="measured quantity").classes("w-full")
+    quantity.bind_value(entries, "quantity")
+    ui.input("Name of the job").classes("w-full").bind_value(entries, "name")
 
     async def write() -> None:
-        if not stated.model or not stated.measurement:
-            complain("choose the file of the model and that of the measurement")
+        if not entries.model or not entries.measurement:
+            complain("choose a model file and a measurement file")
             return
         options: dict[str, object] = {
-            "quantity": None if stated.quantity == _UNKNOWN else stated.quantity,
+            "quantity": None if entries.quantity == _UNKNOWN else entries.quantity,
             "scale": None,
             "unit": None,
         }
         button.disable()
         try:
             await run.io_bound(
-                workspace.create, stated.model, stated.measurement, stated.name.strip(), options
+                workspace.create, entries.model, entries.measurement, entries.name.strip(), options
             )
         except (UpdynError, OSError) as error:
             complain(str(error))
@@ -120,28 +120,28 @@ def _new(workspace: Workspace, stated: _Stated) -> None:
     button = ui.button("Write", on_click=write).props("outline no-caps")
 
 
-def _files(workspace: Workspace, added: Callable[[], object]) -> None:
-    """Show the files of the folder and an upload; `added` is called for each new file."""
+def _show_files(workspace: Workspace, on_added: Callable[[], object]) -> None:
+    """Show the files of the folder and an upload; `on_added` is called for each new file."""
     ui.label("Files").classes("text-lg")
-    ui.label("A file that is added is copied into the folder; none is written over.")
+    ui.label("Added files are copied into the folder; no file is overwritten.")
 
-    async def keep(event: events.UploadEventArguments) -> None:
+    async def store_upload(event: events.UploadEventArguments) -> None:
         content = await event.file.read()
         try:
-            kept = await run.io_bound(workspace.project.keep_upload, event.file.name, content)
+            stored = await run.io_bound(workspace.project.keep_upload, event.file.name, content)
         except (UpdynError, OSError) as error:
             complain(str(error))
             return
-        if kept is not None:  # None: the server is shutting down
-            ui.notify(f"{workspace.project.name_of(kept)} added", type="positive")
-            listed.refresh()
-            added()
+        if stored is not None:  # None: the server is shutting down
+            ui.notify(f"{workspace.project.name_of(stored)} added", type="positive")
+            show_files.refresh()
+            on_added()
 
     def too_large() -> None:
         complain(f"the file is too large: at most {workspace.most_upload // 2**20} MB")
 
     ui.upload(
-        on_upload=keep,
+        on_upload=store_upload,
         on_rejected=too_large,
         auto_upload=True,
         label="Add files",
@@ -149,7 +149,7 @@ def _files(workspace: Workspace, added: Callable[[], object]) -> None:
     ).classes("w-full")
 
     @ui.refreshable
-    def listed() -> None:
+    def show_files() -> None:
         with ui.column().classes("gap-0"):
             found = workspace.project.inputs()
             for path in found[:_MOST_FILES]:
@@ -157,4 +157,4 @@ def _files(workspace: Workspace, added: Callable[[], object]) -> None:
             if len(found) > _MOST_FILES:
                 ui.label(f"and {len(found) - _MOST_FILES} more").classes("text-sm")
 
-    listed()
+    show_files()

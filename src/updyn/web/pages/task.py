@@ -13,13 +13,13 @@ from updyn.group import is_number
 from updyn.web import edits
 from updyn.web.form import written_table
 from updyn.web.pages.frame import embed_page, show_errors, watch
-from updyn.web.pages.job import no_job
-from updyn.web.pages.picks import hear_picks
+from updyn.web.pages.job import has_no_job
+from updyn.web.pages.picks import listen_for_picks
 from updyn.web.tasks import TASKS, Field
 from updyn.web.worker import Worker
 from updyn.web.workspace import Workspace
 
-__all__ = ["controls", "state_of", "task_page"]
+__all__ = ["show_controls", "show_worker", "task_page"]
 
 _STATES = {
     "running": "Running",
@@ -30,7 +30,7 @@ _STATES = {
 }
 
 
-def controls(workspace: Workspace, task: str, *, begin: str) -> None:
+def show_controls(workspace: Workspace, task: str, *, begin: str) -> None:
     """Show the results folder and the buttons of a task; `begin` labels the start button."""
     with ui.row().classes("items-center"):
         folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
@@ -49,7 +49,7 @@ def controls(workspace: Workspace, task: str, *, begin: str) -> None:
         ui.button("Stop", on_click=stop).props("outline no-caps")
 
 
-def state_of(worker: Worker, workspace: Workspace) -> None:
+def show_worker(worker: Worker, workspace: Workspace) -> None:
     """Show the state of a task in words, with its notes and its summary."""
     text, now = _STATES[worker.state], worker.now
     if worker.active and now:
@@ -78,12 +78,12 @@ def task_page(task: str) -> Callable[[Workspace], None]:
     """Return a page of a task: its keys in the job, its buttons, and the page that it writes."""
 
     def show(workspace: Workspace) -> None:
-        if no_job(workspace):
+        if has_no_job(workspace):
             return
         ui.label(TASKS.find(task).about)
         with ui.row().classes("items-center gap-x-8"):
-            _form(workspace, task)
-            controls(workspace, task, begin="Save and begin")
+            _show_form(workspace, task)
+            show_controls(workspace, task, begin="Save and begin")
         known: dict[str, str] = {}
         if task == "modes":
             _pick_modes(workspace, known)
@@ -93,9 +93,9 @@ def task_page(task: str) -> Callable[[Workspace], None]:
             worker = workspace.worker(task)
             with ui.row().classes("w-full items-center gap-x-8"):
                 if worker is not None:
-                    state_of(worker, workspace)
+                    show_worker(worker, workspace)
                 if worker is None or not worker.active:
-                    _written_pages(workspace, task, known)
+                    _show_pages(workspace, task, known)
 
         state()
         watch(lambda: _version(workspace.worker(task)), state.refresh)
@@ -103,7 +103,7 @@ def task_page(task: str) -> Callable[[Workspace], None]:
     return show
 
 
-def _written_pages(workspace: Workspace, task: str, known: dict[str, str]) -> None:
+def _show_pages(workspace: Workspace, task: str, known: dict[str, str]) -> None:
     """Show the latest page that the task wrote for the job, with a selection of other pages.
 
     `known` receives the ``picks`` of the job as shown on the written page.
@@ -113,7 +113,7 @@ def _written_pages(workspace: Workspace, task: str, known: dict[str, str]) -> No
         return
 
     def picks() -> str:
-        return _picks_of(workspace) if task == "modes" else ""
+        return _format_picks(workspace) if task == "modes" else ""
 
     @ui.refreshable
     def page() -> None:
@@ -139,7 +139,7 @@ def _version(worker: Worker | None) -> object:
 
 
 # -- keys of the table -----------------------------------------------------------------------------
-def _form(workspace: Workspace, task: str) -> None:
+def _show_form(workspace: Workspace, task: str) -> None:
     """Show entries for the keys of the job's table.
 
     The entries are never rebuilt while the job changes, because text typed meanwhile would be lost.
@@ -147,7 +147,7 @@ def _form(workspace: Workspace, task: str) -> None:
     shown: dict[str, Any] = {}
     with ui.row().classes("items-center"):
         for field in TASKS.find(task).fields:
-            shown[field.key] = _entry(workspace, task, field)
+            shown[field.key] = _show_entry(workspace, task, field)
     with ui.row().classes("items-center") as trouble:
         reason = ui.label().classes("text-negative whitespace-pre-wrap").mark("form")
         reason.props("role=alert")
@@ -176,27 +176,27 @@ def _state_of_form(workspace: Workspace, task: str) -> object:
     return tuple(form.pending.items()), form.reason
 
 
-def _entry(workspace: Workspace, task: str, field: Field) -> Any:
+def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
     """Show an entry for one key."""
     text = workspace.entries(task)[field.key]
 
     if field.kind == "choice":
 
-        def chosen(event: events.ValueChangeEventArguments[Any]) -> None:
+        def commit_choice(event: events.ValueChangeEventArguments[Any]) -> None:
             show_errors(workspace.enter)(task, field.key, str(event.value or ""))
 
         choices = list(dict.fromkeys([*field.choices, text]))
-        select = ui.select(choices, value=text, label=field.label, on_change=chosen)
+        select = ui.select(choices, value=text, label=field.label, on_change=commit_choice)
         return select.classes("min-w-40")
 
-    def typed(event: events.ValueChangeEventArguments[Any]) -> None:
+    def store_entry(event: events.ValueChangeEventArguments[Any]) -> None:
         show_errors(workspace.note)(task, field.key, str(event.value or ""))
 
-    def left() -> None:
+    def commit_entry() -> None:
         show_errors(workspace.enter)(task, field.key, str(entry.value or ""))
 
-    entry = ui.input(field.label, value=text, on_change=typed).classes("min-w-56")
-    return entry.on("blur", left).on("keydown.enter", left)
+    entry = ui.input(field.label, value=text, on_change=store_entry).classes("min-w-56")
+    return entry.on("blur", commit_entry).on("keydown.enter", commit_entry)
 
 
 def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
@@ -205,18 +205,18 @@ def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
     `known` receives the ``picks`` of the job as shown on the written page.
     """
 
-    def take(picked: Mapping[str, Any]) -> None:
-        pick, poles = picked.get("pick"), picked.get("poles")
+    def take(message: Mapping[str, Any]) -> None:
+        pick, poles = message.get("pick"), message.get("poles")
         if _are_frequencies(pick) and _are_frequencies(poles):
             show_errors(workspace.edit)("pick modes", edits.set_picks(pick, poles))
-            known["picks"] = _picks_of(workspace)
+            known["picks"] = _format_picks(workspace)
 
-    hear_picks(take)
+    listen_for_picks(take)
 
     @ui.refreshable
     def picks() -> None:
-        table = written_table(workspace.opened.text, "modes")
-        pick, poles = (", ".join(_listed(table.get(key))) for key in ("pick", "poles"))
+        table = written_table(workspace.open_document.text, "modes")
+        pick, poles = (", ".join(_format_frequencies(table.get(key))) for key in ("pick", "poles"))
         text = f"Modes for the job: {f'those at {pick} Hz' if pick else 'all that are found'}"
         if poles:
             text += f", and new ones at {poles} Hz"
@@ -226,12 +226,12 @@ def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
     watch(lambda: workspace.version, picks.refresh)
 
 
-def _picks_of(workspace: Workspace) -> str:
+def _format_picks(workspace: Workspace) -> str:
     """Return the picks of the open job as a URL fragment."""
     if workspace.document is None:
         return ""
-    table = written_table(workspace.opened.text, "modes")
-    parts = [f"{key}={','.join(_listed(table.get(key)))}" for key in ("pick", "poles")]
+    table = written_table(workspace.open_document.text, "modes")
+    parts = [f"{key}={','.join(_format_frequencies(table.get(key)))}" for key in ("pick", "poles")]
     return f"#{'&'.join(parts)}"
 
 
@@ -240,7 +240,7 @@ def _are_frequencies(given: object) -> TypeGuard[list[float]]:
     return isinstance(given, list) and all(is_number(f) and 0 < f < math.inf for f in given)
 
 
-def _listed(given: object) -> list[str]:
+def _format_frequencies(given: object) -> list[str]:
     """Return the frequencies listed in a job as texts."""
     items = given if isinstance(given, list) else [given]
     return [f"{item:.7g}" for item in items if is_number(item)]

@@ -10,10 +10,16 @@ from tomlkit.exceptions import TOMLKitError
 
 from updyn.errors import InputError, UpdynError
 from updyn.web import edits
-from updyn.web.looking import CHOICES, Separability, UnknownRow, View, identifiability
+from updyn.web.looking import (
+    CHOICES,
+    IdentifiabilityView,
+    JobView,
+    UnknownRow,
+    assess_identifiability,
+)
 from updyn.web.pages.frame import embed_page, run_slow, show_errors, watch
-from updyn.web.pages.job import no_job, troubles
-from updyn.web.pages.picks import hear_picks
+from updyn.web.pages.job import has_no_job, show_view_errors
+from updyn.web.pages.picks import listen_for_picks
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
@@ -29,7 +35,7 @@ _COLUMNS: list[dict[str, Any]] = [
 
 async def show(workspace: Workspace) -> None:
     """Fill the page."""
-    if no_job(workspace):
+    if has_no_job(workspace):
         return
     choices = _Choices(workspace)
 
@@ -37,7 +43,7 @@ async def show(workspace: Workspace) -> None:
         groups = message.get("groups")
         choices.pick(set(map(str, groups)) if isinstance(groups, list) else set())
 
-    hear_picks(take)
+    listen_for_picks(take)
 
     # side by side; one below the other on a narrow screen
     with ui.row().classes("w-full items-start max-md:flex-col md:flex-nowrap"):
@@ -47,29 +53,29 @@ async def show(workspace: Workspace) -> None:
             choices.show()
 
             @ui.refreshable
-            async def determined() -> None:
+            async def show_identifiability() -> None:
                 view = await run_slow(workspace.view)
                 if view is None:
                     return
-                troubles(view)
+                show_view_errors(view)
                 if view.has_picture and not picture.visible:  # keep it while the job is edited
                     picture.set_visibility(True)
                     with picture:
-                        _structure()
+                        _show_structure()
                 choices.take(view)
-                if view.wrong:
+                if view.errors:
                     return
-                found = await run_slow(workspace.ask, identifiability)
+                found = await run_slow(workspace.ask, assess_identifiability)
                 if found is not None:
-                    _separability(found)
-                    _table(workspace, view, found)
+                    _show_separability(found)
+                    _show_table(workspace, view, found)
 
             watch(lambda: workspace.version, choices.update)
-            watch(lambda: workspace.version, determined.refresh)
-            await determined()
+            watch(lambda: workspace.version, show_identifiability.refresh)
+            await show_identifiability()
 
 
-def _structure() -> None:
+def _show_structure() -> None:
     """Show the picture of the model."""
     embed_page("/embedded/structure", "Structure", "560px")
     ui.label("A click on a node shows the groups there.").classes("text-sm opacity-80")
@@ -89,7 +95,7 @@ class _Choices:
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self._groups: list[str] = []
-        self._able: Mapping[str, list[str]] = {}
+        self._groups_by_quantity: Mapping[str, list[str]] = {}
         self._picked: set[str] = set()
         self._boxes: dict[tuple[str, str], ui.checkbox] = {}
 
@@ -97,10 +103,10 @@ class _Choices:
         """Build this part of the page, empty until `take` is called."""
         self._place = ui.column().classes("w-full")
 
-    def take(self, view: View) -> None:
+    def take(self, view: JobView) -> None:
         """Set the groups of the model; rebuild the boxes if the groups have changed."""
-        if (view.groups, view.able) != (self._groups, self._able):
-            self._groups, self._able = view.groups, view.able
+        if (view.groups, view.groups_by_quantity) != (self._groups, self._groups_by_quantity):
+            self._groups, self._groups_by_quantity = view.groups, view.groups_by_quantity
             self._draw()
 
     def pick(self, groups: set[str]) -> None:
@@ -110,16 +116,16 @@ class _Choices:
 
     def update(self) -> None:
         """Set the boxes to the selection in the job."""
-        chosen = self._chosen()
+        chosen = self._find_chosen_groups()
         for (group, quantity), box in self._boxes.items():
             box.set_value(group in chosen[quantity])
 
-    def _chosen(self) -> dict[str, set[str]]:
+    def _find_chosen_groups(self) -> dict[str, set[str]]:
         """Return the groups that the current job text selects, by quantity."""
         try:
-            return edits.chosen_groups(self._workspace.opened.text, self._able)
+            return edits.chosen_groups(self._workspace.open_document.text, self._groups_by_quantity)
         except (UpdynError, TOMLKitError, RecursionError):  # shown as a fault of the job
-            return {quantity: set() for quantity in self._able}
+            return {quantity: set() for quantity in self._groups_by_quantity}
 
     def _draw(self) -> None:
         """Build the boxes."""
@@ -142,34 +148,34 @@ class _Choices:
 
     def _draw_boxes(self, groups: Sequence[str]) -> None:
         """Build a row of boxes for each group."""
-        chosen = self._chosen()
+        chosen = self._find_chosen_groups()
         for group in groups:
             ui.label(group)
             for quantity in CHOICES:
                 box = ui.checkbox(value=group in chosen[quantity]).props("dense")
-                box.set_enabled(group in self._able[quantity])
-                box.on_value_change(self._toggled(group, quantity))
+                box.set_enabled(group in self._groups_by_quantity[quantity])
+                box.on_value_change(self._make_toggle_handler(group, quantity))
                 box._props["aria-label"] = f"{group} {quantity}"
                 self._boxes[group, quantity] = box
 
-    def _toggled(
+    def _make_toggle_handler(
         self, group: str, quantity: str
     ) -> Callable[[events.ValueChangeEventArguments[Any]], None]:
         """Return the handler of a click on a box."""
 
         def change(event: events.ValueChangeEventArguments[Any]) -> None:
-            names = self._chosen()
+            names = self._find_chosen_groups()
             if bool(event.value) == (group in names[quantity]):
                 return  # the box already agrees with the job
             (names[quantity].add if event.value else names[quantity].discard)(group)
-            edit = edits.set_unknowns(names, self._able)
+            edit = edits.set_unknowns(names, self._groups_by_quantity)
             show_errors(self._workspace.edit)(f"{group}.{quantity}", edit)
             self.update()  # restores the box if the edit was rejected
 
         return change
 
 
-def _separability(found: Separability) -> None:
+def _show_separability(found: IdentifiabilityView) -> None:
     if found.rank == found.n:
         which = "the one unknown" if found.n == 1 else f"all {found.n} unknowns"
         ui.label(f"The data could determine {which}; collinearity {found.collinearity:.3g}.").mark(
@@ -182,13 +188,13 @@ def _separability(found: Separability) -> None:
         ui.label(found.advice).classes("whitespace-pre-wrap")
 
 
-def _table(workspace: Workspace, view: View, found: Separability) -> None:
+def _show_table(workspace: Workspace, view: JobView, found: IdentifiabilityView) -> None:
     rows = []
     for unknown in view.unknowns:
         determined = "yes"
-        if unknown.name in found.open:
-            others = found.open[unknown.name]
-            determined = f"no: trades against {others}" if others else "no: nothing depends on it"
+        if unknown.name in found.undetermined:
+            others = found.undetermined[unknown.name]
+            determined = f"no: confounded with {others}" if others else "no: nothing depends on it"
         rows.append(
             {
                 "name": unknown.name,
@@ -202,28 +208,28 @@ def _table(workspace: Workspace, view: View, found: Separability) -> None:
     table.props("flat dense wrap-cells").classes("w-full")
     named = {unknown.name: unknown for unknown in view.unknowns}
 
-    def clicked(event: events.GenericEventArguments) -> None:
+    def open_bounds(event: events.GenericEventArguments) -> None:
         row = event.args[1] if isinstance(event.args, list) and len(event.args) > 1 else {}
         unknown = named.get(str(row.get("name")))
         if unknown is not None:
-            _bounds(workspace, view, unknown)
+            _show_bounds_dialog(workspace, view, unknown)
 
-    table.on("row-click", clicked)
+    table.on("row-click", open_bounds)
     ui.label("A click on an unknown changes its bounds.").classes("text-sm opacity-80")
 
 
-def _bounds(workspace: Workspace, view: View, unknown: UnknownRow) -> None:
+def _show_bounds_dialog(workspace: Workspace, view: JobView, unknown: UnknownRow) -> None:
     """Show a dialog for the bounds of an unknown."""
     with ui.dialog() as dialog, ui.card():
         ui.label(unknown.name).classes("text-lg")
         low = ui.number("lower bound", value=unknown.lower)
         high = ui.number("upper bound", value=unknown.upper)
-        able = view.able.get(unknown.quantity, view.groups)
+        groups_by_quantity = view.groups_by_quantity.get(unknown.quantity, view.groups)
 
         def take() -> None:
             if low.value is None or high.value is None:
                 raise InputError("a bound is missing; expected two numbers")
-            edit = edits.set_bounds(unknown.name, low.value, high.value, able)
+            edit = edits.set_bounds(unknown.name, low.value, high.value, groups_by_quantity)
             workspace.edit(f"bounds of {unknown.name}", edit)
             dialog.close()
 
