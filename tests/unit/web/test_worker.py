@@ -210,7 +210,7 @@ def test_what_a_process_says_that_is_no_progress(tmp_path: Path) -> None:
     ):
         worker.message = worker.status = ""
         worker._errors.append("the last line")
-        worker._close(code)
+        worker._record_end(code)
         assert worker.state == "failed"
         assert end in worker.message.splitlines()[0]
         assert worker.message.splitlines()[-1] == "the last line"
