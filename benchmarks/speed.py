@@ -64,7 +64,7 @@ def prepared(case: Case, tier: str, backend: str | None) -> Part:
     exact = Problem.of([case.problem("sparse", backend)])
     reducing = Reducing(exact, ACCURACY)
     reducing.begin()
-    return reducing.inside(exact).parts[0]
+    return reducing.with_reduced_models(exact).parts[0]
 
 
 def iterations(options: argparse.Namespace) -> None:

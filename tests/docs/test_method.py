@@ -162,7 +162,7 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert "s = 0.2, 0.5 and 0.8 omega_max^2 in turn" in section
     assert reduction._BETWEEN == (0.2, 0.5, 0.8)
     assert "loss factors of 0 to 0.3" in section
-    assert reducing._LOSSY == 0.3
+    assert reducing._SAMPLE_LOSS == 0.3
     words = " ".join(section.split())
     assert "in rounds of at most 12 steps" in words
     assert "in a new basis where the one before ended, 12 at most" in words
@@ -183,7 +183,7 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert reduction._MARGIN == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)
     assert "leaves more than 0.8 of the log error of the one before" in section
-    assert reducing._LOWERED == 0.8
+    assert reducing._SLOW_DECREASE == 0.8
     assert "fields of 40 other points" in section
     assert reducing._SAMPLES == 40
     assert f"no further than {100 * reducing._TRUST_RADIUS:.0f} % of a factor" in section

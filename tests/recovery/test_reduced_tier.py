@@ -206,7 +206,7 @@ def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch)
     def noted(self, problem, noises, monitor):
         labels.append(problem.parts[0].solver.label)
         data = problem.parts[0].frf
-        added.append(noises[0].beforehand(data) - noises[0].base.beforehand(data))
+        added.append(noises[0].initial_variance(data) - noises[0].base.initial_variance(data))
         return search(self, problem, noises, monitor)
 
     def in_the_search_or_after(progress):
@@ -351,7 +351,7 @@ def test_a_channel_of_rounding_does_not_undo_a_search() -> None:
     reducing.begin()
     found = np.full(problem.n, -np.log(2.0))
     noises = [choose_noise(None, frf)]
-    assert reducing._better(reducing.inside(problem), noises, found) is found
+    assert reducing._choose_start(reducing.with_reduced_models(problem), noises, found) is found
 
 
 def tower() -> updyn.Model:

@@ -21,7 +21,7 @@ from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point, furthest
 from updyn.uncertainty.restored import RestoredFit
-from updyn.updating.fit.reducing import reduction_of
+from updyn.updating.fit.reducing import make_reduction
 from updyn.updating.problem.problem import Problem
 from updyn.updating.result import UpdateResult
 
@@ -57,7 +57,7 @@ class Surrogate:
     _reductions: list[Reduction] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._reductions = [reduction_of(part, self.accuracy) for part in self.exact.parts]
+        self._reductions = [make_reduction(part, self.accuracy) for part in self.exact.parts]
 
     @property
     def size(self) -> int:

@@ -126,7 +126,7 @@ class OwnNoise:
         return noise.bulk.refit(H, part.frf, self.problem.share(part))
 
     def _holds(self, fit: Fit) -> bool:
-        return self.reduced is None or self.reduced.holds_at(fit.x)
+        return self.reduced is None or self.reduced.certify_at(fit.x)
 
     def _told(
         self, i: int, x: NDArray[np.float64], own: NoiseModel, adequacy: Adequacy

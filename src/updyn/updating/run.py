@@ -28,8 +28,8 @@ from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, finger
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
 from updyn.updating.fit.monitor import JUDGE, Monitor, Progress
-from updyn.updating.fit.reducing import FINEST, Reducing, fallback, is_reduced
-from updyn.updating.fit.regularisation import check_regularise, regularised
+from updyn.updating.fit.reducing import FINEST, Reducing, is_reduced, record_fallback
+from updyn.updating.fit.regularisation import add_regularisation, check_regularise
 from updyn.updating.judge.alternatives import find_differences, select_distinct
 from updyn.updating.judge.assessment import Judgement, judge_fit
 from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
@@ -140,7 +140,7 @@ def run(
     if isinstance(options.regularise, np.generic):  # plain type, for the record and the fingerprint
         options = replace(options, regularise=options.regularise.item())
     strategy = make_method(options.method, options.method_options)
-    driver = regularised(strategy, options.method, options.regularise)
+    driver = add_regularisation(strategy, options.method, options.regularise)
     selection = Selection.of(parameters)
     unknowns = selection.parameters
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
@@ -208,7 +208,7 @@ def run(
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
-            firsts = reduced.firsts if reduced is not None else None
+            start_solvers = reduced.start_solvers if reduced is not None else None
 
             def judged(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
                 return judge_fit(
@@ -216,7 +216,7 @@ def run(
                     (*splits, *modal_splits),
                     fit,
                     noises,
-                    firsts,
+                    start_solvers,
                     is_likelihood=strategy.is_likelihood,
                 )
 
@@ -430,8 +430,8 @@ def _common(
     if causes.cleared:
         remedy = rule_out_faults(remedy)
     notes = [message, selection.note]
-    if fit.pull is not None:
-        notes.append(fit.pull.note)
+    if fit.regularisation is not None:
+        notes.append(fit.regularisation.note)
     return {
         "status": status,
         "message": " ".join(filter(None, notes)),
@@ -469,8 +469,8 @@ def _pressed(parameters: ParameterSet, at_bound: Mapping[str, str]) -> tuple[lis
 def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]:
     """Return the selection before the fit and the regularisation, for the record."""
     more = dict(selection.option)
-    if fit.pull is not None:
-        more["regularisation"] = dict(fit.pull.record)
+    if fit.regularisation is not None:
+        more["regularisation"] = dict(fit.regularisation.record)
     if options.regularise is not None:
         more["regularise"] = options.regularise
     return more
@@ -503,7 +503,7 @@ def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     """Return the certificate of a reduced model or the use of another backend, for the record."""
     if reduced is not None:
         return reduced.record
-    return fallback(part.solver.used, part.solver.backend)
+    return record_fallback(part.solver.used, part.solver.backend)
 
 
 def _left_out(part: Part) -> dict[str, list[str]]:
@@ -587,7 +587,7 @@ def _fitted_from_start(
         with monitor.stage("start"):
             if reduced is not None:
                 reduced.begin()
-                problem = whole = reduced.inside(whole)
+                problem = whole = reduced.with_reduced_models(whole)
             problem = whole.with_parts(list(map(restrict_to_lines, whole.parts, lines)))
             finest = ROUNDING if reduced is None else FINEST
             problem = problem.with_parts(

@@ -304,7 +304,7 @@ def find_promising_points(
     points = chain(exchange_groups(problem, answer.x), _move_each_unknown(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]
     screen = Screen.of(models.rough, answer.x, answer.noises, answer.residual)
-    if models.ranks:
+    if models.only_ranks:
         near, far = (
             [x for x in tries if models.is_rough(x) == is_rough] for is_rough in (False, True)
         )

@@ -140,7 +140,7 @@ class Fit:
         if the method has none.
     unit : float
         Size of these units in the residual, if the method estimated it together with the unknowns.
-    pull : Pull or None
+    regularisation : Pull or None
         Regularisation of the fit.
     advice : str
         Experiment advice on undetermined unknowns, from a method that fits other data than FRFs; if
@@ -161,7 +161,7 @@ class Fit:
     note: str = ""
     local: Local | None = None
     unit: float = 1.0
-    pull: Regularisation | None = None
+    regularisation: Regularisation | None = None
     advice: str = ""
     rivals: tuple[Rival, ...] = ()
     cause: str = ""

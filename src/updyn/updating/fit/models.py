@@ -25,13 +25,13 @@ class Models:
 
     Attributes
     ----------
-    ranks : bool
+    only_ranks : bool
         Whether points are only ranked in `rough`, and judged in `near`.
     """
 
     exact: Problem
 
-    ranks: ClassVar[bool] = False
+    only_ranks: ClassVar[bool] = False
 
     @property
     def rough(self) -> Problem:

@@ -61,7 +61,7 @@ from updyn.updating.problem.problem import Part, Problem, relative_levels
 from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["FINEST", "Reducing", "fallback", "is_reduced", "reduction_of"]
+__all__ = ["FINEST", "Reducing", "is_reduced", "make_reduction", "record_fallback"]
 
 _Vector = NDArray[np.float64]
 
@@ -78,11 +78,11 @@ _MAX_STEPS_PER_ROUND = 12
 _ROUNDS = 12
 #: Largest number of rounds of a fit from the start. If a round does not lower the log error below
 #: this share of the previous one, and the residual does not look like noise, the start is far off.
-_FIRST_ROUNDS, _LOWERED = 12, 0.8
+_FIRST_ROUNDS, _SLOW_DECREASE = 12, 0.8
 #: Ratio of their trust radius to that of a fit: they only have to end near the answer.
-_WIDER = 4.0
+_WIDER_RADIUS = 4.0
 #: Settings of their descents.
-_DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, min_relative_decrease=1e-3)
+_APPROACH = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, min_relative_decrease=1e-3)
 #: Ratio of the accepted error at the start, which only serves tables and figures, to that at the
 #: end.
 _AT_START = 10.0
@@ -92,7 +92,7 @@ _AT_START = 10.0
 _NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 1.0, 20_000
 #: Number of bases that a fit builds anew. Later bases are enriched instead; as they then hold along
 #: the whole path, the trust radius grows by this factor each round.
-_RENEWED, _FURTHER = 2, 2.0
+_MOST_BUILT, _RADIUS_GROWTH = 2, 2.0
 #: Bases with more vectors than this are compressed.
 _LARGE = 400
 #: Least and largest number of points around the start that span the basis of a search; two for each
@@ -101,32 +101,32 @@ _POINTS = (8, 24)
 #: Number of sample points whose response fields select among these vectors.
 _SAMPLES = 40
 #: Distance of these points from the start, in logarithms of factors.
-_AWAY = 1.0
+_SAMPLE_DISTANCE = 1.0
 #: Largest loss factor at these points.
-_LOSSY = 0.3
+_SAMPLE_LOSS = 0.3
 #: Square root of the share of the energy of these fields that may be dropped.
-_DROPPED = 1e-4
+_DROPPED_ENERGY = 1e-4
 #: Factor on the error of these fields in the noise model of a search: unlike noise, this error has
 #: a mean other than 0.
 _MARGIN = 10.0
 #: Largest number of lines of a search.
-_SEARCHED = 200
+_SEARCH_LINES = 200
 #: Largest error as a share of the faintest channel; smallest error that is ever requested.
 _FAINT, FINEST = 1e-3, 1e-9
 #: Number of DOFs without a sensor whose error is certified too, for the experiment advice.
-_ELSEWHERE = 200
+_OTHER_DOFS = 200
 #: Largest number of searches for other answers, each around the best answer so far.
 _HOPS = 2
 #: In such a search: ratio of the accepted error of the basis to that of the fit, and largest number
 #: of vectors added to the basis of the answer.
-_WHERE_LOOKED, _ROOM = 10.0, 200
+_SEARCH_ERROR, _MOST_ADDED = 10.0, 200
 #: Within this share of the trust radius of the answer its basis is not enriched.
-_BESIDE = 0.25
+_COVERED_SHARE = 0.25
 #: If the misfit at a point exceeds this share of the quadratic model about an answer, a descent
 #: from the point leads back to that answer.
-_PARABOLA = 0.5
+_PARABOLA_SHARE = 0.5
 #: Largest number of times that a basis is enriched at one point, each time at other lines.
-_LOOKS = 6
+_MOST_PASSES = 6
 
 
 def is_reduced(
@@ -157,7 +157,9 @@ def is_reduced(
     return not exact and n > _DOFS and n_lines >= _LINES
 
 
-def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:
+def make_reduction(
+    part: Part, accuracy: float, others: NDArray[np.intp] | None = None
+) -> Reduction:
     """Return the reduction of a part's model for its responses, references and band, not yet built.
 
     `accuracy` is the accepted error of a receptance, relative to the largest of its line. The
@@ -192,9 +194,9 @@ class _Part:
     @classmethod
     def of(cls, part: Part, accuracy: float, *, keeps: bool) -> _Part:
         others = part.solver.others(np.union1d(part.rows, part.columns))
-        stride = max(1, -(-len(others) // _ELSEWHERE))
-        reduction = reduction_of(part, accuracy, others[::stride])
-        reduction.accuracy = min(accuracy, max(_FAINT * _faintest(part.frf), FINEST))
+        stride = max(1, -(-len(others) // _OTHER_DOFS))
+        reduction = make_reduction(part, accuracy, others[::stride])
+        reduction.accuracy = min(accuracy, max(_FAINT * _faintest_level(part.frf), FINEST))
         reduction.shifted.keeps = keeps
         return cls(part, reduction)
 
@@ -210,7 +212,7 @@ class _Part:
         self.reduction.extend(others)
         freq = self.exact.frf.freq
         states = [self.exact.state(x) for x in samples]
-        self.lost = self.reduction.compress_around(states, freq, _DROPPED)
+        self.lost = self.reduction.compress_around(states, freq, _DROPPED_ENERGY)
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: _Vector) -> None:
@@ -258,9 +260,9 @@ class Reducing:
     certified: bool = field(default=False, init=False)
     _parts: list[_Part] = field(init=False)
     _x: _Vector = field(init=False)
-    _reached: _Vector = field(init=False)
-    _ends: Sequence[_Vector] = field(default=(), init=False)
-    _made: int = field(default=0, init=False)
+    _latest_x: _Vector = field(init=False)
+    _search_ends: Sequence[_Vector] = field(default=(), init=False)
+    _n_built: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         # With several tests, the factorisations of all would be in memory at once.
@@ -268,7 +270,7 @@ class Reducing:
         self._parts = [_Part.of(part, self.accuracy, keeps=keeps) for part in self.exact.parts]
 
     @property
-    def firsts(self) -> list[FieldSolver]:
+    def start_solvers(self) -> list[FieldSolver]:
         """Reduced models of the parts at the start, as far as they are built."""
         return [part.first for part in self._parts if part.first is not None]
 
@@ -301,17 +303,17 @@ class Reducing:
         Stopped
             If the user stops the run.
         """
-        self._make(self._home)
+        self._build(self._home)
         self._enrich(self._home, _AT_START)  # serves the figures of the start
         for part in self._parts:
             part.first = part.solver
 
-    def inside(self, problem: Problem) -> Problem:
+    def with_reduced_models(self, problem: Problem) -> Problem:
         """Return the problem with the latest reduced models."""
         parts = []
-        for part, made in zip(problem.parts, self._parts, strict=True):
-            if made.solver is not None:
-                parts.append(replace(part, solver=made.solver))
+        for part, reduced in zip(problem.parts, self._parts, strict=True):
+            if reduced.solver is not None:
+                parts.append(replace(part, solver=reduced.solver))
         return problem.with_parts(parts)
 
     def fit(
@@ -320,20 +322,20 @@ class Reducing:
         """Fit from the start or, if that fails, from the end of a search around the start.
 
         Return the problem with the last reduced models, and the last fit. `problem` is that of
-        `inside`.
+        `with_reduced_models`.
         """
-        self._reached = self._home
+        self._latest_x = self._home
         try:
             if self._may_search(strategy):
-                self._reached = self._begun(problem, strategy, noises, monitor)
+                self._latest_x = self._find_start(problem, strategy, noises, monitor)
         except Stopped:
-            return problem, Fit.without_jacobian(self._reached, "stopped")
-        problem, fit = self._rounds(problem, strategy, noises, monitor, self._reached)
+            return problem, Fit.without_jacobian(self._latest_x, "stopped")
+        problem, fit = self._fit_in_rounds(problem, strategy, noises, monitor, self._latest_x)
         if not self.certified or fit.reason in ("stopped", "failed"):
             return problem, fit
-        return self._with_others(problem, strategy, noises, monitor, fit)
+        return self._search_other_answers(problem, strategy, noises, monitor, fit)
 
-    def _begun(
+    def _find_start(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> _Vector:
         """Return the point from which to fit: the end of descents from the start, or of a search.
@@ -342,21 +344,21 @@ class Reducing:
         explains why the descents do not settle.
         """
         with suppress(SolverError):
-            x, is_settled = self._from_start(problem, noises, monitor)
+            x, is_settled = self._descend_from_start(problem, noises, monitor)
             if is_settled or (not monitor.stopped and monitor.has_data_fault()):
                 with monitor.stage("reduce"):
                     if not self._is_near(x):
-                        self._make(x)
+                        self._build(x)
                     self._enrich(x)
                 return x
         with monitor.stage("reduce"):
-            around = self._around(problem)
-        starts = strategy.search(around, self._rough(problem, noises), monitor)
-        self._ends = starts.points[1:]
+            around = self._build_around_start(problem)
+        starts = strategy.search(around, self._add_basis_error(problem, noises), monitor)
+        self._search_ends = starts.points[1:]
         with monitor.stage("reduce"):
-            return self._better(problem, noises, starts.points[0])
+            return self._choose_start(problem, noises, starts.points[0])
 
-    def _from_start(
+    def _descend_from_start(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[_Vector, bool]:
         """Return the end of rounds from the start, and whether the residual there looks like noise.
@@ -364,29 +366,29 @@ class Reducing:
         The rounds minimise the log error, which has the widest basin of attraction, only until they
         are near a minimum: the fit follows.
         """
-        few = thin_problem(self.inside(problem), noises)
-        x, cost = self._home, _log_cost(few, self._home)
+        few = thin_problem(self.with_reduced_models(problem), noises)
+        x, cost = self._home, _log_error_cost(few, self._home)
         is_answer = is_enriched = False
         for _ in range(_FIRST_ROUNDS):
             with monitor.stage("approach", few):
-                boxed = few.with_box(self._box(_WIDER))
-                outcome = descend(boxed, make_log_error(boxed), x, monitor, _DOWN)
+                boxed = few.with_box(self._box(_WIDER_RADIUS))
+                outcome = descend(boxed, make_log_error(boxed), x, monitor, _APPROACH)
             before, x, cost = cost, outcome.x, outcome.local.cost
-            self._reached = x
+            self._latest_x = x
             is_answer, is_near = _is_answer(few, noises, x, cost), self._is_near(x)
             has_ended = is_near and outcome.reason != "max-iterations"
             if is_near and is_answer:
                 break
-            is_stuck = cost > _LOWERED * before and (is_enriched or not has_ended)
+            is_stuck = cost > _SLOW_DECREASE * before and (is_enriched or not has_ended)
             if outcome.reason == "stopped" or (is_stuck and not is_answer):
                 return x, False
             with monitor.stage("reduce"):
                 if has_ended:  # the error of the basis is not noise either
                     self._enrich(x)
                 elif not is_near:
-                    self._make(x)
+                    self._build(x)
             is_enriched = has_ended
-            few = thin_problem(self.inside(problem), noises)
+            few = thin_problem(self.with_reduced_models(problem), noises)
         return x, is_answer
 
     @staticmethod
@@ -395,31 +397,31 @@ class Reducing:
         inner = getattr(strategy, "method", strategy)  # the method inside a regularised one
         return bool(getattr(inner, "starts", 0))
 
-    def _around(self, problem: Problem) -> Problem:
+    def _build_around_start(self, problem: Problem) -> Problem:
         """Return the problem with models that hold roughly in the whole region of a search."""
         factor = self.exact.coordinates.parameters.is_factor
         number = int(np.clip(2 * factor.sum(), *_POINTS))
         bounds = self.exact.coordinates.bounds
-        lowest = np.where(factor, self._home - _AWAY, 0.0)
-        highest = np.where(factor, self._home + _AWAY, _LOSSY)
+        lowest = np.where(factor, self._home - _SAMPLE_DISTANCE, 0.0)
+        highest = np.where(factor, self._home + _SAMPLE_DISTANCE, _SAMPLE_LOSS)
         middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
         points = np.clip(scatter_points(middle, half, number, seed=0), *bounds)
         samples = np.clip(scatter_points(middle, half, _SAMPLES, seed=1), *bounds)
         for part in self._parts:
             part.build_around([self._home, *points], [self._home, *samples])
-        return self.inside(problem).thin(_SEARCHED)
+        return self.with_reduced_models(problem).thin(_SEARCH_LINES)
 
-    def _rough(self, problem: Problem, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
+    def _add_basis_error(self, problem: Problem, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
         """Return noise models that include the error of the search basis in each channel."""
         out: list[NoiseModel] = []
-        for made, part, noise in zip(self._parts, problem.parts, noises, strict=True):
-            assert made.lost is not None
-            own = made.exact.rows  # includes held-out responses
-            at = np.argsort(own)[np.searchsorted(own, part.rows, sorter=np.argsort(own))]
-            out.append(Approximate(noise, _MARGIN * made.lost[at]))
+        for reduced, part, noise in zip(self._parts, problem.parts, noises, strict=True):
+            assert reduced.lost is not None
+            rows = reduced.exact.rows  # includes held-out responses
+            at = np.argsort(rows)[np.searchsorted(rows, part.rows, sorter=np.argsort(rows))]
+            out.append(Approximate(noise, _MARGIN * reduced.lost[at]))
         return out
 
-    def _rounds(
+    def _fit_in_rounds(
         self,
         problem: Problem,
         strategy: Method,
@@ -432,46 +434,46 @@ class Reducing:
 
         If `fixed_unknown` is given, that unknown stays at its value in x.
         """
-        near, left = False, strategy.max_iterations
+        near, remaining = False, strategy.max_iterations
         fit = Fit.without_jacobian(x, "stopped")
         is_ready = True  # the basis was built or enriched at x
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    if not is_ready and number < _RENEWED and not self._is_near(x):
-                        self._make(x)
+                    if not is_ready and number < _MOST_BUILT and not self._is_near(x):
+                        self._build(x)
                     elif not is_ready:
                         self._enrich(x)
-                share = _FURTHER ** max(number + 1 - _RENEWED, 0)
-                problem, box = self.inside(problem), self._box(share)
+                share = _RADIUS_GROWTH ** max(number + 1 - _MOST_BUILT, 0)
+                problem, box = self.with_reduced_models(problem), self._box(share)
                 boxed = problem.with_box(
                     box if fixed_unknown is None else fix_in_box(box, x, fixed_unknown)
                 )
                 before = len(monitor.history)
-                steps = left
+                steps = remaining
                 if not near:
-                    steps = min(left, _MAX_STEPS_PER_ROUND)
+                    steps = min(remaining, _MAX_STEPS_PER_ROUND)
                 fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
-                left = max(left - (len(monitor.history) - before), 0)
-                near, x, is_ready = not _outside(fit.x, box), fit.x, False
+                remaining = max(remaining - (len(monitor.history) - before), 0)
+                near, x, is_ready = not _is_outside(fit.x, box), fit.x, False
                 if fit.reason in ("stopped", "failed"):
                     break
-                if left == 0 or (near and fit.reason != "max-iterations"):
+                if remaining == 0 or (near and fit.reason != "max-iterations"):
                     with monitor.stage("reduce"):
-                        if left == 0 or not self._is_near(x):
-                            self._check(x)
+                        if remaining == 0 or not self._is_near(x):
+                            self._certify(x)
                         else:  # one factorisation certifies or enriches the basis
                             is_ready = self._enrich_or_certify(x)
-                    if self.certified or left == 0:
+                    if self.certified or remaining == 0:
                         break
             else:
                 with monitor.stage("reduce"):
-                    self._check(x)
+                    self._certify(x)
         except Stopped:  # keep the values, without a certificate
             fit = replace(fit, reason="stopped")
-        return problem, self._noted(fit)
+        return problem, self._add_note(fit)
 
-    def _with_others(
+    def _search_other_answers(
         self,
         problem: Problem,
         strategy: Method,
@@ -483,21 +485,24 @@ class Reducing:
 
         If a better answer is found, the search is repeated around it once.
         """
-        chosen = self._known(problem, strategy, noises, fit)
+        chosen = self._certify_answer(problem, strategy, noises, fit)
         if chosen is None:
             return problem, fit
         known, rivals = [chosen], list[_Certified]()
         with suppress(Stopped):
             for _ in range(_HOPS):
-                known += self._others(chosen, known, strategy, noises, monitor)
-                before, best = chosen.answer, choose_answer(problem, _answers(known, held=False))
-                ends = select_as_likely(best, _answers(known, held=True))
-                as_well = [*find_rivals(best, _answers(known, held=False)), *ends]
+                known += self._fit_candidates(chosen, known, strategy, noises, monitor)
+                before, best = (
+                    chosen.answer,
+                    choose_answer(problem, _select_answers(known, held=False)),
+                )
+                ends = select_as_likely(best, _select_answers(known, held=True))
+                as_well = [*find_rivals(best, _select_answers(known, held=False)), *ends]
                 (chosen,) = (one for one in known if one.answer is best)
                 rivals = [one for one in known if any(one.answer is answer for answer in as_well)]
                 if not are_distinct(best, before):
                     break
-        self._use_again(chosen)
+        self._restore(chosen)
         worse = [
             one.answer.negative_log_likelihood - chosen.answer.negative_log_likelihood
             for one in rivals
@@ -506,7 +511,7 @@ class Reducing:
         reason = "stopped" if monitor.stopped else chosen.fit.reason
         return chosen.problem, replace(chosen.fit, reason=reason, rivals=tuple(found))
 
-    def _others(
+    def _fit_candidates(
         self,
         chosen: _Certified,
         known: Sequence[_Certified],
@@ -519,26 +524,26 @@ class Reducing:
         with suppress(SolverError):
             with monitor.stage("reduce"):
                 if self._x is not chosen.place:
-                    self._use_again(chosen)
-            models = _About.of(self, chosen)
+                    self._restore(chosen)
+            models = _ReducedModels.of(self, chosen)
             for point in strategy.find_candidates(
-                models, noises, monitor, chosen.answer, self._ends
+                models, noises, monitor, chosen.answer, self._search_ends
             ):
                 if monitor.stopped:
                     break
                 if any(is_same(point, one.answer) for one in [*known, *found]):
                     continue
                 with monitor.stage("reduce"):
-                    self._make(point.x)
+                    self._build(point.x)
                 about = chosen.problem, strategy, noises, monitor, point.x, point.fixed_unknown
-                problem, fit = self._rounds(*about)
-                one = self._known(
+                problem, fit = self._fit_in_rounds(*about)
+                one = self._certify_answer(
                     problem, strategy, noises, fit, point.fixed_unknown, chosen.answer
                 )
                 found += [] if one is None else [one]
         return found
 
-    def _known(
+    def _certify_answer(
         self,
         problem: Problem,
         strategy: Method,
@@ -560,7 +565,7 @@ class Reducing:
         bases = [basis.leading(basis.size) for basis in bases]
         return _Certified(problem, fit, answer, self._x, certificates, bases)
 
-    def _use_again(self, one: _Certified) -> None:
+    def _restore(self, one: _Certified) -> None:
         """Restore the reduced models of a certified fit."""
         self._x, self.certified = one.place, True
         for part, solved, certificate, basis in zip(
@@ -575,23 +580,23 @@ class Reducing:
             return None
         return KeptBasis.of(model, self._parts[i].reduction)
 
-    def _better(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
+    def _choose_start(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
         """Return the end of a search, or the start if its log error is smaller.
 
         The log error is weighted with the noise, as in the search: values of faint channels are
         rounding.
         """
-        before = _log_cost(thin_problem(problem, noises), self._home)
-        self._make(x)
-        if _log_cost(thin_problem(self.inside(problem), noises), x) <= before:
+        before = _log_error_cost(thin_problem(problem, noises), self._home)
+        self._build(x)
+        if _log_error_cost(thin_problem(self.with_reduced_models(problem), noises), x) <= before:
             return x
-        self._make(self._home)
+        self._build(self._home)
         return self._home
 
     def _is_near(self, x: _Vector) -> bool:
         """Return whether the basis should be enriched at x rather than built anew there."""
         size = max(part.exact.solver.system.n for part in self._parts)
-        return not _outside(x, self._box(_NEAR if size <= _HEAVY else _NEAR_IF_HEAVY))
+        return not _is_outside(x, self._box(_NEAR if size <= _HEAVY else _NEAR_IF_HEAVY))
 
     def _box(self, share: float = 1.0, place: _Vector | None = None) -> tuple[_Vector, _Vector]:
         """Return the box of the trust radius about a point, by default that of the basis."""
@@ -600,7 +605,7 @@ class Reducing:
         radius = share * np.where(factor, _TRUST_RADIUS, np.maximum(_LOSS_RADIUS, 0.5 * np.abs(x)))
         return x - radius, x + radius
 
-    def _noted(self, fit: Fit) -> Fit:
+    def _add_note(self, fit: Fit) -> Fit:
         error = self.error
         if error is None or self.certified or fit.reason in ("stopped", "failed"):
             return fit
@@ -613,10 +618,10 @@ class Reducing:
             reason = "max-iterations"
         return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
 
-    def holds_at(self, x: _Vector) -> bool:
+    def certify_at(self, x: _Vector) -> bool:
         """Certify the current models at a new end of the fit; on failure, keep the certificates."""
         before = [part.certificate for part in self._parts]
-        self._check(x)
+        self._certify(x)
         if self.certified:
             return True
         for part, certificate in zip(self._parts, before, strict=True):
@@ -648,51 +653,51 @@ class Reducing:
             "error": error,
             "channel error": channel,
             "factorisations": sum(part.reduction.shifted.count for part in self._parts),
-            **fallback(used, self._parts[0].reduction.backend),
+            **record_fallback(used, self._parts[0].reduction.backend),
         }
 
-    def _make(self, x: _Vector) -> None:
+    def _build(self, x: _Vector) -> None:
         """Build reduced models at x without certifying them."""
         for part in self._parts:
             part.build(x)
-        self._use(x)
+        self._set_place(x)
 
     def _enrich(self, x: _Vector, times: float = 1.0) -> None:
         """Enrich the reduced models at x, to `times` the accepted error."""
         for part in self._parts:
             state, accuracy = part.exact.state(x), times * part.reduction.accuracy
             part.reduction.settle([state], part.exact.frf.freq, accuracy=accuracy)
-        self._use(x)
+        self._set_place(x)
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
         """Enrich the bases at x and return True; if complete, certify them and return False."""
         hold = [part.certify_or_enrich(x) for part in self._parts]
         if not all(hold):
-            self._use(x)
+            self._set_place(x)
             return True
         error = self.error
         self.certified = error is not None and error <= self.accuracy
         return False
 
-    def _use(self, x: _Vector) -> None:
+    def _set_place(self, x: _Vector) -> None:
         self._x, self.certified = x, False
         self.renew()
 
     def renew(self) -> None:
         """Create solvers of the current bases."""
-        self._made += 1
+        self._n_built += 1
         for part in self._parts:
-            part.solver = part.reduction.solver(f"reduced {self._made}")
+            part.solver = part.reduction.solver(f"reduced {self._n_built}")
 
     def is_outside(self, x: _Vector, share: float) -> bool:
         """Return whether a point is beyond a share of the trust radius."""
-        return _outside(x, self._box(share))
+        return _is_outside(x, self._box(share))
 
     def are_near(self, x: _Vector, place: _Vector) -> bool:
         """Return whether a basis that is accurate at `place` is accurate at x, too."""
-        return not _outside(x, self._box(_NEAR, place))
+        return not _is_outside(x, self._box(_NEAR, place))
 
-    def _check(self, x: _Vector) -> None:
+    def _certify(self, x: _Vector) -> None:
         for part in self._parts:
             part.certify(x)
         error = self.error
@@ -700,7 +705,7 @@ class Reducing:
 
 
 @dataclass(slots=True, eq=False)
-class _About(Models):
+class _ReducedModels(Models):
     """Reduced models around an answer, enriched at the points where other answers are searched for.
 
     Attributes
@@ -716,10 +721,10 @@ class _About(Models):
     _places: list[_Vector] = field(default_factory=list)
     _passes: list[int] = field(default_factory=list)
 
-    ranks: ClassVar[bool] = True
+    only_ranks: ClassVar[bool] = True
 
     @classmethod
-    def of(cls, reducing: Reducing, about: _Certified) -> _About:
+    def of(cls, reducing: Reducing, about: _Certified) -> _ReducedModels:
         """Return the models around a certified fit whose bases are in use."""
         parts = reducing._parts
         whole = [
@@ -728,7 +733,7 @@ class _About(Models):
         ]
         definite = [p.reduction.shifted.definite(p.exact.state(about.answer.x)) for p in parts]
         sizes = [part.reduction.basis.size for part in parts]
-        exact, latest = about.problem.with_parts(whole), reducing.inside(about.problem)
+        exact, latest = about.problem.with_parts(whole), reducing.with_reduced_models(about.problem)
         return cls(exact, latest, reducing, definite, sizes)
 
     @property
@@ -738,16 +743,16 @@ class _About(Models):
 
     def near(self, x: _Vector) -> Problem:
         """Return the problem with models enriched at x, further with each call for a point."""
-        if not self._reducing.is_outside(x, _BESIDE):
+        if not self._reducing.is_outside(x, _COVERED_SHARE):
             return self.latest
-        own = (i for i, place in enumerate(self._places) if self._reducing.are_near(x, place))
-        i = next(own, len(self._places))
+        indices = (i for i, place in enumerate(self._places) if self._reducing.are_near(x, place))
+        i = next(indices, len(self._places))
         if i == len(self._places):
             self._places.append(x)
             self._passes.append(0)
-        if self._passes[i] < _LOOKS:
+        if self._passes[i] < _MOST_PASSES:
             number = self._passes[i]
-            self._passes[i] = number + 1 if self._is_enriched(x, number) else _LOOKS
+            self._passes[i] = number + 1 if self._is_enriched(x, number) else _MOST_PASSES
         return self.latest
 
     def is_rough(self, x: _Vector) -> bool:
@@ -764,32 +769,35 @@ class _About(Models):
         The misfit then falls along the path to the answer, and no other minimum is near.
         """
         rise = negative_log_likelihood - answer.negative_log_likelihood
-        return rise > _PARABOLA * 0.5 * distance(answer, x) ** 2
+        return rise > _PARABOLA_SHARE * 0.5 * distance(answer, x) ** 2
 
     def _is_enriched(self, x: _Vector, number: int) -> bool:
         """Enrich the bases at x, after a reset of oversized ones; return whether they grew."""
         made = list(zip(self._reducing._parts, self._definite, self._sizes, strict=True))
-        if any(part.reduction.basis.size > size + _ROOM for part, _, size in made):
+        if any(part.reduction.basis.size > size + _MOST_ADDED for part, _, size in made):
             self._passes = [0] * len(self._passes)
             for part, _, size in made:
                 part.reduction.basis = part.reduction.basis.leading(size)
         grown = []
-        for (part, definite, _), seen in zip(made, self.latest.parts, strict=True):
-            state, level = part.exact.state(x), np.linalg.norm(seen.responses(x), axis=(1, 2))
-            accuracy = _WHERE_LOOKED * part.reduction.accuracy
-            about = state, seen.frf.freq, level, number, accuracy
+        for (part, definite, _), part_latest in zip(made, self.latest.parts, strict=True):
+            state, level = (
+                part.exact.state(x),
+                np.linalg.norm(part_latest.responses(x), axis=(1, 2)),
+            )
+            accuracy = _SEARCH_ERROR * part.reduction.accuracy
+            about = state, part_latest.frf.freq, level, number, accuracy
             grown.append(part.reduction.enrich_beside(definite, *about))
         if any(grown):
             self._reducing.renew()
-            self.latest = self._reducing.inside(self.latest)
+            self.latest = self._reducing.with_reduced_models(self.latest)
         return any(grown)
 
 
-def _answers(known: Sequence[_Certified], *, held: bool) -> list[Answer]:
+def _select_answers(known: Sequence[_Certified], *, held: bool) -> list[Answer]:
     return [one.answer for one in known if (one.answer.fixed_unknown is not None) == held]
 
 
-def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
+def record_fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     """Return the record of solves by backends other than the chosen one; empty without any."""
     others = [f"{name} {number}" for name, number in used.items() if name != backend]
     if not others:
@@ -797,7 +805,7 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"}
 
 
-def _faintest(frf: FRF) -> float:
+def _faintest_level(frf: FRF) -> float:
     """Return the ratio of the faintest channel's level to the loudest one's, without rounding."""
     share = relative_levels(frf.values, frf)
     return float(share[share > FINEST].min(initial=1.0))
@@ -809,14 +817,14 @@ def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost:
     return not problem.modal and belief.is_answer(x, cost)
 
 
-def _log_cost(problem: Problem, x: _Vector) -> float:
+def _log_error_cost(problem: Problem, x: _Vector) -> float:
     local = make_log_error(problem).local(problem, x)
     if local is None:
         return np.inf
     return local.cost
 
 
-def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
+def _is_outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
     """Return whether a point lies outside a box or on its boundary."""
     margin = 1e-6 * (box[1] - box[0])
     return bool(((x <= box[0] + margin) | (x >= box[1] - margin)).any())

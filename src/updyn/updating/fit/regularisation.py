@@ -35,13 +35,13 @@ from updyn.updating.problem.session import Stopped
 __all__ = [
     "CHOICES",
     "Regularised",
-    "Spectrum",
+    "SingularSpectrum",
+    "add_regularisation",
     "check_regularise",
     "corner",
     "discrepancy",
     "keeps_to_directions",
     "minimum",
-    "regularised",
 ]
 
 _Vector = NDArray[np.float64]
@@ -51,7 +51,7 @@ _GRID = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spectrum:
+class SingularSpectrum:
     """Linear problem min |A z - b|^2, A = U diag(s) V^T, in standard deviations of the residual.
 
     Attributes
@@ -85,7 +85,7 @@ class Spectrum:
         rest: float = 0.0,
         n_values: float = 0.0,
         fixed: int = 0,
-    ) -> Spectrum:
+    ) -> SingularSpectrum:
         """Return the spectrum of a problem with A, shape (m, n), and b, shape (m,).
 
         `rest` is the squared norm of a further residual that does not depend on z; `n_values` is m
@@ -98,39 +98,39 @@ class Spectrum:
         )  # not |b|^2 - |beta|^2, which is rounding if A can represent nearly all of b
         return cls(s, beta, Vt.T, rest + float(beyond @ beyond), n_values or float(len(b)), fixed)
 
-    def passed(self, strength: float) -> _Vector:
+    def tikhonov_filter(self, strength: float) -> _Vector:
         """Return the filter factors of Tikhonov's method, s^2 / (s^2 + strength^2)."""
         return np.asarray(self.s**2 / np.maximum(self.s**2 + strength**2, np.finfo(float).tiny))
 
-    def kept(self, number: int) -> _Vector:
+    def truncation_filter(self, number: int) -> _Vector:
         """Return the filter factors of a truncation: 1 for the first `number`, else 0."""
         return np.where(np.arange(len(self.s)) < number, 1.0, 0.0)
 
-    def solution(self, shares: _Vector) -> _Vector:
+    def solution(self, filters: _Vector) -> _Vector:
         """Return z for given filter factors, shape (n,)."""
-        return np.asarray(self.V @ self._components(shares))
+        return np.asarray(self.V @ self._components(filters))
 
-    def distance(self, shares: _Vector) -> float:
+    def distance(self, filters: _Vector) -> float:
         """Return |z| for given filter factors."""
-        return float(np.linalg.norm(self._components(shares)))
+        return float(np.linalg.norm(self._components(filters)))
 
-    def misfit(self, shares: _Vector) -> float:
+    def misfit(self, filters: _Vector) -> float:
         """Return |A z - b| for given filter factors, including the irreducible part."""
-        return float(np.sqrt(np.sum(((1.0 - shares) * self.beta) ** 2) + self.rest))
+        return float(np.sqrt(np.sum(((1.0 - filters) * self.beta) ** 2) + self.rest))
 
-    def freedom(self, shares: _Vector) -> float:
+    def freedom(self, filters: _Vector) -> float:
         """Return the effective number of unknowns, the trace of the influence matrix."""
-        return float(shares.sum()) + self.fixed
+        return float(filters.sum()) + self.fixed
 
-    def gcv(self, shares: _Vector) -> float:
+    def gcv(self, filters: _Vector) -> float:
         """Return the generalised cross-validation function.
 
         Golub, Heath & Wahba, Technometrics 21 (1979) 215.
         """
         return (
             self.n_values
-            * self.misfit(shares) ** 2
-            / max(self.n_values - self.freedom(shares), 1e-6) ** 2
+            * self.misfit(filters) ** 2
+            / max(self.n_values - self.freedom(filters), 1e-6) ** 2
         )
 
     def curvature(self, strength: float) -> float:
@@ -139,7 +139,7 @@ class Spectrum:
         Hansen & O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487; here from the derivatives of the
         filter factors with respect to t = log(strength): df/dt = -2 f (1 - f).
         """
-        f = self.passed(strength)
+        f = self.tikhonov_filter(strength)
         g, squared = 1.0 - f, self.beta**2
         along = squared / np.maximum(self.s, np.finfo(float).tiny ** 0.25) ** 2
         P, D = float(np.sum(g**2 * squared)) + self.rest, float(np.sum(f**2 * along))
@@ -155,22 +155,24 @@ class Spectrum:
             return 0.0
         return float((x * yy - xx * y) / speed)
 
-    def _components(self, shares: _Vector) -> _Vector:
-        seen = self.s > 0.0
-        return np.asarray(np.where(seen, shares * self.beta / np.where(seen, self.s, 1.0), 0.0))
+    def _components(self, filters: _Vector) -> _Vector:
+        positive = self.s > 0.0
+        return np.asarray(
+            np.where(positive, filters * self.beta / np.where(positive, self.s, 1.0), 0.0)
+        )
 
 
-def minimum(spectrum: Spectrum, low: float, high: float) -> float:
+def minimum(spectrum: SingularSpectrum, low: float, high: float) -> float:
     """Return the strength in [low, high] of least generalised cross-validation."""
-    return _best(lambda strength: spectrum.gcv(spectrum.passed(strength)), low, high)
+    return _best(lambda strength: spectrum.gcv(spectrum.tikhonov_filter(strength)), low, high)
 
 
-def corner(spectrum: Spectrum, low: float, high: float) -> float:
+def corner(spectrum: SingularSpectrum, low: float, high: float) -> float:
     """Return the strength in [low, high] at the corner of the L-curve, its largest curvature."""
     return _best(lambda strength: -spectrum.curvature(strength), low, high)
 
 
-def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
+def discrepancy(spectrum: SingularSpectrum, low: float, high: float) -> float:
     """Return the largest strength in [low, high] whose misfit the noise explains.
 
     The unknowns can change as many components of the residual as there are unknowns. In these
@@ -183,7 +185,7 @@ def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
     from scipy.optimize import brentq
 
     def excess(log: float) -> float:
-        given_up = 1.0 - spectrum.passed(float(np.exp(log)))
+        given_up = 1.0 - spectrum.tikhonov_filter(float(np.exp(log)))
         expected, scatter = np.sum(given_up), np.sqrt(2.0 * np.sum(given_up**2))
         return float(np.sum((given_up * spectrum.beta) ** 2) - expected - scatter)
 
@@ -214,7 +216,7 @@ def _best(cost: Callable[[float], float], low: float, high: float) -> float:
 
 
 #: Criteria for the strength of Tikhonov's method.
-_STRENGTHS: dict[str, Callable[[Spectrum, float, float], float]] = {
+_STRENGTHS: dict[str, Callable[[SingularSpectrum, float, float], float]] = {
     "gcv": minimum,
     "l-curve": corner,
     "discrepancy": discrepancy,
@@ -225,11 +227,11 @@ WEAKEST = 1.0
 #: Largest number of fits with a new strength.
 _ROUNDS = 8
 #: Largest number of fits with new directions.
-_TURNS = 4
+_MOST_TURNS = 4
 #: A strength has settled when its logarithm changes by less than this.
 _SETTLED = 0.05
 #: Directions have settled when their cosine is above this.
-_SAME = 1.0 - 1e-4
+_SAME_DIRECTION = 1.0 - 1e-4
 #: Number of points of the curve in the record.
 _POINTS = 41
 
@@ -278,7 +280,7 @@ def keeps_to_directions(regularise: str | float | None) -> bool:
     return isinstance(regularise, str) and regularise.startswith("tsvd")
 
 
-def regularised(strategy: Method, method: str, regularise: str | float | None) -> Method:
+def add_regularisation(strategy: Method, method: str, regularise: str | float | None) -> Method:
     """Return the method with regularisation; unchanged if `regularise` is None.
 
     Raises
@@ -330,12 +332,12 @@ class Regularised(Method):
         """
         free, number = self._check(problem)
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
-        run = _Run(problem, once, monitor, free)
+        run = _RegularisedFits(problem, once, monitor, free)
         if keeps_to_directions(self.how):
-            return run.truncated(noises, x, number)
+            return run.fit_truncated(noises, x, number)
         if isinstance(self.how, str):
-            return run.chosen(noises, x, self.how)
-        return run.stated(noises, x, float(self.how))
+            return run.fit_chosen_strength(noises, x, self.how)
+        return run.fit_given_strength(noises, x, float(self.how))
 
     def _check(self, problem: Problem) -> tuple[NDArray[np.bool_], int | None]:
         """Return which unknowns have no prior, and the requested number of directions or None.
@@ -345,7 +347,7 @@ class Regularised(Method):
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
             raise OptionError(
-                "regularise: every unknown has a prior of its own; nothing is left to regularise",
+                "regularise: every unknown has a prior already",
                 key=("regularise",),
             )
         number = None
@@ -362,7 +364,7 @@ class Regularised(Method):
 
 
 @dataclass(frozen=True, slots=True)
-class _Run:
+class _RegularisedFits:
     """Regularised fits of one problem.
 
     Attributes
@@ -386,39 +388,39 @@ class _Run:
     unit: float | None = None
 
     # -- Tikhonov ----------------------------------------------------------------------------------
-    def stated(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
+    def fit_given_strength(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a given strength, relative to the noise of an almost unregularised fit."""
-        first = self._pulled(noises, x, min(strength, WEAKEST))
-        if _broken(first):
+        first = self._fit_with_prior(noises, x, min(strength, WEAKEST))
+        if _has_failed(first):
             return first
-        run = self._after(first)
-        fit = run._pulled(run._held(noises, first), first.x, strength)
-        if _broken(fit):
+        run = self._set_unit(first)
+        fit = run._fit_with_prior(run._fix_noise(noises, first), first.x, strength)
+        if _has_failed(fit):
             return fit
         return run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
 
-    def chosen(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
+    def fit_chosen_strength(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
         """Fit with the strength that a criterion chooses at the end of the fit."""
         strength, tried, settled = WEAKEST, list[float](), False
-        fit = self._pulled(noises, x, strength)
-        noises, run = self._held(noises, fit), self._after(fit)
+        fit = self._fit_with_prior(noises, x, strength)
+        noises, run = self._fix_noise(noises, fit), self._set_unit(fit)
         for _ in range(_ROUNDS):
-            if _broken(fit):
+            if _has_failed(fit):
                 break
             tried.append(strength / _inflation(fit))
             spectrum = run._spectrum(fit)
-            low, high = _range(spectrum)
+            low, high = _strength_range(spectrum)
             wanted = _STRENGTHS[how](spectrum, low, high) * _inflation(fit)
             settled = abs(np.log(wanted / strength)) < _SETTLED
             if settled:
                 break
             strength = wanted
-            fit = run._pulled(noises, fit.x, strength)
-        if _broken(fit):
+            fit = run._fit_with_prior(noises, fit.x, strength)
+        if _has_failed(fit):
             return fit
         return run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
 
-    def _pulled(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
+    def _fit_with_prior(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
         coordinates = self.problem.coordinates
         # The prior of a value is in the unit of the value, which may differ from that of x.
@@ -427,140 +429,147 @@ class _Run:
         items = []
         for p, unit in zip(coordinates.parameters, units, strict=True):
             items.append(replace(p, prior_std=p.prior_std or float(unit) / strength))
-        pulled = self._with(
+        problem = self._replace_coordinates(
             replace(coordinates, parameters=ParameterSet(tuple(items)), unit=self.unit)
         )
-        return self.method.fit(pulled, noises, self.monitor, x)
+        return self.method.fit(problem, noises, self.monitor, x)
 
     def _tikhonov(
         self, fit: Fit, strength: float, how: str, tried: list[float], settled: bool = True
     ) -> Fit:
         spectrum = self._spectrum(fit)
-        low, high = _range(spectrum)
+        low, high = _strength_range(spectrum)
         low, high = min(low, strength), max(high, strength)
         curve = np.geomspace(low, high, _POINTS).tolist()
-        passed = list(map(spectrum.passed, curve))
+        filters = list(map(spectrum.tikhonov_filter, curve))
         record: dict[str, Any] = {
             "how": how,
             "strength": strength,
             "prior_std": 1.0 / strength,
-            "effective unknowns": spectrum.freedom(spectrum.passed(strength)),
+            "effective unknowns": spectrum.freedom(spectrum.tikhonov_filter(strength)),
             "tried": tried,
-            **_curve(spectrum, passed, "strengths", curve, spectrum.passed(strength)),
+            **_trace_curve(
+                spectrum, filters, "strengths", curve, spectrum.tikhonov_filter(strength)
+            ),
         }
         if how == "l-curve":
             record["curvature"] = list(map(spectrum.curvature, curve))
-        note = self._said(how, strength, spectrum, settled)
+        note = self._describe(how, strength, spectrum, settled)
         weight = np.where(self.free, strength, 0.0)
-        return replace(fit, pull=Regularisation(weight, None, note, record))
+        return replace(fit, regularisation=Regularisation(weight, None, note, record))
 
-    def _said(self, how: str, strength: float, spectrum: Spectrum, settled: bool) -> str:
+    def _describe(
+        self, how: str, strength: float, spectrum: SingularSpectrum, settled: bool
+    ) -> str:
         if how != "stated" and strength <= 1.01 * WEAKEST:
-            return (
-                f"Regularisation ({how}) finds that nothing has to be held: the data determine the"
-                " unknowns."
-            )
-        said = (
+            return f"Regularisation ({how}) is not necessary: the data determine the unknowns."
+        text = (
             f"Regularised ({how}): values are pulled to their start as by priors of standard"
-            f" deviation {1.0 / strength:.3g}; standard deviations count that as prior knowledge,"
-            " the bias is not in them."
+            f" deviation {1.0 / strength:.3g}. The standard deviations include these priors, but"
+            " not the bias."
         )
         if not settled:
-            said += " The strength had not settled after the last of its rounds."
-        if how == "l-curve" and spectrum.gcv(spectrum.passed(strength)) > spectrum.gcv(
-            spectrum.passed(WEAKEST)
+            text += " The strength had not settled after the last of its rounds."
+        if how == "l-curve" and spectrum.gcv(spectrum.tikhonov_filter(strength)) > spectrum.gcv(
+            spectrum.tikhonov_filter(WEAKEST)
         ):
-            said += (
-                " The corner of the L-curve raises the misfit by more than the noise asks for: such"
-                " a pull costs what the data know well; 'gcv' does not."
+            text += (
+                " The corner of the L-curve raises the misfit by more than the noise justifies,"
+                " which biases well determined unknowns, too; 'gcv' does not."
             )
-        return said
+        return text
 
     # -- truncated singular values -----------------------------------------------------------------
-    def truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
+    def fit_truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
         """Fit from the start along the leading singular vectors, renewed at each end."""
         home = self.problem.coordinates.home
-        fit = self._pulled(noises, x, WEAKEST)
-        noises, run = self._held(noises, fit), self._after(fit)
+        fit = self._fit_with_prior(noises, x, WEAKEST)
+        noises, run = self._fix_noise(noises, fit), self._set_unit(fit)
         within: NDArray[np.float64] | None = None
-        settled, kept, tried = False, 0, list[int]()
-        for _ in range(_TURNS):
-            if _broken(fit):
+        settled, number_kept, tried = False, 0, list[int]()
+        for _ in range(_MOST_TURNS):
+            if _has_failed(fit):
                 break
             spectrum = run._spectrum(fit)
-            kept = _number(spectrum) if number is None else min(number, _rank(spectrum))
-            wanted = self._directions(spectrum, kept)
-            settled = within is not None and _same(within, wanted)
+            number_kept = (
+                _count_by_gcv(spectrum) if number is None else min(number, _rank(spectrum))
+            )
+            wanted = self._directions(spectrum, number_kept)
+            settled = within is not None and _span_same_space(within, wanted)
             if settled:
                 break
             within = wanted
-            tried.append(kept)
-            held = self._with(replace(self.problem.coordinates, within=within, unit=run.unit))
-            fit = self.method.fit(held, noises, self.monitor, self._projected(home, fit.x, within))
-        if _broken(fit) or within is None:
+            tried.append(number_kept)
+            problem = self._replace_coordinates(
+                replace(self.problem.coordinates, within=within, unit=run.unit)
+            )
+            fit = self.method.fit(problem, noises, self.monitor, self._project(home, fit.x, within))
+        if _has_failed(fit) or within is None:
             return fit
         spectrum = run._spectrum(fit)
         numbers = list(range(_rank(spectrum) + 1))
-        shares = list(map(spectrum.kept, numbers))
+        filters = list(map(spectrum.truncation_filter, numbers))
         record = {
             "how": "tsvd",
-            "kept": kept,
+            "kept": number_kept,
             "of": int(self.free.sum()),
             "tried": tried,
-            **_curve(spectrum, shares, "numbers", numbers, spectrum.kept(kept)),
+            **_trace_curve(
+                spectrum, filters, "numbers", numbers, spectrum.truncation_filter(number_kept)
+            ),
         }
         note = (
-            f"Regularised (tsvd): {kept} of {int(self.free.sum())} directions are fitted; along the"
-            " others the unknowns stay at their start, and the standard deviations take that for"
-            " certain."
+            f"Regularised (tsvd): {number_kept} of {int(self.free.sum())} directions are fitted;"
+            " along the others the unknowns stay at their start, which the standard deviations"
+            " treat as exact."
         )
         if not settled:
             note += " The directions had not settled after the last of their rounds."
-        return replace(fit, pull=Regularisation(np.zeros(len(x)), within, note, record))
+        return replace(fit, regularisation=Regularisation(np.zeros(len(x)), within, note, record))
 
-    def _directions(self, spectrum: Spectrum, number: int) -> NDArray[np.float64]:
+    def _directions(self, spectrum: SingularSpectrum, number: int) -> NDArray[np.float64]:
         """Return orthonormal directions: leading singular vectors, and the unknowns with priors."""
         n = len(self.free)
-        own = np.flatnonzero(~self.free)
-        out = np.zeros((n, number + len(own)))
+        with_prior = np.flatnonzero(~self.free)
+        out = np.zeros((n, number + len(with_prior)))
         out[self.free, :number] = spectrum.V[:, :number]
-        out[own, number + np.arange(len(own))] = 1.0
+        out[with_prior, number + np.arange(len(with_prior))] = 1.0
         return out
 
-    def _projected(self, home: _Vector, x: _Vector, within: NDArray[np.float64]) -> _Vector:
+    def _project(self, home: _Vector, x: _Vector, within: NDArray[np.float64]) -> _Vector:
         """Return the projection of x on the directions through home, cut off at the first bound."""
-        way = within @ (within.T @ (x - home))
+        path = within @ (within.T @ (x - home))
         lower, upper = self.problem.coordinates.bounds
         home = np.clip(home, lower, upper)
         with np.errstate(divide="ignore", invalid="ignore"):
             room = np.where(
-                way > 0, (upper - home) / way, np.where(way < 0, (lower - home) / way, np.inf)
+                path > 0, (upper - home) / path, np.where(path < 0, (lower - home) / path, np.inf)
             )
         return np.asarray(
-            np.clip(home + min(1.0, float(room.min(initial=np.inf))) * way, lower, upper)
+            np.clip(home + min(1.0, float(room.min(initial=np.inf))) * path, lower, upper)
         )
 
     # -- shared ------------------------------------------------------------------------------------
-    def _with(self, coordinates: Coordinates) -> Problem:
+    def _replace_coordinates(self, coordinates: Coordinates) -> Problem:
         return self.problem.with_coordinates(coordinates)
 
-    def _after(self, fit: Fit) -> _Run:
+    def _set_unit(self, fit: Fit) -> _RegularisedFits:
         return replace(self, unit=fit.unit)
 
-    def _held(self, noises: Sequence[NoiseModel], fit: Fit) -> Sequence[NoiseModel]:
+    def _fix_noise(self, noises: Sequence[NoiseModel], fit: Fit) -> Sequence[NoiseModel]:
         """Return noise models fixed at the first fit's residual, the same for all strengths."""
-        if _broken(fit):
+        if _has_failed(fit):
             return noises
         held = []
         try:
             for part, noise in zip(self.problem.parts, noises, strict=True):
                 share = self.problem.share(part)
-                held.append(_Held(noise.refit(part.responses(fit.x), part.frf, share)))
+                held.append(_FixedNoise(noise.refit(part.responses(fit.x), part.frf, share)))
         except Stopped:  # the next fit stops as well
             return noises
         return held
 
-    def _spectrum(self, fit: Fit) -> Spectrum:
+    def _spectrum(self, fit: Fit) -> SingularSpectrum:
         """Return the spectrum of the problem linearised at the end of a fit, about the start.
 
         Unknowns with a prior adapt to the others; they are eliminated together with it.
@@ -568,21 +577,21 @@ class _Run:
         assert fit.local is not None
         local = fit.local if self.unit is None else divide_by_std(fit.local, self.unit / fit.unit)
         scale = _inflation(fit)
-        home, own = self.problem.coordinates.prior
-        A = np.vstack([local.R, np.diag(own)]) / scale
-        b = np.append(local.R @ (fit.x - home) - local.q, np.zeros(len(own))) / scale
+        home, weight = self.problem.coordinates.prior
+        A = np.vstack([local.R, np.diag(weight)]) / scale
+        b = np.append(local.R @ (fit.x - home) - local.q, np.zeros(len(weight))) / scale
         fixed = int((~self.free).sum())
         Q = scipy.linalg.qr(A[:, ~self.free])[0][:, fixed:] if fixed else np.eye(len(A))
         length = float(fit.noise[0].get("correlation_length", 1.0)) if fit.noise else 1.0
         rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0) / scale**2
         of_frfs = 2.0 * self.problem.n_values
         of_modes = self.problem.n_numbers - of_frfs
-        n_values = max(of_frfs / length + of_modes, len(own) + 1.0)
-        return Spectrum.of(Q.T @ A[:, self.free], Q.T @ b, rest, n_values, fixed)
+        n_values = max(of_frfs / length + of_modes, len(weight) + 1.0)
+        return SingularSpectrum.of(Q.T @ A[:, self.free], Q.T @ b, rest, n_values, fixed)
 
 
 @dataclass(frozen=True, slots=True)
-class _Held(WrappedNoise):
+class _FixedNoise(WrappedNoise):
     """Noise model that is not refitted."""
 
     base: NoiseModel
@@ -601,7 +610,7 @@ class _Held(WrappedNoise):
         return self.base.figures()
 
 
-def _broken(fit: Fit) -> bool:
+def _has_failed(fit: Fit) -> bool:
     """Return whether a fit has no local problem, or was stopped or failed."""
     return fit.local is None or fit.reason in ("stopped", "failed")
 
@@ -612,35 +621,39 @@ def _inflation(fit: Fit) -> float:
     return found if found > 0.0 and np.isfinite(found) else 1.0
 
 
-def _range(spectrum: Spectrum) -> tuple[float, float]:
+def _strength_range(spectrum: SingularSpectrum) -> tuple[float, float]:
     return WEAKEST, max(float(spectrum.s[0]), 10.0 * WEAKEST)
 
 
-def _rank(spectrum: Spectrum) -> int:
+def _rank(spectrum: SingularSpectrum) -> int:
     return int((spectrum.s > RANK_TOLERANCE * spectrum.s[0]).sum())
 
 
-def _number(spectrum: Spectrum) -> int:
+def _count_by_gcv(spectrum: SingularSpectrum) -> int:
     """Return the number of singular values with the least generalised cross-validation."""
-    return int(np.argmin([spectrum.gcv(spectrum.kept(k)) for k in range(_rank(spectrum) + 1)]))
+    return int(
+        np.argmin([spectrum.gcv(spectrum.truncation_filter(k)) for k in range(_rank(spectrum) + 1)])
+    )
 
 
-def _same(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+def _span_same_space(before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
     """Return whether two sets of orthonormal directions span the same space."""
     if before.shape != now.shape:
         return False
-    return now.shape[1] == 0 or bool(np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME)
+    return now.shape[1] == 0 or bool(
+        np.linalg.svd(before.T @ now, compute_uv=False)[-1] > _SAME_DIRECTION
+    )
 
 
-def _curve(
-    spectrum: Spectrum, shares: list[_Vector], axis: str, along: list[Any], here: _Vector
+def _trace_curve(
+    spectrum: SingularSpectrum, filters: list[_Vector], axis: str, along: list[Any], at_fit: _Vector
 ) -> dict[str, list[Any] | float]:
     """Return misfit over distance for the record, linearised at the end of the fit."""
     return {
         axis: along,
-        "misfit": list(map(spectrum.misfit, shares)),
-        "distance": list(map(spectrum.distance, shares)),
-        "gcv": list(map(spectrum.gcv, shares)),
-        "misfit here": spectrum.misfit(here),
-        "distance here": spectrum.distance(here),
+        "misfit": list(map(spectrum.misfit, filters)),
+        "distance": list(map(spectrum.distance, filters)),
+        "gcv": list(map(spectrum.gcv, filters)),
+        "misfit here": spectrum.misfit(at_fit),
+        "distance here": spectrum.distance(at_fit),
     }

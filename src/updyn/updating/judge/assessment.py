@@ -284,11 +284,11 @@ def _covariance_of_coordinates(
 ) -> NDArray[np.float64]:
     """Return the covariance of the optimiser's coordinates; inf for undetermined ones."""
     weight = problem.coordinates.prior[1]
-    if fit.pull is not None and fit.pull.within is not None:
-        known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.pull.within)
+    if fit.regularisation is not None and fit.regularisation.within is not None:
+        known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.regularisation.within)
         return np.asarray(known)
-    if fit.pull is not None:
-        weight = weight + fit.pull.weight
+    if fit.regularisation is not None:
+        weight = weight + fit.regularisation.weight
     rows = np.diag(weight)
     analysis = analyse_identifiability(
         np.vstack([fit.R, rows]),
@@ -312,7 +312,7 @@ def _widen_over_ratios(
 
     Return `spread` if this does not apply or if a ratio is known.
     """
-    if problem.modal or fit.pull is not None or fit.reason in _ABORTED:
+    if problem.modal or fit.regularisation is not None or fit.reason in _ABORTED:
         return spread
     floors = []
     for part, noise in zip(problem.parts, noises, strict=True):

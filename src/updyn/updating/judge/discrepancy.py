@@ -21,7 +21,7 @@ from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import WIDEST, complement
 from updyn.updating.problem.local import Local, join_locals
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, LineResidual, reduced
+from updyn.updating.problem.residuals import LineResidual, OutputErrorSet, reduce_residual
 from updyn.updating.problem.session import Record
 
 __all__ = ["Discrepancy", "estimate_discrepancy"]
@@ -81,7 +81,7 @@ class Discrepancy:
 def estimate_discrepancy(
     problem: Problem,
     fit: Fit,
-    residual: Each,
+    residual: OutputErrorSet,
     undetermined: _Real,
     *,
     size_known: bool,
@@ -95,7 +95,7 @@ def estimate_discrepancy(
         The problem that was fitted.
     fit : Fit
         The result of the fit.
-    residual : Each
+    residual : OutputErrorSet
         The output errors of the parts, in standard deviations of the noise.
     undetermined : ndarray of float, shape (n, k)
         Orthonormal basis of the undetermined directions.
@@ -128,9 +128,9 @@ def estimate_discrepancy(
         return None
     n, weight = problem.n, problem.coordinates.prior[1]
     within = complement(undetermined)
-    if fit.pull is not None:
-        weight = weight + fit.pull.weight
-        within = within if fit.pull.within is None else fit.pull.within
+    if fit.regularisation is not None:
+        weight = weight + fit.regularisation.weight
+        within = within if fit.regularisation.within is None else fit.regularisation.within
     norms = np.linalg.norm(local.R[:, n:], axis=0)
     is_effective = norms > _NEGLIGIBLE * norms.max(initial=0.0)
     rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0)
@@ -261,7 +261,7 @@ class _Components:
         return 0.5 * twice
 
 
-def _reduce_with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
+def _reduce_with_errors(problem: Problem, x: _Real, residual: OutputErrorSet) -> Local:
     """Return the reduced problem with the unknowns first, followed by the local changes.
 
     Raises `SolverError` if the model cannot be solved.
@@ -278,7 +278,7 @@ def _reduce_cached(residual: _LocalErrors, part: Part, x: _Real, n: int) -> Loca
     """Return the reduced problem of a part, from the cache if present."""
 
     def compute() -> Record:
-        local = reduced(residual, part, x, n)
+        local = reduce_residual(residual, part, x, n)
         return np.array(local.cost), local.R, local.q
 
     cost, R, q = part.recall(residual.name, x, compute, residual.weight, residual.dofs)

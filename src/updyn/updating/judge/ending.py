@@ -77,7 +77,12 @@ def assess_ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ())
     `history` holds the steps of the fit.
     """
     local, size = fit.local, float(np.linalg.norm(fit.R))
-    if local is None or size == 0.0 or not np.isfinite(local.cost) or fit.pull is not None:
+    if (
+        local is None
+        or size == 0.0
+        or not np.isfinite(local.cost)
+        or fit.regularisation is not None
+    ):
         return None
     # Scale the residual to the standard deviations by which the fit weighted data against priors,
     # before they were widened for a correlated residual.

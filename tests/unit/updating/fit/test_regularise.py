@@ -17,7 +17,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import (
     CHOICES,
     Regularised,
-    Spectrum,
+    SingularSpectrum,
     check_regularise,
     corner,
     discrepancy,
@@ -108,7 +108,7 @@ def test_a_stated_strength_is_tikhonov(problem, linear, strength):
         linear.A.T @ linear.A + strength**2 * np.eye(6), linear.A.T @ linear.b
     )
     assert fit.x == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    assert fit.pull.record["prior_std"] == pytest.approx(1.0 / strength)
+    assert fit.regularisation.record["prior_std"] == pytest.approx(1.0 / strength)
 
 
 @pytest.mark.parametrize(
@@ -116,17 +116,19 @@ def test_a_stated_strength_is_tikhonov(problem, linear, strength):
 )
 def test_the_choice_on_a_linear_problem_is_that_of_its_spectrum(problem, linear, how, choose):
     fit = fitted(problem, linear, how)
-    strength = choose(Spectrum.of(linear.A, linear.b), 1.0, 300.0)
-    assert fit.pull.record["strength"] == pytest.approx(strength, rel=0.05)
-    found = fit.pull.record["strength"]
+    strength = choose(SingularSpectrum.of(linear.A, linear.b), 1.0, 300.0)
+    assert fit.regularisation.record["strength"] == pytest.approx(strength, rel=0.05)
+    found = fit.regularisation.record["strength"]
     expected = np.linalg.solve(linear.A.T @ linear.A + found**2 * np.eye(6), linear.A.T @ linear.b)
     assert fit.x == pytest.approx(expected, rel=1e-8, abs=1e-11)
-    assert fit.pull.record["misfit here"] == pytest.approx(
+    assert fit.regularisation.record["misfit here"] == pytest.approx(
         np.linalg.norm(linear.A @ fit.x - linear.b), rel=1e-9
     )
-    assert fit.pull.record["distance here"] == pytest.approx(np.linalg.norm(fit.x), rel=1e-8)
-    assert (np.diff(fit.pull.record["misfit"]) >= 0).all()
-    assert (np.diff(fit.pull.record["distance"]) <= 0).all()
+    assert fit.regularisation.record["distance here"] == pytest.approx(
+        np.linalg.norm(fit.x), rel=1e-8
+    )
+    assert (np.diff(fit.regularisation.record["misfit"]) >= 0).all()
+    assert (np.diff(fit.regularisation.record["distance"]) <= 0).all()
 
 
 @pytest.mark.parametrize("number", [1, 3, 6])
@@ -135,7 +137,7 @@ def test_truncated_singular_values_are_the_pseudo_inverse(problem, linear, numbe
     U, s, Vt = np.linalg.svd(linear.A, full_matrices=False)
     expected = np.linalg.pinv((U[:, :number] * s[:number]) @ Vt[:number], rcond=1e-10) @ linear.b
     assert np.abs(fit.x - expected).max() < 1e-10
-    assert fit.pull.record["kept"] == number
+    assert fit.regularisation.record["kept"] == number
 
 
 def test_tsvd_chooses_its_number_by_gcv(problem, linear):
@@ -145,7 +147,7 @@ def test_tsvd_chooses_its_number_by_gcv(problem, linear):
     misfit = [linear.b @ linear.b - np.sum(beta[:k] ** 2) for k in range(7)]
     gcv = [misfit[k] / (40 - k) ** 2 for k in range(7)]
     number = int(np.argmin(gcv))
-    assert fit.pull.record["kept"] == number
+    assert fit.regularisation.record["kept"] == number
     assert fit.x == pytest.approx(Vt[:number].T @ (beta[:number] / s[:number]), abs=1e-10)
 
 
@@ -154,10 +156,10 @@ def test_where_nothing_is_determined_tsvd_stays_at_the_start(problem):
     fit = fitted(
         problem, Linear(1e-3 * rng.standard_normal((40, 6)), rng.standard_normal(40)), "tsvd"
     )
-    assert fit.pull.record["kept"] == 0
+    assert fit.regularisation.record["kept"] == 0
     assert (fit.x == 0.0).all()
-    assert fit.pull.within.shape == (6, 0)
-    assert "had not settled" not in fit.pull.note
+    assert fit.regularisation.within.shape == (6, 0)
+    assert "had not settled" not in fit.regularisation.note
 
 
 def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
@@ -175,7 +177,7 @@ def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
     weight = np.where(own > 0, own, 3.0)
     expected = np.linalg.solve(linear.A.T @ linear.A + np.diag(weight**2), linear.A.T @ linear.b)
     assert fit.x == pytest.approx(expected, rel=1e-8)
-    assert fit.pull.weight.tolist() == [3.0, 0.0, 3.0, 3.0, 0.0, 3.0]
+    assert fit.regularisation.weight.tolist() == [3.0, 0.0, 3.0, 3.0, 0.0, 3.0]
 
     def gcv(strength):
         weight = np.where(own > 0, own, strength)
@@ -187,10 +189,10 @@ def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
         trace = np.trace(B @ np.linalg.solve(B.T @ B + strength**2 * np.eye(4), B.T))
         return cost / (40 - trace - 2) ** 2
 
-    found = fitted(problem, linear, "gcv").pull.record["strength"]
+    found = fitted(problem, linear, "gcv").regularisation.record["strength"]
     assert gcv(found) <= 1.001 * min(gcv(s) for s in np.geomspace(1.0, 300.0, 200))
     fit = fitted(problem, linear, "tsvd:2")
-    assert fit.pull.within.shape == (6, 4)
+    assert fit.regularisation.within.shape == (6, 4)
 
 
 def test_steps_in_a_subspace_stay_there_and_within_the_bounds():
@@ -260,9 +262,11 @@ def test_the_choice_gains_where_the_data_say_little_and_loses_nothing_where_they
     for _ in range(50):
         truth = setting.spread * rng.standard_normal(setting.n)
         rest = rng.chisquare(m - setting.n)
-        spectrum = Spectrum.of(R, R @ truth + rng.standard_normal(setting.n), rest, m)
+        spectrum = SingularSpectrum.of(R, R @ truth + rng.standard_normal(setting.n), rest, m)
         strength = choose(spectrum, 1.0, max(10.0, float(spectrum.s[0])))
-        plain, held = (spectrum.solution(spectrum.passed(g)) - truth for g in (0.0, strength))
+        plain, held = (
+            spectrum.solution(spectrum.tikhonov_filter(g)) - truth for g in (0.0, strength)
+        )
         errors.append((np.mean(plain**2), np.mean(held**2)))
     plain, held = np.sqrt(np.mean(errors, axis=0))
     assert held < (0.5 * plain if setting is study.ILL else 1.05 * plain)
@@ -290,8 +294,8 @@ def pulled(badly):
 def test_the_result_says_how_it_was_regularised(pulled, tmp_path):
     record = pulled.options["regularisation"]
     assert pulled.options["regularise"] == record["how"] == "gcv"
-    assert f"priors of standard deviation {record['prior_std']:.3g}; " in pulled.message
-    assert "the bias is not in them" in pulled.message
+    assert f"priors of standard deviation {record['prior_std']:.3g}. " in pulled.message
+    assert "but not the bias" in pulled.message
     assert len(record["strengths"]) == len(record["misfit"]) == len(record["distance"]) == 41
     assert result_to_json(pulled)["options"]["regularisation"]["strength"] == record["strength"]
     updyn.write_result(pulled, tmp_path / "run.nc")
@@ -405,7 +409,7 @@ def test_more_directions_than_unknowns_and_nothing_to_regularise(badly):
     with pytest.raises(OptionError, match="expected at most 5 directions"):
         updyn.update(model, frf, unknowns, regularise="tsvd:6", starts=0)
     held = updyn.parameters(model, stiffness="all", prior_std={"stiffness": 0.1})
-    with pytest.raises(OptionError, match="every unknown has a prior of its own"):
+    with pytest.raises(OptionError, match="every unknown has a prior already"):
         updyn.update(model, frf, held, regularise="gcv", starts=0)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from updyn.updating.fit.regularisation import Spectrum, corner, discrepancy, minimum
+from updyn.updating.fit.regularisation import SingularSpectrum, corner, discrepancy, minimum
 
 RNG = np.random.default_rng(5)
 
@@ -47,8 +47,8 @@ def gcv(A, b, strength):
 @pytest.mark.parametrize("shape", [(9, 5), (5, 5), (4, 6)])
 def test_solution_misfit_distance_and_freedom(shape, strength):
     A, b = 10.0 * RNG.standard_normal(shape), 10.0 * RNG.standard_normal(shape[0])
-    spectrum, z = Spectrum.of(A, b), solve(A, b, strength)
-    shares = spectrum.passed(strength)
+    spectrum, z = SingularSpectrum.of(A, b), solve(A, b, strength)
+    shares = spectrum.tikhonov_filter(strength)
     assert spectrum.solution(shares) == pytest.approx(z, rel=1e-9, abs=1e-12)
     assert spectrum.misfit(shares) == pytest.approx(np.linalg.norm(A @ z - b), rel=1e-9)
     assert spectrum.distance(shares) == pytest.approx(np.linalg.norm(z), rel=1e-9)
@@ -60,13 +60,15 @@ def test_solution_misfit_distance_and_freedom(shape, strength):
 
 def test_truncated_singular_values_are_the_pseudo_inverse():
     A, b = RNG.standard_normal((12, 7)), RNG.standard_normal(12)
-    spectrum = Spectrum.of(A, b)
+    spectrum = SingularSpectrum.of(A, b)
     U, s, Vt = np.linalg.svd(A, full_matrices=False)
     for k in range(1, 8):
         Ak = (U[:, :k] * s[:k]) @ Vt[:k]
         z = np.linalg.pinv(Ak, rcond=1e-10) @ b
-        assert spectrum.solution(spectrum.kept(k)) == pytest.approx(z, rel=1e-10, abs=1e-12)
-        assert spectrum.misfit(spectrum.kept(k)) == pytest.approx(
+        assert spectrum.solution(spectrum.truncation_filter(k)) == pytest.approx(
+            z, rel=1e-10, abs=1e-12
+        )
+        assert spectrum.misfit(spectrum.truncation_filter(k)) == pytest.approx(
             np.linalg.norm(A @ z - b), rel=1e-10
         )
 
@@ -76,16 +78,16 @@ def test_a_reduced_problem_is_the_whole_one():
     A, b = RNG.standard_normal((30, 4)), RNG.standard_normal(30)
     Q, R = np.linalg.qr(A)
     q = Q.T @ b
-    whole, reduced = Spectrum.of(A, b), Spectrum.of(R, q, float(b @ b - q @ q), 30)
+    whole, reduced = SingularSpectrum.of(A, b), SingularSpectrum.of(R, q, float(b @ b - q @ q), 30)
     for strength in (0.1, 3.0):
-        shares = whole.passed(strength)
+        shares = whole.tikhonov_filter(strength)
         assert reduced.gcv(shares) == pytest.approx(whole.gcv(shares), rel=1e-12)
         assert reduced.curvature(strength) == pytest.approx(whole.curvature(strength), rel=1e-9)
 
 
 def test_gcv_is_at_the_minimum_of_its_formula(problem):
     A, b, _ = problem
-    found = minimum(Spectrum.of(A, b), 1e-3, 1e3)
+    found = minimum(SingularSpectrum.of(A, b), 1e-3, 1e3)
     grid = np.geomspace(1e-3, 1e3, 300)
     best = grid[np.argmin([gcv(A, b, g) for g in grid])]
     direct = scipy.optimize.minimize_scalar(
@@ -103,7 +105,7 @@ def test_the_corner_is_where_differences_curve_most(problem):
     Y = np.log([np.linalg.norm(v) for v in z])
     dX, dY = np.gradient(X, logs), np.gradient(Y, logs)
     kappa = (dX * np.gradient(dY, logs) - np.gradient(dX, logs) * dY) / (dX**2 + dY**2) ** 1.5
-    spectrum = Spectrum.of(A, b)
+    spectrum = SingularSpectrum.of(A, b)
     middle = slice(20, -20)
     mine = np.array([spectrum.curvature(float(np.exp(t))) for t in logs])
     assert mine[middle] == pytest.approx(kappa[middle], abs=2e-2 * np.abs(kappa).max())
@@ -118,12 +120,14 @@ def test_each_choice_finds_the_image_that_plain_least_squares_loses(choice):
     A, rng, errors = A / 1e-2, np.random.default_rng(0), []
     for _ in range(20):
         b = A @ x + rng.standard_normal(32)
-        spectrum = Spectrum.of(A, b)
+        spectrum = SingularSpectrum.of(A, b)
         best = min(
-            np.linalg.norm(spectrum.solution(spectrum.passed(g)) - x)
+            np.linalg.norm(spectrum.solution(spectrum.tikhonov_filter(g)) - x)
             for g in np.geomspace(1e-3, 1e3, 60)
         )
-        error = np.linalg.norm(spectrum.solution(spectrum.passed(choice(spectrum, 1e-3, 1e3))) - x)
+        error = np.linalg.norm(
+            spectrum.solution(spectrum.tikhonov_filter(choice(spectrum, 1e-3, 1e3))) - x
+        )
         errors.append((error, best, np.linalg.norm(np.linalg.lstsq(A, b)[0] - x)))
     error, best, plain = np.median(errors, axis=0)
     assert error < 2.0 * best < 1e-3 * plain
@@ -132,18 +136,18 @@ def test_each_choice_finds_the_image_that_plain_least_squares_loses(choice):
 def test_discrepancy_by_hand():
     """One singular value: what is given up holds its noise and a standard deviation more."""
     s, beta = 10.0, 5.0
-    spectrum = Spectrum(np.array([s]), np.array([beta]), np.eye(1), 0.0, 1.0)
+    spectrum = SingularSpectrum(np.array([s]), np.array([beta]), np.eye(1), 0.0, 1.0)
     strength = discrepancy(spectrum, 1e-3, 1e3)
     g = strength**2 / (s**2 + strength**2)
     assert g * beta**2 == pytest.approx(1.0 + np.sqrt(2.0), rel=1e-6)
-    quiet = Spectrum(np.array([s]), np.array([0.5]), np.eye(1), 0.0, 1.0)
+    quiet = SingularSpectrum(np.array([s]), np.array([0.5]), np.eye(1), 0.0, 1.0)
     assert discrepancy(quiet, 1e-3, 1e3) == 1e3
 
 
 def test_unknowns_that_are_not_regularised_take_up_their_freedom():
     A, b = RNG.standard_normal((20, 3)), RNG.standard_normal(20)
-    spectrum = Spectrum.of(A, b, fixed=2)
-    assert spectrum.freedom(spectrum.kept(3)) == 5
-    assert spectrum.gcv(spectrum.kept(3)) == pytest.approx(
-        20 * spectrum.misfit(spectrum.kept(3)) ** 2 / 15**2
+    spectrum = SingularSpectrum.of(A, b, fixed=2)
+    assert spectrum.freedom(spectrum.truncation_filter(3)) == 5
+    assert spectrum.gcv(spectrum.truncation_filter(3)) == pytest.approx(
+        20 * spectrum.misfit(spectrum.truncation_filter(3)) ** 2 / 15**2
     )

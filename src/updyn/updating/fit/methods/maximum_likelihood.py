@@ -230,7 +230,7 @@ class MaximumLikelihood(SearchingMethod):
         if self._has_data_fault(models.rough, monitor, at):
             return []
         # At most as many steps as the fit took, if each costs more than a step of the fit.
-        most = max(len(monitor.history), _FEWEST) if models.ranks else None
+        most = max(len(monitor.history), _FEWEST) if models.only_ranks else None
         with monitor.stage("other answers"):
             points = [*points, *self._find_starting_points(models, monitor, at)]
             found = self._fit_promising(models, noises, points, monitor, at, most)
