@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
-from updyn.notebook import Curve, card, curves
+from updyn.notebook import PlotCurve, card, curves
 from updyn.units import RATES, Unit, find_ratio, find_unit
 
 if TYPE_CHECKING:
@@ -261,10 +261,10 @@ class FRF:
     def _repr_html_(self) -> str:
         size = np.abs(self.values).reshape(len(self.freq), -1)
         pairs = [(i, j) for i in self.responses.labels for j in self.references.labels]
-        shown = [Curve(f"{i} / {j}", size[:, k]) for k, (i, j) in enumerate(pairs)]
+        shown = [PlotCurve(f"{i} / {j}", size[:, k]) for k, (i, j) in enumerate(pairs)]
         if len(pairs) > _DRAWN:
             rms = np.sqrt(np.mean(size**2, axis=1))
-            shown = [Curve(f"rms of {len(pairs)} channels", rms)]
+            shown = [PlotCurve(f"rms of {len(pairs)} channels", rms)]
         units = ", ".join(dict.fromkeys(unit(self.quantity, i, j) for i, j in pairs))
         title = f"{self.quantity} ({units})"
         if len(shown) == 1:

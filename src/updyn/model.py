@@ -34,7 +34,7 @@ from updyn.group import (
     is_number,
     read_only,
 )
-from updyn.notebook import card, structure, table, viewed
+from updyn.notebook import card, render_view, structure, table
 
 __all__ = ["GROUP_QUANTITIES", "VALUES", "Group", "Matrix", "Model"]
 
@@ -183,7 +183,7 @@ class Model:
             has = [what for what in MATRICES if getattr(group, what) is not None]
             rows.append((name, ", ".join(has), group.damping_words))
         facts = {"DOFs": self.n_dofs, "groups": len(self.groups)}
-        picture = viewed(self, self._picture)
+        picture = render_view(self, self._picture)
         groups = table(("group", "has", "damping"), rows, left=(0, 1, 2))
         return card(f"Model {self.title}".rstrip(), facts, picture, groups)
 

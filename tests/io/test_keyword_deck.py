@@ -10,8 +10,8 @@ from deck_samples import bar
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix.model import read_parts
-from updyn.io.consistent_units import check_materials, system
-from updyn.io.keyword_deck.cards import read_cards, short_number
+from updyn.io.consistent_units import check_materials, find_units
+from updyn.io.keyword_deck.cards import format_number, read_cards
 from updyn.io.keyword_deck.structure import nodes_by_shape, read_deck, read_properties
 from updyn.shapes import edges_of, faces_of
 
@@ -275,7 +275,7 @@ def test_moduli_of_each_kind_of_elasticity(tmp_path):
     "value", [0.3, 7850, 2.1e11 / 3, 1 / 3e9, -1.2345678901234567e-100, 5e-324, 1.7e308, 1e22]
 )
 def test_numbers_fit_twenty_characters(value):
-    text = short_number(value)
+    text = format_number(value)
     assert len(text) <= 20
     assert "." in text
     assert float(text) == pytest.approx(value, rel=1e-12, abs=0)
@@ -285,19 +285,19 @@ def test_units_become_si():
     dofs = DofSet(["1:X", "1:RX"])
     one = np.ones((2, 2))
     np.testing.assert_allclose(
-        system("mm").to_si(one, dofs).toarray(), [[1e3, 1.0], [1.0, 1e-3]], rtol=1e-14
+        find_units("mm").to_si(one, dofs).toarray(), [[1e3, 1.0], [1.0, 1e-3]], rtol=1e-14
     )
-    inch = system("in").to_si(one, dofs).toarray()
+    inch = find_units("in").to_si(one, dofs).toarray()
     # 1 lbf/in = 175.126835 N/m, 1 lbf = 4.4482216 N, 1 lbf in = 0.112984829 N m (NIST SP 811,
     # appendix B.8).
     np.testing.assert_allclose(
         inch, [[175.126835, 4.4482216152605], [4.4482216152605, 0.112984829]], rtol=1e-8
     )
-    assert system("mm").pressure == pytest.approx(1e6)
-    assert system("mm").density == pytest.approx(1e12)  # t/mm3
-    assert system("in").pressure == pytest.approx(6894.757, rel=1e-7)
+    assert find_units("mm").pressure == pytest.approx(1e6)
+    assert find_units("mm").density == pytest.approx(1e12)  # t/mm3
+    assert find_units("in").pressure == pytest.approx(6894.757, rel=1e-7)
     with pytest.raises(OptionError, match=r"unit 'cm'; .*Consistent units: 'm' \(m, N, kg\)"):
-        system("cm")
+        find_units("cm")
 
 
 @pytest.mark.parametrize(
@@ -315,7 +315,7 @@ def test_materials_that_are_no_solids_in_the_unit_stated(unit, E, rho, hint):
     with pytest.warns(
         UpdynWarning, match=rf"material 'a': .*not plausible in unit = '{unit}' .*{hint}"
     ):
-        check_materials([("a", E, rho)], system(unit), "d.inp")
+        check_materials([("a", E, rho)], find_units(unit), "d.inp")
 
 
 def test_materials_that_are_solids():
@@ -325,9 +325,9 @@ def test_materials_that_are_solids():
         ("foam", 1e5, 30.0),
         ("diamond", 1.05e12, 3500.0),
     ]
-    check_materials([*solids, ("massless", 2e11, None)], system("m"), "d.inp")
-    check_materials([("steel", 2.1e5, 7.85e-9)], system("mm"), "d.inp")
-    check_materials([("steel", 3.0e7, 7.3e-4)], system("in"), "d.inp")
+    check_materials([*solids, ("massless", 2e11, None)], find_units("m"), "d.inp")
+    check_materials([("steel", 2.1e5, 7.85e-9)], find_units("mm"), "d.inp")
+    check_materials([("steel", 3.0e7, 7.3e-4)], find_units("in"), "d.inp")
 
 
 def timed(limit=5.0):

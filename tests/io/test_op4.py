@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 from updyn.errors import FormatError
-from updyn.io.nastran.fields import real, text_of
+from updyn.io.nastran.fields import format_field, parse_nastran_real
 from updyn.io.nastran.op4 import read_op4, select, write_op4
 
 RNG = np.random.default_rng(4)
@@ -251,15 +251,15 @@ def test_selection_and_names(tmp_path):
     ],
 )
 def test_numbers_of_a_deck(text, value):
-    assert real(text) == value
+    assert parse_nastran_real(text) == value
 
 
 def test_numbers_that_are_written_come_back():
     for value in RNG.standard_normal(300) * 10.0 ** RNG.integers(-30, 30, 300):
-        assert len(text_of(value, 16)) <= 16
-        assert real(text_of(value, 16)) == pytest.approx(value, rel=1e-10)
-        assert real(text_of(value, 8)) == pytest.approx(value, rel=0.05)
-    assert [text_of(x, 8) for x in (2.1e11, 0.0, 1.0, -7850.0, 1e-3)] == [
+        assert len(format_field(value, 16)) <= 16
+        assert parse_nastran_real(format_field(value, 16)) == pytest.approx(value, rel=1e-10)
+        assert parse_nastran_real(format_field(value, 8)) == pytest.approx(value, rel=0.05)
+    assert [format_field(x, 8) for x in (2.1e11, 0.0, 1.0, -7850.0, 1e-3)] == [
         "2.1+11",
         "0.0",
         "1.0",
@@ -268,4 +268,4 @@ def test_numbers_that_are_written_come_back():
     ]
     for text in ("abc", "1.5e", "", "1.5.2"):
         with pytest.raises(ValueError, match="is not a number"):
-            real(text)
+            parse_nastran_real(text)

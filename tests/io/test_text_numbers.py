@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError
-from updyn.io.text_numbers import check_last_line, number_rows, real_of, whole_of
+from updyn.io.text_numbers import check_last_line, parse_integer, parse_real, parse_rows
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ from updyn.io.text_numbers import check_last_line, number_rows, real_of, whole_o
     [("1", 1.0), (" -1.5 ", -1.5), (".5", 0.5), ("+2.", 2.0), ("1e3", 1000.0), ("2.5D-01", 0.25), ("3d+2", 300.0)],
 )  # fmt: skip
 def test_numbers_as_programs_write_them(text, value):
-    assert real_of(text) == value
+    assert parse_real(text) == value
 
 
 @pytest.mark.parametrize(
@@ -23,27 +23,27 @@ def test_numbers_as_programs_write_them(text, value):
 )  # fmt: skip
 def test_other_texts_are_no_numbers(text):
     with pytest.raises(ValueError, match="number"):
-        real_of(text)
+        parse_real(text)
     with pytest.raises(ValueError, match="number"):
-        whole_of(text)
+        parse_integer(text)
 
 
 def test_whole_numbers_fit_64_bits():
-    assert whole_of("-999999999999999999") == 1 - 10**18
+    assert parse_integer("-999999999999999999") == 1 - 10**18
     for text in ("1" * 19, "9" * 5000, "1.0", "1e3"):
         with pytest.raises(ValueError, match="is not a whole number"):
-            whole_of(text)
+            parse_integer(text)
 
 
 def test_rows_with_comments_commas_and_empty_lines():
     raw = b"* all\n1, 2,3.5D1\n\n 4 5 -6\r\n 7,8, 9,\n"
-    rows = number_rows(raw, "iir", "a row", "f", commas=True, comment=b"*")
+    rows = parse_rows(raw, "iir", "a row", "f", commas=True, comment=b"*")
     np.testing.assert_array_equal(rows, [[1, 2, 35.0], [4, 5, -6.0], [7, 8, 9.0]])
 
 
 @pytest.mark.parametrize("raw", [b"", b"\n", b" \n\t\n", b"* all\n\n"])
 def test_blank_lines_are_no_rows(raw):
-    assert number_rows(raw, "iir", "a row", "f", comment=b"*").shape == (0, 3)
+    assert parse_rows(raw, "iir", "a row", "f", comment=b"*").shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_blank_lines_are_no_rows(raw):
 )
 def test_the_first_line_that_is_no_row_is_told(raw, message):
     with pytest.raises(FormatError, match=re.escape(message).replace("xff", ".{0,2}xff")):
-        number_rows(raw, "iir", "a row", "f", 10)
+        parse_rows(raw, "iir", "a row", "f", 10)
 
 
 def test_last_lines():

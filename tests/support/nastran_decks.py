@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from updyn.errors import FormatError
-from updyn.io.nastran.fields import text_of
+from updyn.io.nastran.fields import format_field
 from updyn.io.nastran.mystran import find_executable
 
 NX, NY = 6, 4
@@ -82,10 +82,10 @@ def plate(case: str = "SPC = 1\nMPC = 9\n", extra: str = "", mm: bool = False) -
     ]
     lines += [f"MPC,9,{number(0, 1)},3,1.,{number(0, 2)},3,-1."]
     lines += [f"SPC1,1,2,{corners[0]},{corners[2]}"]
-    lines += [f"PSHELL,1,1,{0.004 * s},1,,1,,{text_of(rho * 0.001 * s)}"]
+    lines += [f"PSHELL,1,1,{0.004 * s},1,,1,,{format_field(rho * 0.001 * s)}"]
     lines += [f"PSHELL,2,1,{0.003 * s},1,,1"]
     lines += ["PBARL,3,1,,BAR,,,,,", f",{0.01 * s},{0.02 * s}"]
     lines += [f"PELAS,4,{k},0.04", "PSOLID,6,2,,2,,1", f"PBUSH,8,K,{k},{k},{k},{kr},{kr},{kr}"]
-    lines += [f"MAT1,1,{text_of(E)},,0.33,{text_of(rho)},,,0.02"]
-    lines += [f"MAT1,2,{text_of(steel[0])},,0.3,{text_of(steel[1])}"]
+    lines += [f"MAT1,1,{format_field(E)},,0.33,{format_field(rho)},,,0.02"]
+    lines += [f"MAT1,2,{format_field(steel[0])},,0.3,{format_field(steel[1])}"]
     return "\n".join([*lines, extra, "ENDDATA", ""])

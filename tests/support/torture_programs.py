@@ -449,7 +449,7 @@ def _journal() -> Sample:
     def write(folder: Path) -> None:
         journal = Checkpoint(folder / "run.journal", head)
         for i, key in enumerate(keys):
-            journal.put(key, (np.arange(3.0) + i, np.array([1j * i])))
+            journal.store(key, (np.arange(3.0) + i, np.array([1j * i])))
         journal.close()
 
     def read(folder: Path) -> Content:

@@ -13,7 +13,7 @@ from updyn.control.antiresonances import ZeroShift
 from updyn.control.ports import Port
 from updyn.errors import DataError, ModelError, OptionError, suggest
 from updyn.frf import FRF, check_lines, check_quantity
-from updyn.notebook import Curve, card, curves, table
+from updyn.notebook import PlotCurve, card, curves, table
 
 __all__ = ["Plant", "PlantResponse"]
 
@@ -215,7 +215,7 @@ class Plant:
             return ""
         pairs = list(np.ndindex(values.shape[1:]))
         shown = [
-            Curve(f"{self.outputs[i]} / {self.inputs[j]}", np.abs(values[:, i, j]))
+            PlotCurve(f"{self.outputs[i]} / {self.inputs[j]}", np.abs(values[:, i, j]))
             for i, j in pairs
         ]
         title = "magnitude (output over input, in their units)"

@@ -23,14 +23,14 @@ from updyn.control.passivity import active_part, constrained_least_squares, viol
 from updyn.control.rational import Rational, SlowMotion, states_of_poles
 from updyn.control.space import laplace_variable
 from updyn.control.target import ResponseTarget
-from updyn.modal.vector_fitting import Basis, relocated, stacked
+from updyn.modal.vector_fitting import RationalBasis, compute_sigma_zeros, stack_equations
 
 __all__ = ["Approximation"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-_BASIS = Basis(0, mirrored=True)
+_BASIS = RationalBasis(0, mirrored=True)
 #: Iterations of vector fitting, those with updated weights, and those of the outputs.
 _SWEEPS, _FOLLOWING, _OUTPUTS = 8, 16, 12
 #: A fit whose largest error is this many times the tolerance is not refined.
@@ -550,9 +550,9 @@ def _fit_poles(
     for j, power in enumerate(powers):
         w = W[:, [j]]
         Q = np.linalg.qr(_BASIS.parts(_numerators(x, inner, rest, int(power), still) * w))[0]
-        triangle = stacked(triangle, _BASIS.parts(w * Y[:, [j]] * sigma), Q)
+        triangle = stack_equations(triangle, _BASIS.parts(w * Y[:, [j]] * sigma), Q)
     try:
-        return relocated(_BASIS, x, poles, triangle)
+        return compute_sigma_zeros(_BASIS, x, poles, triangle)
     except (np.linalg.LinAlgError, ValueError):  # two poles coincide
         return poles
 

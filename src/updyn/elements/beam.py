@@ -25,14 +25,14 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import (
     check_keys,
+    check_not_negative,
+    check_number,
+    check_poisson_ratio,
+    check_positive,
     is_whole,
     make_parts,
-    not_negative,
-    number,
-    parts_of_table,
-    poisson_ratio,
-    positive,
-    reals,
+    read_parts,
+    to_reals,
 )
 from updyn.errors import ModelError
 from updyn.exchanged import AxisExchange, StiffnessAndMass
@@ -213,11 +213,11 @@ def beam(
     """
     common = {"E": E, "rho": rho, "width": width, "height": height}
     for name, value in {"length": length, **common}.items():
-        positive("beam", name, value)
-    poisson_ratio("beam", nu)
+        check_positive("beam", name, value)
+    check_poisson_ratio("beam", nu)
     if shear_coefficient is None:
         shear_coefficient = 10 * (1 + nu) / (12 + 11 * nu)
-    kappa = positive("beam", "shear_coefficient", shear_coefficient)
+    kappa = check_positive("beam", "shear_coefficient", shear_coefficient)
     all_segments = make_parts(Segment, segments) or [Segment("beam", 0.0, length)]
     all_supports = make_parts(BeamSupport, supports)
     all_masses = make_parts(BeamMass, masses)
@@ -269,7 +269,7 @@ def beam_from_table(table: Mapping[str, Any]) -> Model:
         raise ModelError(f"model: kind {kind!r}; expected 'beam'")
     check_keys("model", data, _REQUIRED_KEYS, (*_OPTIONAL_KEYS, *_TABLES))
     for key, part in _TABLES.items():
-        data[key] = parts_of_table(data, key, part)
+        data[key] = read_parts(data, key, part)
     stations = data.get("stations")
     if isinstance(stations, Mapping):
         data["stations"] = {_node_number(key): x for key, x in stations.items()}
@@ -379,10 +379,10 @@ def _segment_group(
     for name in common:
         value = getattr(segment, name)
         if value is not None:
-            properties[name] = positive(what, name, value)
+            properties[name] = check_positive(what, name, value)
     if segment.loss_factor is not None:
         loss_factor = segment.loss_factor
-    viscous = not_negative(what, "viscous", segment.viscous)
+    viscous = check_not_negative(what, "viscous", segment.viscous)
     A = properties["width"] * properties["height"]
     second_moment = properties["width"] * properties["height"] ** 3 / 12
     mass_per_length = properties["rho"] * A
@@ -442,7 +442,7 @@ def _support_groups(x: NDArray[np.float64], supports: Sequence[BeamSupport]) -> 
         viscous = np.zeros((len(x), 2))
         for support in same:
             for key in ("stiffness", "rotational_stiffness", "viscous"):
-                not_negative(what, key, getattr(support, key))
+                check_not_negative(what, key, getattr(support, key))
             at = _find_nearest(x, support.x)
             stiffness[at] += support.stiffness, support.rotational_stiffness
             viscous[at, 0] += support.viscous
@@ -466,8 +466,8 @@ def _mass_groups(x: NDArray[np.float64], masses: Sequence[BeamMass]) -> dict[str
     diagonals: dict[str, NDArray[np.float64]] = {}
     for mass in masses:
         what = f"mass {mass.name!r}"
-        positive(what, "mass", mass.mass)
-        not_negative(what, "rotary_inertia", mass.rotary_inertia)
+        check_positive(what, "mass", mass.mass)
+        check_not_negative(what, "rotary_inertia", mass.rotary_inertia)
         diagonal = diagonals.setdefault(mass.name, np.zeros((len(x), 2)))
         diagonal[_find_nearest(x, mass.x)] += mass.mass, mass.rotary_inertia
     return {name: Group(mass=_diagonal_matrix(values)) for name, values in diagonals.items()}
@@ -499,7 +499,7 @@ def _node_positions(
     `nodes` gives all positions; otherwise no element is longer than `length` / `n_elements`
     (default 100).
     """
-    checked = [(what, number(what, "position", x)) for what, x in places]
+    checked = [(what, check_number(what, "position", x)) for what, x in places]
     for what, x in checked:
         if not -_SAME * length <= x <= (1 + _SAME) * length:
             raise ModelError(
@@ -531,7 +531,7 @@ def _read_nodes(
     length: float, places: Iterable[tuple[str, float]], nodes: ArrayLike
 ) -> NDArray[np.float64]:
     try:
-        x = reals(nodes)
+        x = to_reals(nodes)
     except ValueError as error:
         raise ModelError(f"beam: nodes are not numbers ({error})", key=("nodes",)) from error
     tolerance = _SAME * length
@@ -563,13 +563,13 @@ def _read_stations(
                 raise ModelError(
                     f"station {node!r}: expected a node number of at least 1", key=("stations",)
                 )
-        return [(number(f"station {k}", "position", x), int(k)) for k, x in stations.items()]
+        return [(check_number(f"station {k}", "position", x), int(k)) for k, x in stations.items()]
     if isinstance(stations, str) or not isinstance(stations, Iterable):
         raise ModelError(
             f"stations {stations!r}: expected positions in m, or node numbers with positions",
             key=("stations",),
         )
-    return [(number("station", "position", x), None) for x in stations]
+    return [(check_number("station", "position", x), None) for x in stations]
 
 
 def _node_numbers(

@@ -14,29 +14,29 @@ from updyn.dofs import whole_numbers
 from updyn.errors import ModelError, key_path, suggest
 
 __all__ = [
+    "check_connectivity",
+    "check_floats",
     "check_keys",
+    "check_material",
     "check_name",
-    "connectivity",
+    "check_node_number",
+    "check_not_negative",
+    "check_number",
+    "check_pair",
+    "check_poisson_ratio",
+    "check_positive",
+    "check_positive_or_none",
+    "check_six",
+    "check_vector",
+    "check_whole",
     "field_names",
-    "floats",
-    "from_row",
     "is_whole",
     "make_parts",
-    "material",
-    "node_number",
-    "not_negative",
-    "number",
-    "pair",
-    "parts_of_table",
-    "poisson_ratio",
-    "positive",
-    "positive_or_none",
+    "read_parts",
+    "read_row",
     "read_rows",
-    "reals",
-    "six",
-    "store",
-    "vector",
-    "whole",
+    "set_fields",
+    "to_reals",
 ]
 
 _T = TypeVar("_T")
@@ -44,7 +44,7 @@ LARGEST_NODE = 10**17  # largest node number of a DOF
 
 
 # -- numbers
-def number(what: str, name: str, value: Any) -> float:
+def check_number(what: str, name: str, value: Any) -> float:
     """Return a finite number; raise `ModelError` for other values."""
     real = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
     if not (real and abs(value) <= sys.float_info.max):  # integers may be of any size
@@ -52,37 +52,37 @@ def number(what: str, name: str, value: Any) -> float:
     return float(value)
 
 
-def positive(what: str, name: str, value: Any) -> float:
+def check_positive(what: str, name: str, value: Any) -> float:
     """Return a number above 0; raise `ModelError` for other values."""
-    if not number(what, name, value) > 0:
+    if not check_number(what, name, value) > 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number above 0", key=(name,))
     return float(value)
 
 
-def positive_or_none(what: str, name: str, value: Any) -> float | None:
+def check_positive_or_none(what: str, name: str, value: Any) -> float | None:
     """Return a number above 0, or None if none is given; raise `ModelError` for other values."""
-    return None if value is None else positive(what, name, value)
+    return None if value is None else check_positive(what, name, value)
 
 
-def not_negative(what: str, name: str, value: Any) -> float:
+def check_not_negative(what: str, name: str, value: Any) -> float:
     """Return a number of at least 0; raise `ModelError` for other values."""
-    if not number(what, name, value) >= 0:
+    if not check_number(what, name, value) >= 0:
         raise ModelError(f"{what}: {name} {value!r}; expected a number of at least 0", key=(name,))
     return float(value)
 
 
-def poisson_ratio(what: str, value: Any) -> float:
+def check_poisson_ratio(what: str, value: Any) -> float:
     """Return a Poisson's ratio above -1 and at most 0.5; raise `ModelError` for other values."""
-    if not -1.0 < number(what, "nu", value) <= 0.5:
+    if not -1.0 < check_number(what, "nu", value) <= 0.5:
         raise ModelError(f"{what}: nu {value!r}; expected above -1 and at most 0.5", key=("nu",))
     return float(value)
 
 
-def pair(what: str, name: str, value: Any) -> tuple[float, float]:
+def check_pair(what: str, name: str, value: Any) -> tuple[float, float]:
     """Return two numbers above 0; raise `ModelError` for other values."""
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise ModelError(f"{what}: {name} {value!r}; expected two numbers", key=(name,))
-    return positive(what, name, value[0]), positive(what, name, value[1])
+    return check_positive(what, name, value[0]), check_positive(what, name, value[1])
 
 
 def is_whole(value: Any) -> TypeGuard[int]:
@@ -90,7 +90,7 @@ def is_whole(value: Any) -> TypeGuard[int]:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
+def check_whole(what: str, name: str, value: Any, least: int | None = None) -> int:
     """Return a whole number of at least `least`, such as a node; raise `ModelError` for others."""
     if is_whole(value) and (least is None or value >= least):
         return int(value)
@@ -99,7 +99,7 @@ def whole(what: str, name: str, value: Any, least: int | None = None) -> int:
 
 
 # -- fields of the elements of a structure
-def store(part: Any, **values: Any) -> None:
+def set_fields(part: Any, **values: Any) -> None:
     """Set fields of a frozen dataclass; arrays become read-only."""
     for name, value in values.items():
         if isinstance(value, np.ndarray):
@@ -107,15 +107,15 @@ def store(part: Any, **values: Any) -> None:
         object.__setattr__(part, name, value)
 
 
-def material(what: str, part: Any) -> dict[str, float]:
+def check_material(what: str, part: Any) -> dict[str, float]:
     """Return the checked material of a part: E, rho, loss_factor, and nu and G if it has them."""
     check_name(what, part.name)
-    out = {"E": positive(what, "E", part.E), "rho": not_negative(what, "rho", part.rho)}
+    out = {"E": check_positive(what, "E", part.E), "rho": check_not_negative(what, "rho", part.rho)}
     if getattr(part, "G", None) is not None:
-        out["G"] = positive(what, "G", part.G)
+        out["G"] = check_positive(what, "G", part.G)
     if hasattr(part, "nu"):
-        out["nu"] = poisson_ratio(what, part.nu)
-    out["loss_factor"] = not_negative(what, "loss_factor", part.loss_factor)
+        out["nu"] = check_poisson_ratio(what, part.nu)
+    out["loss_factor"] = check_not_negative(what, "loss_factor", part.loss_factor)
     return out
 
 
@@ -125,7 +125,7 @@ def check_name(what: str, name: Any) -> None:
         raise ModelError(f"{what}: expected a text as its name", key=("name",))
 
 
-def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
+def check_connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[np.int64]:
     """Return node numbers, shape (m, k), with k of the widths."""
     nodes = np.atleast_2d(whole_numbers(given, f"{what}: connectivity", ModelError))
     if nodes.ndim != 2 or nodes.shape[1] not in widths or not len(nodes):
@@ -141,14 +141,14 @@ def connectivity(what: str, given: ArrayLike, widths: Iterable[int]) -> NDArray[
     return nodes
 
 
-def node_number(what: str, name: str, given: Any) -> int:
+def check_node_number(what: str, name: str, given: Any) -> int:
     """Return a node number."""
     if not is_whole(given) or abs(int(given)) > LARGEST_NODE:
         raise ModelError(f"{what}: {name} {given!r}; expected a node number", key=(name,))
     return int(given)
 
 
-def reals(given: Any) -> NDArray[np.float64]:
+def to_reals(given: Any) -> NDArray[np.float64]:
     """Return a new array of numbers; raise `ValueError` for texts, booleans and complex numbers."""
     array = np.asarray(given)
     if array.dtype.kind not in "iuf":
@@ -156,10 +156,10 @@ def reals(given: Any) -> NDArray[np.float64]:
     return array.astype(np.float64)
 
 
-def floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
+def check_floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return an array of finite numbers."""
     try:
-        array = reals(given)
+        array = to_reals(given)
     except ValueError as error:
         raise ModelError(f"{what}: {name} {given!r}; expected numbers", key=(name,)) from error
     if not np.isfinite(array).all():
@@ -167,9 +167,9 @@ def floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
     return array
 
 
-def vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
+def check_vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return three numbers that are not all 0."""
-    vector = floats(what, name, given)
+    vector = check_floats(what, name, given)
     if vector.shape != (3,) or not vector.any():
         raise ModelError(
             f"{what}: {name} {given!r}; expected three numbers that are not all 0", key=(name,)
@@ -177,9 +177,9 @@ def vector(what: str, name: str, given: Any) -> NDArray[np.float64]:
     return vector
 
 
-def six(what: str, name: str, given: Any) -> NDArray[np.float64]:
+def check_six(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return six numbers of at least 0."""
-    six = floats(what, name, given)
+    six = check_floats(what, name, given)
     if six.shape != (6,) or (six < 0).any():
         raise ModelError(
             f"{what}: {name} {given!r}; expected six numbers of at least 0", key=(name,)
@@ -219,12 +219,12 @@ def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
     return out
 
 
-def parts_of_table(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_T]:
+def read_parts(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_T]:
     """Return the objects of a dataclass in an array of tables ``[[model.key]]``.
 
     A `ModelError` is raised if it is not such an array, or a key of a row is missing or unknown.
     """
-    return read_rows(table, key, lambda where, row: from_row(kind, where, row))
+    return read_rows(table, key, lambda where, row: read_row(kind, where, row))
 
 
 def read_rows(
@@ -252,7 +252,7 @@ def read_rows(
     return out
 
 
-def from_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
+def read_row(kind: type[_T], where: str, row: Mapping[str, Any]) -> _T:
     """Return an object of a dataclass from a row; raise `ModelError` for a wrong or missing key."""
     names, required = field_names(kind)
     check_keys(where, row, required, names)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.checks import node_number, store, vector
+from updyn.elements.checks import check_node_number, check_vector, set_fields
 from updyn.errors import ModelError, suggest
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
@@ -122,7 +122,7 @@ class RigidLink:
         slaves = np.atleast_1d(whole_numbers(self.slaves, f"{what}: slaves", ModelError))
         if slaves.ndim != 1 or not slaves.size:
             raise ModelError(f"{what}: slaves {self.slaves!r}; expected at least one node number")
-        store(self, master=node_number(what, "master", self.master), slaves=slaves)
+        set_fields(self, master=check_node_number(what, "master", self.master), slaves=slaves)
         if self.directions is not None:
             wanted = self.directions
             if isinstance(wanted, str):
@@ -137,7 +137,7 @@ class RigidLink:
                     raise ModelError(
                         f"{what}: direction {name!r}; {suggest(str(name), DIRECTIONS)}"
                     )
-            store(self, directions=wanted)
+            set_fields(self, directions=wanted)
 
 
 def constrain(
@@ -343,7 +343,7 @@ def about_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
 def _combine_directions(
     dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]
 ) -> Equation:
-    along = vector(f"equation of {dof}", "axis", axis)
+    along = check_vector(f"equation of {dof}", "axis", axis)
     unit = along / np.linalg.norm(along)
     terms = {}
     for name, component in zip(names, unit.tolist(), strict=True):

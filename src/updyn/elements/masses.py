@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof
-from updyn.elements.checks import is_whole, positive
+from updyn.elements.checks import check_positive, is_whole
 from updyn.errors import DofError, ModelError, suggest
 from updyn.group import Group
 from updyn.model import Model
@@ -27,7 +27,7 @@ def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mas
     """
     if name in model.groups:
         raise ModelError(f"the model has a group {name!r} already")
-    values = [positive(f"DOF {dof}", "mass", mass) for dof, mass in masses.items()]
+    values = [check_positive(f"DOF {dof}", "mass", mass) for dof, mass in masses.items()]
     at = model.dofs.match(masses, "DOF of a mass").index
     return _with_group(model, name, at, np.array(values))
 
@@ -47,7 +47,7 @@ def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
     loaded = model
     for key, mass in masses.items():
         name = sensor_group(key)
-        value = positive(f"sensor {key}", "mass", mass)
+        value = check_positive(f"sensor {key}", "mass", mass)
         if name in model.groups:
             raise ModelError(f"sensor {key}: there is a group {name!r} already (rename it)")
         if name in loaded.groups:

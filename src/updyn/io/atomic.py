@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError
-from updyn.io.leftovers import new_name, sweep
+from updyn.io.leftovers import new_name, remove_leftovers
 
 __all__ = ["atomic_path", "sync_folder", "write_bytes", "write_json"]
 
@@ -43,7 +43,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         raise FormatError(f"the folder {str(path.parent)!r} does not exist", path)
     if path.is_dir():
         raise FormatError("is a folder, not a file", path)
-    sweep(path, suffix=path.suffix)
+    remove_leftovers(path, suffix=path.suffix)
     temporary = path.with_name(new_name(path, suffix=path.suffix))
     try:
         # Not tempfile: its files are readable only by their owner, even after they have replaced a

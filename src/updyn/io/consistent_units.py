@@ -19,7 +19,7 @@ from updyn.dofs import DofSet
 from updyn.errors import OptionError, UpdynWarning, suggest
 from updyn.model import Matrix
 
-__all__ = ["UNITS", "UnitSystem", "check_materials", "system"]
+__all__ = ["UNITS", "UnitSystem", "check_materials", "find_units"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ UNITS = {
 }
 
 
-def system(name: str) -> UnitSystem:
+def find_units(name: str) -> UnitSystem:
     """Return a system of units by its unit of length; raise an OptionError if it is unknown."""
     if name not in UNITS:
         known = "; ".join(f"{s.name!r} ({s.described})" for s in UNITS.values())

@@ -37,8 +37,8 @@ from updyn.io.csv_modes import holds_frequencies, read_modes, write_modes
 from updyn.io.csv_records import read_records
 from updyn.io.csv_text import UNITS, check_comments, comment, plain_numbers, split_axis
 from updyn.io.dof_table import read_geometry
-from updyn.io.items import check_phase, locate_errors, utf8_text
-from updyn.io.text_numbers import check_last_line, real_of
+from updyn.io.items import check_phase, locate_errors, read_utf8
+from updyn.io.text_numbers import check_last_line, parse_real
 from updyn.units import Unit, find_unit, split_ratio
 
 __all__ = [
@@ -131,7 +131,7 @@ def read_frf(
         raise OptionError(
             f"duplicates={duplicates!r}: columns are unique in this format; expected 'raise'"
         )
-    text = utf8_text(path).replace("\r\n", "\n")
+    text = read_utf8(path).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
     head, lines = _split_head(text, path)
     number, names = lines[0]
@@ -376,7 +376,7 @@ def _table(
 
 def _number(cell: str, column: int, path: str | Path, line: int) -> float:
     try:
-        return real_of(cell)
+        return parse_real(cell)
     except ValueError as error:
         hint = ""
         if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell):
@@ -527,7 +527,7 @@ def _decay(head: _Head, path: str | Path) -> float:
     if stated is None:
         return 0.0
     try:
-        return real_of(stated)
+        return parse_real(stated)
     except ValueError as error:
         raise FormatError(f"decay: {stated!r}; expected a number in 1/s", path) from error
 

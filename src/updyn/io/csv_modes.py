@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from updyn.errors import AbsentError, FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.csv_text import check_comments, plain_numbers
-from updyn.io.items import locate_errors, require_file, utf8_text
-from updyn.io.text_numbers import check_last_line, real_of
+from updyn.io.items import locate_errors, read_utf8, require_file
+from updyn.io.text_numbers import check_last_line, parse_real
 from updyn.modal import ModeSet
 from updyn.units import find_unit
 
@@ -80,7 +80,7 @@ def read_modes(
     OptionError
         If the test or a mode does not exist.
     """
-    text = utf8_text(require_file(path)).replace("\r\n", "\n")
+    text = read_utf8(require_file(path)).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
     lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
     check_comments([one for one in lines if one[1].startswith("#")], (), _REMEDY, path)
@@ -258,7 +258,7 @@ def _numbers(
             if cell.lower() in ("", "nan"):
                 continue
             try:
-                table[row, column] = real_of(cell)
+                table[row, column] = parse_real(cell)
             except ValueError as error:
                 raise FormatError(
                     f"{error}; cells are separated by commas, semicolons or tabs", path, number

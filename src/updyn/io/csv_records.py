@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.csv_text import check_comments, plain_numbers, split_axis
-from updyn.io.items import locate_errors, require_file, windows_text
-from updyn.io.text_numbers import number_rows, rounding_of
+from updyn.io.items import locate_errors, read_windows_text, require_file
+from updyn.io.text_numbers import find_rounding, parse_rows
 from updyn.signals.records import Records, step_of
 from updyn.units import CHANNEL, Unit, find_unit, strip_brackets, suggest_unit
 
@@ -82,13 +82,13 @@ def read_records(
     OptionError
         If there are both times and a rate, or neither.
     """
-    text = windows_text(require_file(path))
+    text = read_windows_text(require_file(path))
     first, header, body = _split(text, path)
     separator = next((sign for sign in ("\t", ";") if sign in header), ",")
     columns = _columns(header, separator, path, first)
     columns, body = _with_units_below(columns, body, separator, path, first + 1)
     body = plain_numbers(body, separator)
-    rows = number_rows(
+    rows = parse_rows(
         body.encode(),
         "r" * len(columns),
         f"{len(columns)} numbers, one for each name in the header",
@@ -273,7 +273,7 @@ def _step(
     path: str | Path,
 ) -> float:
     """Return the common step of all records in s, checked within rounding."""
-    rounding = factor * rounding_of(texts, times)
+    rounding = factor * find_rounding(texts, times)
     times = factor * times
     with locate_errors(path, "time"):
         steps = [step_of(times[span], rounding[span]) for span in spans]

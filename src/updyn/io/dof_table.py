@@ -19,9 +19,9 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
 from updyn.io.csv_text import check_comments
-from updyn.io.items import locate_errors, utf8_text
+from updyn.io.items import locate_errors, read_utf8
 from updyn.io.lengths import length
-from updyn.io.text_numbers import check_last_line, real_of, whole_of
+from updyn.io.text_numbers import check_last_line, parse_integer, parse_real
 
 __all__ = [
     "read_dofs",
@@ -146,7 +146,7 @@ def _write_node_rows(rows: NDArray[np.int64], header: tuple[str, ...], path: str
 def _table(
     path: str | Path, headers: tuple[tuple[str, ...], ...], *, has_numbers: bool = False
 ) -> tuple[tuple[str, ...], list[tuple[int, list[str]]]]:
-    text = utf8_text(path)
+    text = read_utf8(path)
     lines = list(enumerate(text.splitlines(), 1))
     comments = [(number, row) for number, row in lines if row.lstrip().startswith("#")]
     check_comments(comments, (), "give the unit of length when reading", path)
@@ -173,13 +173,13 @@ def _table(
 
 def _number(cell: str, path: str | Path, line: int) -> float:
     try:
-        return real_of(cell)
+        return parse_real(cell)
     except ValueError as error:
         raise FormatError(f"{cell!r} is not a number", path, line) from error
 
 
 def _whole(cell: str, path: str | Path, line: int) -> int:
     try:
-        return whole_of(cell)
+        return parse_integer(cell)
     except ValueError as error:
         raise FormatError(f"{cell!r} is not a whole number", path, line) from error

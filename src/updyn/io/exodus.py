@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.foreign import box
 from updyn.geometry import Geometry
-from updyn.io.items import locate_errors, real, vector, whole
+from updyn.io.items import as_integers, as_reals, as_vector, locate_errors
 from updyn.io.lengths import length
 from updyn.shapes import (
     HEXAHEDRON,
@@ -95,8 +95,8 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
     xyz = _positions(variables, path)
     numbers = np.arange(1, len(xyz) + 1)
     if "node_num_map" in variables:
-        numbers = whole(
-            vector(variables["node_num_map"], "node_num_map", path), "node_num_map", path
+        numbers = as_integers(
+            as_vector(variables["node_num_map"], "node_num_map", path), "node_num_map", path
         )
         if len(numbers) != len(xyz):
             raise FormatError(
@@ -111,12 +111,12 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
 def _positions(variables: Mapping[str, Any], path: str | Path) -> NDArray[np.float64]:
     """Return positions in the unit of the file, shape (n, 3)."""
     if "coord" in variables:
-        rows = list(np.atleast_2d(real(variables["coord"], "coord", path)))
+        rows = list(np.atleast_2d(as_reals(variables["coord"], "coord", path)))
     else:
         names = [name for name in ("coordx", "coordy", "coordz") if name in variables]
         if "coordz" in names and "coordy" not in names:
             raise FormatError("holds coordx and coordz, but no coordy", path)
-        rows = [vector(variables[name], name, path) for name in names]
+        rows = [as_vector(variables[name], name, path) for name in names]
     lengths = [len(row) for row in rows]
     if len(rows) > 3 or len(set(lengths)) > 1:
         raise FormatError(
@@ -141,7 +141,7 @@ def _corners_by_shape(
         if not name.startswith("connect") or not values.size:
             continue
         kind = found["types"][name].upper()
-        elements = whole(values, name, path)
+        elements = as_integers(values, name, path)
         start = next((start for start in _SHAPES if kind.startswith(start)), None)
         n_own = elements.shape[1] if elements.ndim == 2 else 0
         shape = None if start is None else _SHAPES[start]

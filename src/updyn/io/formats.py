@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.items import is_folder, require_file, unreadable
+from updyn.io.items import is_folder, require_file, unreadable_error
 from updyn.registry import Registry, load_object
 
 __all__ = ["FORMATS", "Format", "find_format", "load"]
@@ -199,7 +199,7 @@ def _start(path: Path) -> bytes:
         with path.open("rb") as file:
             start = file.read(64)
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     if not start:
         raise FormatError("the file is empty", path)
     return start

@@ -37,7 +37,7 @@ from updyn.foreign.plain import Other
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
 from updyn.io.attributes import PACKING, read_unit
-from updyn.io.items import build_sparse, known_only, locate_errors
+from updyn.io.items import build_sparse, check_names, locate_errors
 from updyn.io.native import load_native, write_native
 from updyn.model import Model
 
@@ -272,7 +272,7 @@ def take_model(parent: Folder, path: str | Path) -> Model:
     FormatError
         If something is missing, unknown or not valid.
     """
-    known_only(parent.members, ("dofs", "groups", "geometry"), path, parent.name)
+    check_names(parent.members, ("dofs", "groups", "geometry"), path, parent.name)
     dofs = take_dofs(_group(parent, "dofs", path), path)
     place = _group(parent, "groups", path)
     numbered = sorted(place.members, key=lambda n: (len(n), n))
@@ -296,7 +296,7 @@ def take_model(parent: Folder, path: str | Path) -> Model:
 
 
 def _take_group(place: Folder, path: str | Path, name: str) -> Group:
-    known_only(place.members, (*MATRICES, "loss_table"), path, place.name)
+    check_names(place.members, (*MATRICES, "loss_table"), path, place.name)
     matrices = {
         what: _take_matrix(_group(place, what, path), path)
         for what in MATRICES
@@ -384,7 +384,7 @@ def put_geometry(place: Any, geometry: Geometry) -> None:
 
 def take_geometry(place: Folder, path: str | Path) -> Geometry:
     """Read node positions from a group; refuse missing, unknown or invalid arrays."""
-    known_only(place.members, ("node", "xyz", "line", "axes", "face"), path, place.name)
+    check_names(place.members, ("node", "xyz", "line", "axes", "face"), path, place.name)
     nodes = take_array(place, "node", path, "iu", 1)
     xyz = take_array(place, "xyz", path, "iuf", 2)
     lines = (

@@ -1,7 +1,8 @@
 """Checks and conversions of the items of a file: arrays, matrices, texts, DOFs.
 
-Libraries that read archives raise many kinds of exceptions for damaged files. `library` catches
-them only around the call into the library, which does not hide errors of updyn.
+Libraries that read archives raise many kinds of exceptions for damaged files.
+`report_library_errors` catches them only around the call into the library, which does not hide
+errors of updyn.
 """
 
 from __future__ import annotations
@@ -35,32 +36,32 @@ from updyn.model import Matrix
 __all__ = [
     "FAILURES",
     "Items",
+    "as_dofs",
+    "as_integers",
+    "as_matrix",
+    "as_number",
+    "as_numbers",
+    "as_reals",
+    "as_text",
+    "as_vector",
     "build_sparse",
+    "check_names",
     "check_phase",
-    "dofs",
+    "describe_kind",
     "format_counts",
     "format_names",
     "guard_reader",
     "is_file",
     "is_folder",
-    "kind_of",
-    "known_only",
-    "library",
     "locate_errors",
-    "matrix",
-    "nearest",
-    "number",
-    "numbers",
-    "once",
     "parse_selection",
-    "real",
+    "read_utf8",
+    "read_windows_text",
+    "refuse_repeated_names",
+    "report_library_errors",
     "require_file",
-    "text",
-    "unreadable",
-    "utf8_text",
-    "vector",
-    "whole",
-    "windows_text",
+    "suggest_file",
+    "unreadable_error",
 ]
 
 Items = Mapping[str, Any]
@@ -104,7 +105,7 @@ def build_sparse(
     ):
         if not isinstance(array, np.ndarray) or array.dtype.kind not in kinds or array.ndim != 1:
             raise FormatError(
-                f"{where}: {name} is {kind_of(array)}; expected one row of numbers", path
+                f"{where}: {name} is {describe_kind(array)}; expected one row of numbers", path
             )
     # scipy does not check this for a matrix without entries, and reads out of bounds.
     if (indptr[1:] < indptr[:-1]).any():
@@ -129,14 +130,14 @@ def build_sparse(
     return out
 
 
-def dofs(given: Any, name: str, path: str | Path) -> DofSet:
+def as_dofs(given: Any, name: str, path: str | Path) -> DofSet:
     """Return DOFs from labels, or from a table of node and direction 1..6, negative if opposite."""
     with locate_errors(path, name):
         if isinstance(given, str):
             return DofSet([given])
         if isinstance(given, list):
             return DofSet(given)
-        table = whole(given, name, path)
+        table = as_integers(given, name, path)
         if table.ndim != 2 or table.shape[1] != 2:
             raise FormatError(
                 f"{name}: found numbers of shape {table.shape}; expected labels such as '12:Z', or"
@@ -154,7 +155,7 @@ def dofs(given: Any, name: str, path: str | Path) -> DofSet:
         return DofSet.from_arrays(table[:, 0], axes, np.sign(table[:, 1]))
 
 
-def matrix(given: Any, name: str, path: str | Path) -> Matrix:
+def as_matrix(given: Any, name: str, path: str | Path) -> Matrix:
     """Return a matrix, as sparse CSR or a two-dimensional array.
 
     Truth values become 0 and 1, and complex numbers without an imaginary part become real.
@@ -164,7 +165,7 @@ def matrix(given: Any, name: str, path: str | Path) -> Matrix:
         out.data = _plain_entries(out.data)
         return out
     is_logical = isinstance(given, np.ndarray) and given.dtype.kind == "b"
-    array = numbers(_plain_entries(given) if is_logical else given, name, path)
+    array = as_numbers(_plain_entries(given) if is_logical else given, name, path)
     if array.ndim != 2:
         raise FormatError(f"{name}: found shape {array.shape}; expected (N, N)", path)
     return _plain_entries(array)
@@ -179,7 +180,7 @@ def _plain_entries(entries: NDArray[Any]) -> NDArray[Any]:
     return entries
 
 
-def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+def as_numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     """Return an item as a number array."""
     if sp.issparse(given):
         return np.asarray(given.toarray())
@@ -189,21 +190,21 @@ def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
         not isinstance(given, np.ndarray | float | int | complex)
         or np.asarray(given).dtype.kind not in "iufc"
     ):
-        raise FormatError(f"{name}: found {kind_of(given)}; expected numbers", path)
+        raise FormatError(f"{name}: found {describe_kind(given)}; expected numbers", path)
     return np.asarray(given)
 
 
-def real(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+def as_reals(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     """Return an item as an array of real numbers."""
-    array = numbers(given, name, path)
+    array = as_numbers(given, name, path)
     if array.dtype.kind == "c":
         raise FormatError(f"{name}: found complex numbers; expected real ones", path)
     return array
 
 
-def whole(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
+def as_integers(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
     """Return an item as an array of integers, from any stored type."""
-    array = real(given, name, path)
+    array = as_reals(given, name, path)
     if (
         not np.isfinite(array).all()
         or (array != np.round(array)).any()
@@ -213,28 +214,28 @@ def whole(given: Any, name: str, path: str | Path) -> NDArray[np.int64]:
     return array.astype(np.int64)
 
 
-def vector(given: Any, name: str, path: str | Path) -> NDArray[Any]:
+def as_vector(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     """Return real numbers in one row or column, as one dimension."""
-    array = real(given, name, path)
+    array = as_reals(given, name, path)
     if array.size != max(array.shape, default=1):
         raise FormatError(f"{name}: found shape {array.shape}; expected one row or column", path)
     return array.reshape(-1)
 
 
-def number(given: Any, name: str, path: str | Path) -> float:
+def as_number(given: Any, name: str, path: str | Path) -> float:
     """Return an item as one real number."""
-    array = real(given, name, path)
+    array = as_reals(given, name, path)
     if array.size != 1:
         raise FormatError(f"{name}: found shape {array.shape}; expected one number", path)
     return float(array.reshape(())[()])
 
 
-def text(given: Any, name: str, path: str | Path) -> str:
+def as_text(given: Any, name: str, path: str | Path) -> str:
     """Return an item as one text."""
     if isinstance(given, list) and len(given) <= 1:
         given = given[0] if given else ""
     if not isinstance(given, str):
-        raise FormatError(f"{name}: found {kind_of(given)}; expected a text", path)
+        raise FormatError(f"{name}: found {describe_kind(given)}; expected a text", path)
     return given
 
 
@@ -279,7 +280,7 @@ def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | 
         )
 
 
-def kind_of(given: Any) -> str:
+def describe_kind(given: Any) -> str:
     """Describe an item, for messages."""
     if isinstance(given, Mapping):
         return f"a struct with {format_names(given)}"
@@ -326,7 +327,7 @@ FAILURES = (
 
 
 @contextmanager
-def library(path: str | Path, what: str) -> Iterator[None]:
+def report_library_errors(path: str | Path, what: str) -> Iterator[None]:
     """Report failures of a library that reads `path`, a `what`, as a `FormatError`."""
     try:
         yield
@@ -361,7 +362,7 @@ def guard_reader(path: str | Path, reader: str) -> Iterator[None]:
     except (UpdynError, Warning):
         raise
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     except MemoryError as error:
         raise FormatError(f"cannot be read (reader {reader!r}): out of memory", path) from error
     except Exception as error:
@@ -388,7 +389,7 @@ def require_file(path: str | Path) -> Path:
     """Return the path of an existing file; raise a FormatError with the nearest name otherwise."""
     path = Path(path)
     if not is_file(path):
-        raise FormatError(f"no such file; {nearest(path)}", path)
+        raise FormatError(f"no such file; {suggest_file(path)}", path)
     return path
 
 
@@ -408,12 +409,12 @@ def is_folder(path: str | Path) -> bool:
         return False
 
 
-def unreadable(path: str | Path, error: OSError) -> FormatError:
+def unreadable_error(path: str | Path, error: OSError) -> FormatError:
     """Return the error for a file that the system cannot open or read."""
     return FormatError(f"cannot be read: {error.strerror or error}", path)
 
 
-def utf8_text(path: str | Path) -> str:
+def read_utf8(path: str | Path) -> str:
     """Return the text of a file in UTF-8."""
     try:
         return Path(path).read_bytes().decode("utf-8-sig")
@@ -422,10 +423,10 @@ def utf8_text(path: str | Path) -> str:
             f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
         ) from error
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
 
 
-def windows_text(path: str | Path) -> str:
+def read_windows_text(path: str | Path) -> str:
     """Return the text of a file in UTF-8, or in Windows-1252 as written by LabVIEW and Excel.
 
     Lines end with a line feed.
@@ -433,7 +434,7 @@ def windows_text(path: str | Path) -> str:
     try:
         raw = Path(path).read_bytes()
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     if b"\0" in raw:
         raise FormatError("not a text in UTF-8 or Windows-1252; save it as UTF-8", path)
     for encoding in ("utf-8-sig", "cp1252"):
@@ -448,7 +449,7 @@ def windows_text(path: str | Path) -> str:
     )
 
 
-def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def refuse_repeated_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return a JSON object as a dict (an ``object_pairs_hook``); refuse repeated names.
 
     The default of `json.loads` keeps the last value of a repeated name. Raises a ValueError.
@@ -461,7 +462,7 @@ def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def nearest(missing: Path) -> str:
+def suggest_file(missing: Path) -> str:
     """Return a hint about a missing file: the nearest names in its folder."""
     if len(missing.name) > _LONGEST_NAME:
         return "the name is too long for a file"
@@ -480,7 +481,7 @@ def parse_selection(labels: Iterable[str | Dof], side: str, path: str | Path) ->
     return dofs
 
 
-def known_only(
+def check_names(
     found: Collection[str], known: Collection[str], path: str | Path, where: str = ""
 ) -> None:
     """Refuse unknown names, because a misspelt one would otherwise be ignored silently."""

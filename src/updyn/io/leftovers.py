@@ -18,7 +18,7 @@ from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 
-__all__ = ["new_name", "sweep"]
+__all__ = ["new_name", "remove_leftovers"]
 
 #: Longest part of a file name in the name of its temporary file.
 _LONGEST = 40
@@ -50,7 +50,7 @@ def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
     return f"{_stem(path, prefix)}{token}{suffix}"
 
 
-def sweep(path: Path, prefix: str = ".", suffix: str = "") -> None:
+def remove_leftovers(path: Path, prefix: str = ".", suffix: str = "") -> None:
     """Remove temporary files of `path` whose processes have ended.
 
     Parameters

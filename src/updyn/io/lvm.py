@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, UpdynWarning, suggest
-from updyn.io.items import locate_errors, require_file, windows_text
-from updyn.io.text_numbers import number_rows, real_of, rounding_of, whole_of
+from updyn.io.items import locate_errors, read_windows_text, require_file
+from updyn.io.text_numbers import find_rounding, parse_integer, parse_real, parse_rows
 from updyn.signals.records import Records
 from updyn.units import find_unit
 
@@ -82,7 +82,7 @@ def read_records(path: str | Path) -> Records:
     UpdynWarning
         If channels have no samples, or `Delta_X` is 1 s, the value of LabVIEW without timing.
     """
-    text = _without_special(windows_text(require_file(path)))
+    text = _without_special(read_windows_text(require_file(path)))
     ends = list(_END.finditer(text))
     if not text.startswith("LabVIEW Measurement") or not ends:
         raise FormatError("no header of a LabVIEW measurement file", path, 1)
@@ -276,20 +276,20 @@ class _LVMAxis:
     ) -> _LVMAxis:
         """Return the axis defined by the tags of a header."""
         tags = _Tags(fields, (0,), path, line)
-        (n,) = tags.each("Channels", whole_of)
+        (n,) = tags.each("Channels", parse_integer)
         # With a time column for each channel, LabVIEW leaves the tags of these columns blank.
         stride = 2 if head.x_columns == "Multi" and fields.get("Samples", [])[1:2] == [""] else 1
         tags = replace(tags, places=range(0, stride * n, stride))
-        samples = tags.each("Samples", whole_of)
+        samples = tags.each("Samples", parse_integer)
         kept = tuple(i for i in range(n) if samples[i] != 0) or tuple(range(n))
         tags = replace(tags, places=tuple(stride * i for i in kept))
-        steps = tags.each("Delta_X", lambda text: real_of(text.replace(head.decimal, ".")))
+        steps = tags.each("Delta_X", lambda text: parse_real(text.replace(head.decimal, ".")))
         if len({samples[i] for i in kept}) != 1 or len(set(steps)) != 1:
             raise tags.error("channels of one record with different Samples or Delta_X")
         tags.check_start(steps[0], head.decimal)
         tags.check_dimension()
         printed = tags.each("Delta_X", str)[0].replace(head.decimal, ".")
-        half_digit = 0.5 * float(rounding_of([printed], np.array(steps[:1]))[0])
+        half_digit = 0.5 * float(find_rounding([printed], np.array(steps[:1]))[0])
         digit = min(half_digit, _STEP_ROUNDED * abs(steps[0]))
         return cls(line, kept, n, samples[kept[0]], steps[0], digit, tags.units())
 
@@ -326,7 +326,7 @@ class _Tags:
         """Refuse channels with different start times."""
         if not self.fields.get("X0"):
             return
-        starts = self.each("X0", lambda text: real_of(text.replace(decimal, ".")))
+        starts = self.each("X0", lambda text: parse_real(text.replace(decimal, ".")))
         if max(starts) - min(starts) > _STEP_ROUNDED * abs(step):
             raise self.error(
                 f"channels of one record start at {min(starts):g} to {max(starts):g} (X0); expected"
@@ -406,7 +406,7 @@ def _packets(
     blanks = rows.replace(head.separator, " ").replace(head.decimal, ".").encode()
     with_x = len(axis.kept) if head.x_columns == "Multi" else with_x
     width = len(axis.kept) + with_x
-    table = number_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)
+    table = parse_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)
     is_other = len(table) != count and (head.has_headings or not len(table))
     if count < 1 or is_other:
         hint = ""

@@ -18,8 +18,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
-from updyn.io.items import unreadable
-from updyn.io.text_numbers import check_last_line, number_rows
+from updyn.io.items import unreadable_error
+from updyn.io.text_numbers import check_last_line, parse_rows
 from updyn.model import Matrix
 
 __all__ = ["has_banner", "read_matrix"]
@@ -67,7 +67,7 @@ def read_matrix(path: Path, n: int) -> Matrix:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     head = _head(raw, path)
     rows, columns = head.size[:2]
     if rows != columns:
@@ -140,7 +140,7 @@ _Entries = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
 def _coordinate_entries(head: _MatrixMarketHeader, n: int, path: Path) -> _Entries:
     """Return rows and columns (from 0) and entries of the coordinate layout."""
-    table = number_rows(
+    table = parse_rows(
         head.body, f"ii{_letter(head)}", f"row, column, {_noun(head)}", path, head.line
     )
     _check_count(len(table), head.size[2], "the header states", path)
@@ -154,7 +154,7 @@ def _coordinate_entries(head: _MatrixMarketHeader, n: int, path: Path) -> _Entri
 
 def _array_entries(head: _MatrixMarketHeader, n: int, path: Path) -> _Entries:
     """Return rows and columns (from 0) and entries of the array layout, column by column."""
-    values = number_rows(head.body, _letter(head), _noun(head), path, head.line)[:, 0]
+    values = parse_rows(head.body, _letter(head), _noun(head), path, head.line)[:, 0]
     is_triangle = head.symmetry == "symmetric"
     count = n * (n + 1) // 2 if is_triangle else n * n
     _check_count(len(values), count, f"{n} x {n}, {head.symmetry}, has", path)

@@ -25,7 +25,7 @@ from updyn.io.dof_table import (
     write_geometry,
     write_lines,
 )
-from updyn.io.items import is_file, locate_errors, nearest, utf8_text
+from updyn.io.items import is_file, locate_errors, read_utf8, suggest_file
 from updyn.io.toml_text import parse_toml
 from updyn.model import Model
 
@@ -58,7 +58,7 @@ class ModelFile:
     @classmethod
     def read_file(cls, path: Path) -> ModelFile:
         """Read the file; refuse files other than TOML in UTF-8, and job files."""
-        text = utf8_text(path)
+        text = read_utf8(path)
         try:
             content = parse_toml(text)
         except tomllib.TOMLDecodeError as error:
@@ -172,7 +172,7 @@ class ModelFile:
         if is_file(found):
             return found
         raise FormatError(
-            f"{key}: no such file {given!r}; {nearest(found)}",
+            f"{key}: no such file {given!r}; {suggest_file(found)}",
             self.path,
             self.line(key, name, number),
         )

@@ -20,7 +20,7 @@ from typing import Any
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.plain import Unread
 from updyn.io.damping import DAMPING
-from updyn.io.items import Items, kind_of
+from updyn.io.items import Items, describe_kind
 
 __all__ = ["stated_items"]
 
@@ -181,7 +181,8 @@ class _File:
             return dict(value)
         if isinstance(value, list):
             raise FormatError(
-                f"{given}: found {kind_of(value)}; expected a matrix, or a struct of K, M and C",
+                f"{given}: found {describe_kind(value)}; expected a matrix, or a struct of K, M"
+                " and C",
                 self._path,
                 key=key,
             )

@@ -50,19 +50,19 @@ from updyn.group import VALUES
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import (
     Items,
+    as_dofs,
+    as_integers,
+    as_matrix,
+    as_number,
+    as_numbers,
+    as_reals,
+    as_text,
+    as_vector,
+    check_names,
     check_phase,
-    dofs,
+    describe_kind,
     format_names,
-    kind_of,
-    known_only,
     locate_errors,
-    matrix,
-    number,
-    numbers,
-    real,
-    text,
-    vector,
-    whole,
 )
 from updyn.model import Group, Model
 
@@ -112,7 +112,7 @@ def build_model(items: Items, path: str | Path) -> Model:
     """
     items = with_groups(items, path)
     _check_kind(items, "model", path)
-    known_only(items, MODEL_ITEMS, path)
+    check_names(items, MODEL_ITEMS, path)
     plain = [name for name in (*_MATRICES, *DAMPING) if name in items]
     if "groups" in items and plain:
         raise FormatError(f"holds both 'groups' and {plain[0]!r}; expected one or the other", path)
@@ -134,7 +134,7 @@ def build_model(items: Items, path: str | Path) -> Model:
     with locate_errors(path):
         return Model.from_groups(
             groups,
-            dofs(items["dofs"], "dofs", path),
+            as_dofs(items["dofs"], "dofs", path),
             geometry=_geometry(items, path),
             title=_title(items, path),
         )
@@ -146,20 +146,24 @@ def _title(items: Items, path: str | Path) -> str:
 
 def _text(items: Items, name: str, path: str | Path) -> str:
     """Return an item that is a text, by default an empty text."""
-    return text(items[name], name, path) if name in items else ""
+    return as_text(items[name], name, path) if name in items else ""
 
 
 def _groups(given: Any, path: str | Path) -> dict[str, Group]:
     if not isinstance(given, Mapping) or not given:
-        raise FormatError(f"groups: expected one item per group, found {kind_of(given)}", path)
+        raise FormatError(
+            f"groups: expected one item per group, found {describe_kind(given)}", path
+        )
     out: dict[str, Group] = {}
     for key, parts in given.items():
         if not isinstance(parts, Mapping):
             raise FormatError(
-                f"groups: {key!r} is {kind_of(parts)}; expected K, M, C and loss_factor in it", path
+                f"groups: {key!r} is {describe_kind(parts)}; expected K, M, C and loss_factor in"
+                " it",
+                path,
             )
         rest = dict(parts)
-        name = text(rest.pop("name", key), f"name of group {key!r}", path)
+        name = as_text(rest.pop("name", key), f"name of group {key!r}", path)
         if name in out:
             raise FormatError(f"group {name!r} occurs twice", path)
         out[name] = _group(rest, name, path)
@@ -168,18 +172,18 @@ def _groups(given: Any, path: str | Path) -> dict[str, Group]:
 
 def _group(parts: Items, name: str, path: str | Path) -> Group:
     where = f"group {name!r}"
-    known_only(parts, (*_MATRICES, *DAMPING), path, where)
+    check_names(parts, (*_MATRICES, *DAMPING), path, where)
     matrices = {}
     for key, what in _MATRICES.items():
         if key in parts:
-            matrices[what] = matrix(parts[key], f"{where}: {key}", path)
+            matrices[what] = as_matrix(parts[key], f"{where}: {key}", path)
             refuse_triangle(matrices[what], f"{where}: {what}", path)
     damping: dict[str, Any] = {}
     for quantity in VALUES:
         if quantity in parts:
-            damping[quantity] = number(parts[quantity], f"{where}: {quantity}", path)
+            damping[quantity] = as_number(parts[quantity], f"{where}: {quantity}", path)
     if "loss_table" in parts:
-        damping["loss_table"] = real(parts["loss_table"], f"{where}: loss_table", path)
+        damping["loss_table"] = as_reals(parts["loss_table"], f"{where}: loss_table", path)
     with locate_errors(path, where):
         return Group(**matrices, **damping)
 
@@ -252,7 +256,7 @@ def build_frf(
             " expected 'raise'"
         )
     _check_kind(items, "frf", path)
-    known_only(items, FRF_ITEMS, path)
+    check_names(items, FRF_ITEMS, path)
     key = _values_key(items, path)
     lacking = []
     offered = []
@@ -271,11 +275,11 @@ def build_frf(
             hint = f"; can also be given when reading: {hint}"
         raise FormatError(
             f"no {' and no '.join(lacking)}: found {format_names(items)} ({key} of shape"
-            f" {numbers(items[key], key, path).shape}); expected freq, H (lines, responses,"
+            f" {as_numbers(items[key], key, path).shape}); expected freq, H (lines, responses,"
             f" references), responses, references, quantity{hint}",
             path,
         )
-    freq = vector(items["freq"], "freq", path)
+    freq = as_vector(items["freq"], "freq", path)
     rows = _labels(items, "responses", response_labels, path)
     columns = _labels(items, "references", reference_labels, path)
     shape = (len(freq), len(rows), len(columns))
@@ -296,7 +300,7 @@ def build_frf(
             averages=_averages(items, path),
             geometry=_geometry(items, path),
             source=_text(items, "source", path),
-            decay=number(items["decay"], "decay", path) if "decay" in items else 0.0,
+            decay=as_number(items["decay"], "decay", path) if "decay" in items else 0.0,
         )
 
 
@@ -312,7 +316,7 @@ def _values_key(items: Items, path: str | Path) -> str:
 def _quantity(items: Items, given: str | None, path: str | Path) -> str:
     if "quantity" not in items:
         return str(given)
-    stated = text(items["quantity"], "quantity", path)
+    stated = as_text(items["quantity"], "quantity", path)
     if given is not None and stated != given:
         raise FormatError(
             f"quantity {given!r} contradicts the file, which states {stated!r}",
@@ -325,7 +329,7 @@ def _quantity(items: Items, given: str | None, path: str | Path) -> str:
 def _averages(items: Items, path: str | Path) -> int | None:
     if "averages" not in items:
         return None
-    value = number(items["averages"], "averages", path)
+    value = as_number(items["averages"], "averages", path)
     if not value.is_integer():
         raise FormatError(f"averages: {value:g}; expected a whole number of at least 1", path)
     return int(value)
@@ -336,7 +340,7 @@ def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: st
         option = DofSet(() if given is None else given)
     if name not in items:
         return option
-    stored = dofs(items[name], name, path)
+    stored = as_dofs(items[name], name, path)
     if given is not None and option != stored:
         raise FormatError(
             f"{name}: the argument {option!r} contradicts the file, which states {stored!r}",
@@ -353,7 +357,7 @@ def _order_axes(
     path: str | Path,
 ) -> NDArray[Any]:
     """Return an array as (lines, responses, references); lengths never decide the order."""
-    array = numbers(given, name, path)
+    array = as_numbers(given, name, path)
     found = array.shape
     if order is not None:
         if sorted(order) != sorted(_AXES):
@@ -421,7 +425,7 @@ def _marks(kind: str) -> dict[str, Any]:
 def _check_kind(items: Items, expected: str, path: str | Path) -> None:
     """Refuse a file of the other kind, by the mark of updyn or by its items."""
     if "updyn_kind" in items:
-        kind = text(items["updyn_kind"], "updyn_kind", path)
+        kind = as_text(items["updyn_kind"], "updyn_kind", path)
     elif "freq" in items and "dofs" not in items:
         kind = "frf"
     elif "dofs" in items and "freq" not in items:
@@ -445,14 +449,14 @@ def _geometry(items: Items, path: str | Path) -> Geometry | None:
             raise FormatError(
                 f"holds {given[0]!r} but no {name!r}; a geometry needs nodes and xyz", path
             )
-    lines = whole(items.get("lines", np.empty((0, 2))), "lines", path)
+    lines = as_integers(items.get("lines", np.empty((0, 2))), "lines", path)
     if lines.ndim != 2 or lines.shape[1] != 2:
         raise FormatError(f"lines: found shape {lines.shape}; expected (m, 2) node numbers", path)
-    nodes = whole(vector(items["nodes"], "nodes", path), "nodes", path)
-    axes = numbers(items["axes"], "axes", path) if "axes" in items else None
-    faces = whole(items["faces"], "faces", path) if "faces" in items else None
+    nodes = as_integers(as_vector(items["nodes"], "nodes", path), "nodes", path)
+    axes = as_numbers(items["axes"], "axes", path) if "axes" in items else None
+    faces = as_integers(items["faces"], "faces", path) if "faces" in items else None
     with locate_errors(path):
-        return Geometry(nodes, real(items["xyz"], "xyz", path), lines, axes, faces)
+        return Geometry(nodes, as_reals(items["xyz"], "xyz", path), lines, axes, faces)
 
 
 def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
@@ -469,7 +473,7 @@ def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
 
 
 def with_groups(items: Items, path: str | Path) -> Items:
-    """Return the items with parts as ``groups`` and labels as ``dofs``.
+    """Return the items with parts as ``groups`` and labels as ``as_dofs``.
 
     Raises
     ------
@@ -481,7 +485,7 @@ def with_groups(items: Items, path: str | Path) -> Items:
     if "dof_ref" in out:
         if "dofs" in out:
             raise FormatError("holds both 'dofs' and 'dof_ref'; expected one of them", path)
-        table = whole(out.pop("dof_ref"), "dof_ref", path)
+        table = as_integers(out.pop("dof_ref"), "dof_ref", path)
         if table.ndim != 2 or table.shape[1] != 2 or not np.isin(table[:, 1], range(6)).all():
             raise FormatError(
                 f"dof_ref: found numbers of shape {table.shape}; expected (N, 2): node, and"
@@ -515,7 +519,7 @@ def with_groups(items: Items, path: str | Path) -> Items:
 def _by_part(out: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
     given = out.pop(key, {})
     if not isinstance(given, Mapping):
-        found = "one table" if key == "loss_table" else f"{number(given, key, path):g}"
+        found = "one table" if key == "loss_table" else f"{as_number(given, key, path):g}"
         raise FormatError(
             f"{key} is {found} for several parts; expected a struct with one for each", path
         )
@@ -527,13 +531,13 @@ def _from_array(parts: list[Any], path: str | Path) -> dict[str, Any]:
     for i, part in enumerate(parts, 1):
         if not isinstance(part, Mapping):
             raise FormatError(
-                f"groups: expected one struct per group, found {kind_of(parts)}", path
+                f"groups: expected one struct per group, found {describe_kind(parts)}", path
             )
         if "name" not in part:
             raise FormatError(
                 f"groups({i}) has no field 'name'; it has {', '.join(map(str, part))}", path
             )
-        name = text(part["name"], f"groups({i}).name", path)
+        name = as_text(part["name"], f"groups({i}).name", path)
         if name in groups:
             raise FormatError(f"group {name!r} occurs twice", path)
         # All elements of a struct array have the same fields; unused ones are empty.

@@ -27,7 +27,7 @@ from updyn.foreign.plain import Other
 from updyn.frf import FRF
 from updyn.io.attributes import PACKING, read_unit, unpack
 from updyn.io.hdf5 import Folder, check_kind, put_kind
-from updyn.io.items import check_phase, library, locate_errors
+from updyn.io.items import check_phase, locate_errors, report_library_errors
 from updyn.io.native import load_native, write_native
 from updyn.io.record_arrays import build_records
 from updyn.signals.records import Records
@@ -88,7 +88,7 @@ def read_frf(
     elif not {"frf", "frf_real"} & set(found.root.members):
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
         raise AbsentError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
-    with library(path, "netCDF-4 file"):
+    with report_library_errors(path, "netCDF-4 file"):
         data = _combine_parts(found.data(), path)
         if "frf" in data.variables:
             check_phase(data["frf"].values, real_valued, "frf", path)
@@ -150,7 +150,7 @@ def read_records(
             path,
             key=("values",),
         )
-    with library(path, "netCDF-4 file"), locate_errors(path):
+    with report_library_errors(path, "netCDF-4 file"), locate_errors(path):
         data = found.data()
         # netCDF lists coordinates other than dimensions in an attribute, which is not read here.
         data = data.set_coords([name for name in ("unit",) if name in data])

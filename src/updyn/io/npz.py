@@ -36,7 +36,7 @@ from updyn.foreign.limits import limits_of
 from updyn.foreign.plain import to_native
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
-from updyn.io.items import build_sparse, format_names, kind_of, library
+from updyn.io.items import build_sparse, describe_kind, format_names, report_library_errors
 from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.sdynpy import is_system, system_model
 from updyn.model import Model
@@ -186,7 +186,7 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     if not start.startswith(b"PK"):
         raise FormatError(f"not an .npz archive: it starts with {start!r}, expected b'PK'", path)
     out: dict[str, NDArray[Any]] = {}
-    with library(path, ".npz archive"), zipfile.ZipFile(path) as archive:
+    with report_library_errors(path, ".npz archive"), zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         limits_of(path).check(sum(member.file_size for member in members))
         for member in members:
@@ -238,7 +238,9 @@ def _nest_items(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, 
         return top
     names = top.pop("groups", list(groups))
     if not isinstance(names, list):
-        raise FormatError(f"groups: found {kind_of(names)}; expected an array of group names", path)
+        raise FormatError(
+            f"groups: found {describe_kind(names)}; expected an array of group names", path
+        )
     for name in names:
         if names.count(name) > 1:
             raise FormatError(f"groups: {name!r} occurs twice", path)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import ModelError, OptionError
 from updyn.geometry import Geometry
-from updyn.io.consistent_units import system
+from updyn.io.consistent_units import find_units
 from updyn.model import Group, Model
 from updyn.shapes import (
     HEXAHEDRON,
@@ -113,7 +113,7 @@ def from_opensees(
     OptionError
         If an option is not valid.
     """
-    units = system(unit)
+    units = find_units(unit)
     if not all(hasattr(ops, name) for name in _COMMANDS):
         raise OptionError(
             f"ops: expected the module openseespy.opensees (3.5 or later), found {ops!r}"

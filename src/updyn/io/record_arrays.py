@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.items import kind_of, locate_errors, number, real, vector
+from updyn.io.items import as_number, as_reals, as_vector, describe_kind, locate_errors
 from updyn.signals.records import Records, seconds, step_of
 from updyn.units import find_unit, suggest_unit
 
@@ -155,7 +155,7 @@ def _array(arrays: Mapping[str, Any], name: str, path: str | Path) -> _Real:
     """Return the array with this name."""
     if name not in arrays:
         raise FormatError(f"no array {name!r}; {suggest(name, sorted(arrays))}", path)
-    return np.asarray(real(arrays[name], name, path), dtype=np.float64)
+    return np.asarray(as_reals(arrays[name], name, path), dtype=np.float64)
 
 
 def _order_axes(array: _Real, name: str, order: Sequence[str] | None, path: str | Path) -> _Real:
@@ -212,7 +212,7 @@ def _step(
     if time is not None:
         if time not in arrays:
             raise FormatError(f"no array {time!r}; {suggest(time, sorted(arrays))}", path)
-        times = vector(arrays[time], time, path)
+        times = as_vector(arrays[time], time, path)
         if len(times) != n_samples:
             raise FormatError(f"{time!r}: {len(times)} times for {n_samples} samples", path)
         with locate_errors(path):
@@ -222,7 +222,7 @@ def _step(
     if isinstance(rate, str):
         if rate not in arrays:
             raise FormatError(f"no number {rate!r}; {suggest(rate, sorted(arrays))}", path)
-        rate = number(arrays[rate], rate, path) * _hertz(units.get(rate, ""), rate, path)
+        rate = as_number(arrays[rate], rate, path) * _hertz(units.get(rate, ""), rate, path)
     if not (isinstance(rate, int | float) and np.isfinite(rate) and rate > 0.0):
         raise OptionError(f"rate {rate!r}: expected samples per second, above 0", key=("rate",))
     return 1.0 / float(rate)
@@ -249,6 +249,6 @@ def _flat(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 def _format_arrays(arrays: Mapping[str, Any]) -> str:
     """Format the arrays of a file, for messages."""
-    texts = [f"{name!r} ({kind_of(item)})" for name, item in sorted(arrays.items())]
+    texts = [f"{name!r} ({describe_kind(item)})" for name, item in sorted(arrays.items())]
     more = f", ... ({len(texts)} in all)" if len(texts) > 8 else ""
     return (", ".join(texts[:8]) or "nothing") + more

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
-from updyn.io.items import known_only, locate_errors, real
+from updyn.io.items import as_reals, check_names, locate_errors
 from updyn.model import Group, Model
 
 __all__ = ["FIELDS", "is_system", "system_model"]
@@ -65,13 +65,13 @@ def system_model(arrays: Mapping[str, NDArray[Any]], path: str | Path) -> Model:
     UpdynWarning
         If coordinates that are combinations of states are ignored.
     """
-    known_only(arrays, FIELDS, path, "SDynPy System")
+    check_names(arrays, FIELDS, path, "SDynPy System")
     missing = [name for name in _NEEDED if name not in arrays]
     if missing:
         raise FormatError(f"SDynPy System: no {missing[0]!r}; expected {', '.join(_NEEDED)}", path)
     nodes, directions = _coordinates(arrays["coordinate"], path)
     K, M, C, T = (
-        np.atleast_2d(real(arrays[n], n, path))
+        np.atleast_2d(as_reals(arrays[n], n, path))
         for n in ("stiffness", "mass", "damping", "transformation")
     )
     size = K.shape[0]

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError
 
-__all__ = ["check_last_line", "number_rows", "real_of", "reals", "rounding_of", "whole_of"]
+__all__ = [
+    "check_last_line",
+    "find_rounding",
+    "parse_integer",
+    "parse_real",
+    "parse_reals",
+    "parse_rows",
+]
 
 #: Integers of at most 15 digits, which doubles represent exactly.
 _WHOLE = rb"[+-]?[0-9]{1,15}+"
@@ -32,7 +39,7 @@ _SHOWN = 60  # characters of a line in a message
 _EXPONENT = bytes.maketrans(b"dD,", b"ee ")
 
 
-def number_rows(
+def parse_rows(
     body: bytes,
     columns: str,
     expected: str,
@@ -94,7 +101,7 @@ def number_rows(
     return table
 
 
-def real_of(text: str) -> float:
+def parse_real(text: str) -> float:
     """Return the number in a text, ignoring outer blanks; raise a ValueError for any other text.
 
     Infinities and numbers that exceed the range of a double are refused.
@@ -108,7 +115,7 @@ def real_of(text: str) -> float:
     return value
 
 
-def reals(body: bytes) -> NDArray[np.float64] | None:
+def parse_reals(body: bytes) -> NDArray[np.float64] | None:
     """Return the numbers separated by blanks and line breaks; None if a word is not a number."""
     if _REALS.fullmatch(body) is None:
         return None
@@ -116,7 +123,7 @@ def reals(body: bytes) -> NDArray[np.float64] | None:
     return found if np.isfinite(found).all() else None
 
 
-def rounding_of(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def find_rounding(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the place value of the last digit of each number in its printed form.
 
     Numbers of one column have the same number of decimals, or the same number of significant
@@ -134,7 +141,7 @@ def rounding_of(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np
     return np.asarray(np.maximum(10.0**-decimals, 10.0 ** (size + 1.0 - digits)))
 
 
-def whole_of(text: str) -> int:
+def parse_integer(text: str) -> int:
     """Return the integer in a text, ignoring outer blanks; raise a ValueError for any other text.
 
     Numbers of more than 18 digits are refused, because they may exceed 64 bits.

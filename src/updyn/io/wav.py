@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError
-from updyn.io.items import library, locate_errors, require_file, unreadable
+from updyn.io.items import locate_errors, report_library_errors, require_file, unreadable_error
 from updyn.signals.records import Records
 
 __all__ = ["read_records"]
@@ -52,7 +52,7 @@ def read_records(path: str | Path, *, channels: Sequence[str] | None = None) -> 
     from scipy.io import wavfile
 
     _check_chunks(require_file(path))
-    with library(path, "WAV file"), warnings.catch_warnings():
+    with report_library_errors(path, "WAV file"), warnings.catch_warnings():
         warnings.simplefilter("error", wavfile.WavFileWarning)
         try:
             rate, samples = wavfile.read(path)
@@ -88,7 +88,7 @@ def _check_chunks(path: Path) -> None:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     order = _ORDER.get(raw[:4])
     if order is None or raw[8:12] != b"WAVE" or len(raw) < 12:
         raise FormatError("not a WAV file: it does not start with RIFF or RIFX of kind WAVE", path)

@@ -12,14 +12,14 @@ from updyn.comparison import compare, compare_jointly
 from updyn.comparison.bench import Options
 from updyn.errors import FormatError, suggest
 from updyn.group import is_number
-from updyn.io.items import once
+from updyn.io.items import refuse_repeated_names
 from updyn.io.toml_text import parse_toml
 from updyn.job.folder import check_out, default_out
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.run import job_selection, locate_update_errors, make_tests
 from updyn.job.schema import Job
-from updyn.outputs.switch import open_folder, replaced
+from updyn.outputs.switch import open_folder, replace_files
 from updyn.store.comparison import write_comparison_json
 from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.problem.parameters import ParameterSet
@@ -108,7 +108,7 @@ def compare_job(
         check_out(job, out, COMPARISON_FILES)  # again, now that no other run can change the folder
         with locate_update_errors(job):
             found = _run_comparison(ready, {"callback": callback, "engine": engine, **options})
-        with replaced(out, "compare", COMPARISON_FILES) as new:
+        with replace_files(out, "compare", COMPARISON_FILES) as new:
             write_comparison(found, new / "compare.html")
             write_comparison_json(found, new / "compare.json")
     return found
@@ -177,7 +177,11 @@ def _read_content(path: Path) -> Mapping[str, Any]:
     is_json = path.suffix.lower() == ".json"
     kind = "JSON" if is_json else "TOML"
     try:
-        content = json.loads(text, object_pairs_hook=once) if is_json else parse_toml(text)
+        content = (
+            json.loads(text, object_pairs_hook=refuse_repeated_names)
+            if is_json
+            else parse_toml(text)
+        )
     except (ValueError, RecursionError) as error:
         raise FormatError(f"not {kind}: {error}", path) from error
     if not isinstance(content, dict):

@@ -20,7 +20,7 @@ import numpy as np
 
 from updyn.errors import FormatError, suggest
 from updyn.io.hdf5 import Folder, check_kind, put_kind
-from updyn.io.items import library, number, require_file
+from updyn.io.items import as_number, report_library_errors, require_file
 from updyn.io.native import write_native
 from updyn.io.netcdf import load_netcdf
 from updyn.store.values import from_text, to_text
@@ -119,7 +119,7 @@ class Number:
         """Return the number."""
         if name not in data.attrs:
             raise FormatError(f"no attribute {name!r}", path)
-        return self._kind(number(data.attrs[name], name, path))
+        return self._kind(as_number(data.attrs[name], name, path))
 
 
 class Mixed:
@@ -364,5 +364,5 @@ def read_dataset(
         if not isinstance(folder, Folder):
             raise FormatError(f"no group {name!r}; found: {', '.join(found.root.members)}", path)
         folders[name] = folder
-    with library(path, f"{what} (NetCDF-4)"):
+    with report_library_errors(path, f"{what} (NetCDF-4)"):
         return found.data(), folders

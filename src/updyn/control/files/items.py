@@ -47,7 +47,7 @@ from updyn.control.ports import Port, as_ports
 from updyn.errors import FormatError, suggest
 from updyn.frf import QUANTITIES
 from updyn.group import is_number
-from updyn.io.items import known_only, locate_errors
+from updyn.io.items import check_names, locate_errors
 from updyn.store.values import from_text, to_text
 
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
@@ -387,7 +387,7 @@ def _check_complete(
     path: str | Path,
     optional: Sequence[str] = (),
 ) -> None:
-    known_only(list(map(str, found)), [*expected, *optional], path, place)
+    check_names(list(map(str, found)), [*expected, *optional], path, place)
     for name in expected:
         if name not in found:
             message = f"{place}: {name!r} is missing".removeprefix(": ")

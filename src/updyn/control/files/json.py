@@ -12,7 +12,7 @@ from updyn.control.files.items import build_plant, plant_items
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.items import once
+from updyn.io.items import refuse_repeated_names
 from updyn.store.values import from_text, to_text
 
 __all__ = ["read_plant", "write_plant"]
@@ -32,7 +32,7 @@ def read_plant(path: str | Path) -> Plant:
     """Read a plant; raises FormatError with the line for invalid JSON, or for an invalid item."""
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
-        items = json.loads(text, object_pairs_hook=once)
+        items = json.loads(text, object_pairs_hook=refuse_repeated_names)
     except json.JSONDecodeError as error:
         message = f"not JSON: {error.msg} (column {error.colno}); truncated or damaged?"
         raise FormatError(message, path, error.lineno) from error

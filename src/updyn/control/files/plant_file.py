@@ -11,7 +11,7 @@ from pathlib import Path
 from updyn.control.plant import Plant
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.formats import Format, load
-from updyn.io.items import guard_reader, require_file, unreadable
+from updyn.io.items import guard_reader, require_file, unreadable_error
 
 __all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 
@@ -131,7 +131,7 @@ def _start(path: Path) -> bytes:
         with path.open("rb") as file:
             start = file.read(64).lstrip()
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     if not start:
         raise FormatError("the file is empty", path)
     return start

@@ -26,7 +26,7 @@ from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.modal import ModeSet
-from updyn.outputs.switch import open_folder, recover, replaced
+from updyn.outputs.switch import open_folder, recover, replace_files
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -129,7 +129,7 @@ def plant_job(
             source = f"The updated model of the run in {str(where)!r} ({result.status})."
         with job.located():
             plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
-        with replaced(out, "plant", plant_outputs(table)) as new:
+        with replace_files(out, "plant", plant_outputs(table)) as new:
             write_plant_files(plant_result, job, new)
             write_plant_page(plant_result, new / PLANT_PAGE)
     return plant_result

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.elements.checks import check_keys, is_whole, parts_of_table, whole
+from updyn.elements.checks import check_keys, check_whole, is_whole, read_parts
 from updyn.elements.constraints import Equation, about_axis, constrain, join
 from updyn.elements.drivetrain.pieces import (
     PARTS,
@@ -23,7 +23,7 @@ from updyn.elements.drivetrain.pieces import (
     Piece,
     RigidRatio,
     TorsionSpring,
-    resolve,
+    solve_ratios,
 )
 from updyn.elements.drivetrain.ratios import inverted_ratios
 from updyn.errors import ModelError, UpdynWarning, suggest
@@ -142,7 +142,7 @@ def _build_model(
     dofs = DofSet.from_arrays(np.array(train.nodes), direction)
     equations = []
     kept = _check_nodes(keep, "keep", train.nodes)
-    for node, ratios in resolve(train.rigid_ratios, train.fixed_nodes, kept).items():
+    for node, ratios in solve_ratios(train.rigid_ratios, train.fixed_nodes, kept).items():
         terms = {f"{other}:RZ": ratio for other, ratio in ratios.items()}
         equations.append(Equation(f"{node}:RZ", terms))
     tied = constrain(Model(groups, dofs), equations)
@@ -182,7 +182,7 @@ def _read_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
     check_keys("model", data, (), (*PARTS, *_OPTIONS))
     parts: list[Part] = []
     for key, part in PARTS.items():
-        parts += parts_of_table(data, key, part)
+        parts += read_parts(data, key, part)
         data.pop(key, None)
     if not parts:
         raise ModelError(
@@ -275,7 +275,7 @@ def _check_nodes(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[
     """Return nodes of the option `what`, after a check that they belong to parts."""
     if isinstance(nodes, str) or not isinstance(nodes, Iterable):
         raise ModelError(f"drive train: {what} {nodes!r}; expected a list of nodes", key=(what,))
-    checked = [whole("drive train", what, node) for node in nodes]
+    checked = [check_whole("drive train", what, node) for node in nodes]
     choices = sorted(known)
     for node in checked:
         if node not in choices:
@@ -389,7 +389,7 @@ def mounted(
     nodes = list(map(str, drive.dofs.nodes.tolist()))
     equations = []
     for node, place in at.items():
-        if str(whole("mounted", "node", node)) not in nodes:
+        if str(check_whole("mounted", "node", node)) not in nodes:
             raise ModelError(
                 f"mounted: the train has no DOF {node}:RZ (held, or it follows another by a rigid"
                 f" ratio: see keep); {suggest(str(node), nodes)}"
@@ -399,6 +399,6 @@ def mounted(
                 f"mounted: node {node}: {place!r}; expected (node of the structure, axis)"
             )
         master, axis = place
-        master = whole("mounted", f"node {node} on", master)
+        master = check_whole("mounted", f"node {node} on", master)
         equations.append(about_axis(f"{node}:RZ", master, axis))
     return constrain(join([structure, drive], title=title or structure.title), equations)

@@ -26,19 +26,26 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from updyn.elements.checks import not_negative, number, pair, positive, positive_or_none, whole
+from updyn.elements.checks import (
+    check_not_negative,
+    check_number,
+    check_pair,
+    check_positive,
+    check_positive_or_none,
+    check_whole,
+)
 from updyn.elements.drivetrain.pieces import (
     InertiaMatrix,
     Part,
     Piece,
     RigidRatio,
     TorsionSpring,
-    lump,
-    quantities,
-    relative,
-    transmission,
+    check_damping,
+    lump_inertia,
+    make_transmission,
+    relative_deformation,
 )
-from updyn.elements.drivetrain.shafts import halves
+from updyn.elements.drivetrain.shafts import half_inertias
 from updyn.errors import ModelError, suggest
 
 __all__ = [
@@ -131,8 +138,8 @@ class GearPair(Part):
         row, k, along = _mesh_deformation(
             what, self, self.mesh_stiffness, self.torsional_stiffness, self.rigid
         )
-        mesh = transmission(what, self, (self.a, self.b), row, k, along=along)
-        return [mesh, *halves(what, self, mesh.nodes)]
+        mesh = make_transmission(what, self, (self.a, self.b), row, k, along=along)
+        return [mesh, *half_inertias(what, self, mesh.nodes)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,18 +216,20 @@ class DualDrive(Part):
         row, k, along = _mesh_deformation(
             what, self, self.mesh_stiffness, self.torsional_stiffness, False
         )
-        factor = positive(what, "second_factor", self.second_factor)
+        factor = check_positive(what, "second_factor", self.second_factor)
         if self.preload is not None:
-            positive(what, "preload", self.preload)
+            check_positive(what, "preload", self.preload)
         if self.first == self.second:
             raise ModelError(f"{what}: node {self.first} is both pinions; expected two nodes")
         out: list[Piece] = []
         for pinion, stiffness in ((self.first, k or 0.0), (self.second, (k or 0.0) * factor)):
-            out.append(transmission(what, self, (pinion, self.gear), row, stiffness, along=along))
-            out += halves(what, self, (pinion,))
-        J = not_negative(what, "inertia_b", self.inertia_b)
+            out.append(
+                make_transmission(what, self, (pinion, self.gear), row, stiffness, along=along)
+            )
+            out += half_inertias(what, self, (pinion,))
+        J = check_not_negative(what, "inertia_b", self.inertia_b)
         if J:
-            out.append(lump(self.name, self.gear, J))
+            out.append(lump_inertia(self.name, self.gear, J))
         return out
 
     @property
@@ -239,8 +248,13 @@ class DualDrive(Part):
         if self.preload is None:
             raise ModelError(f"{what}: preload is not stated")
         ratio, _ = _wheel_sizes(what, self)
-        factor = positive(what, "second_factor", self.second_factor)
-        return ratio * positive(what, "preload", self.preload) * (1.0 + factor) / max(1.0, factor)
+        factor = check_positive(what, "second_factor", self.second_factor)
+        return (
+            ratio
+            * check_positive(what, "preload", self.preload)
+            * (1.0 + factor)
+            / max(1.0, factor)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,12 +311,12 @@ class Worm(Part):
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the mesh, the worm and the wheel."""
         what = f"worm {self.name!r}"
-        if number(what, "ratio", self.ratio) == 0.0:
+        if check_number(what, "ratio", self.ratio) == 0.0:
             raise ModelError(f"{what}: ratio 0; expected a number other than 0")
-        k = positive_or_none(what, "stiffness", self.stiffness)
+        k = check_positive_or_none(what, "stiffness", self.stiffness)
         row = (-1.0 / self.ratio, 1.0)
-        mesh = transmission(what, self, (self.worm, self.wheel), row, k, housing_factor=1.0)
-        return [mesh, *halves(what, self, mesh.nodes)]
+        mesh = make_transmission(what, self, (self.worm, self.wheel), row, k, housing_factor=1.0)
+        return [mesh, *half_inertias(what, self, mesh.nodes)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,11 +374,11 @@ class Belt(Part):
         what = f"belt {self.name!r}"
         if not isinstance(self.crossed, bool):
             raise ModelError(f"{what}: crossed {self.crossed!r}; expected true or false")
-        r_a, r_b = pair(what, "radii", self.radii)
-        k = positive_or_none(what, "stiffness", self.stiffness)
+        r_a, r_b = check_pair(what, "radii", self.radii)
+        k = check_positive_or_none(what, "stiffness", self.stiffness)
         row = (r_a, r_b if self.crossed else -r_b)
-        belt = transmission(what, self, (self.a, self.b), row, k, along=True)
-        return [belt, *halves(what, self, belt.nodes)]
+        belt = make_transmission(what, self, (self.a, self.b), row, k, along=True)
+        return [belt, *half_inertias(what, self, belt.nodes)]
 
 
 _Wheels = TypeVar("_Wheels", GearPair, DualDrive)
@@ -382,7 +396,7 @@ def _invert_wheels(part: _Wheels) -> _Wheels:
 
 def line_of_action(what: str, pressure_angle_deg: float) -> float:
     """Return cos(alpha), the ratio of base to pitch radius, for an angle from 0 to 60 degrees."""
-    if not 0.0 <= number(what, "pressure_angle_deg", pressure_angle_deg) < 60.0:
+    if not 0.0 <= check_number(what, "pressure_angle_deg", pressure_angle_deg) < 60.0:
         raise ModelError(
             f"{what}: pressure_angle_deg {pressure_angle_deg!r}; expected 0 up to 60 degrees"
         )
@@ -412,12 +426,12 @@ def _mesh_deformation(
     ratio, radii = _wheel_sizes(what, part)
     cosine = line_of_action(what, part.pressure_angle_deg)
     if mesh is None:
-        k = positive_or_none(what, "torsional_stiffness", torsional)
+        k = check_positive_or_none(what, "torsional_stiffness", torsional)
         return (1.0 / ratio, sense), k, False
     if radii is None:
         raise ModelError(f"{what}: mesh_stiffness asks for radii, or teeth and module")
     row = (cosine * radii[0], sense * cosine * radii[1])
-    return row, positive(what, "mesh_stiffness", mesh), True
+    return row, check_positive(what, "mesh_stiffness", mesh), True
 
 
 def _wheel_sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | None]:
@@ -430,14 +444,14 @@ def _wheel_sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | Non
     if part.module is not None and part.teeth is None:
         raise ModelError(f"{what}: module goes with teeth")
     if part.ratio is not None:
-        return positive(what, "ratio", part.ratio), None
+        return check_positive(what, "ratio", part.ratio), None
     if part.radii is not None:
-        r_a, r_b = pair(what, "radii", part.radii)
+        r_a, r_b = check_pair(what, "radii", part.radii)
         return r_b / r_a, (r_a, r_b)
-    z_a, z_b = pair(what, "teeth", part.teeth)
+    z_a, z_b = check_pair(what, "teeth", part.teeth)
     if part.module is None:
         return z_b / z_a, None
-    half = positive(what, "module", part.module) / 2.0
+    half = check_positive(what, "module", part.module) / 2.0
     return z_b / z_a, (half * z_a, half * z_b)
 
 
@@ -502,15 +516,15 @@ class Planetary(Part):
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the meshes or the rigid ratio, and the planets."""
         what = f"planetary stage {self.name!r}"
-        z_s, z_r = pair(what, "teeth", self.teeth)
+        z_s, z_r = check_pair(what, "teeth", self.teeth)
         if z_r <= z_s:
             raise ModelError(
                 f"{what}: teeth {self.teeth!r}; expected more on the ring than on the sun"
             )
         if not isinstance(self.rigid, bool):
             raise ModelError(f"{what}: rigid {self.rigid!r}; expected true or false")
-        whole(what, "n_planets", self.n_planets, 1)
-        axes, willis = relative(
+        check_whole(what, "n_planets", self.n_planets, 1)
+        axes, willis = relative_deformation(
             what, (self.sun, self.ring, self.carrier), (z_s, z_r, -(z_s + z_r)), None
         )
         out = self._planet_inertia(what, axes[2])
@@ -522,15 +536,15 @@ class Planetary(Part):
 
     def _planet_inertia(self, what: str, carrier: int) -> list[Piece]:
         """Return the mass of the planets as an inertia of the carrier."""
-        mass = not_negative(what, "planet_mass", self.planet_mass)
+        mass = check_not_negative(what, "planet_mass", self.planet_mass)
         if not mass:
             return []
         if self.module is None:
             raise ModelError(
                 f"{what}: planet_mass asks for module, to know the radius at which it turns"
             )
-        arm = positive(what, "module", self.module) * (self.teeth[0] + self.teeth[1]) / 4.0
-        return [lump(self._planets, carrier, self.n_planets * mass * arm**2)]
+        arm = check_positive(what, "module", self.module) * (self.teeth[0] + self.teeth[1]) / 4.0
+        return [lump_inertia(self._planets, carrier, self.n_planets * mass * arm**2)]
 
     @property
     def _planets(self) -> str:
@@ -546,7 +560,7 @@ class Planetary(Part):
                 f"{what} is rigid: {', '.join(given)} would have no effect; leave it out"
             )
         out: list[Piece] = [RigidRatio(what, axes, willis, axes[2])]
-        J = not_negative(what, "planet_inertia", self.planet_inertia)
+        J = check_not_negative(what, "planet_inertia", self.planet_inertia)
         if J:
             # theta_p = theta_c + (z_s / z_p) (theta_c - theta_s)
             step = 2.0 * self.teeth[0] / (self.teeth[1] - self.teeth[0])
@@ -561,28 +575,28 @@ class Planetary(Part):
                 raise ModelError(
                     f"{what}: {key} is missing; expected sun_mesh, ring_mesh and module, or rigid"
                 )
-        half = positive(what, "module", self.module) / 2.0
+        half = check_positive(what, "module", self.module) / 2.0
         half *= line_of_action(what, self.pressure_angle_deg)
         r_s = half * self.teeth[0]
         r_r = half * self.teeth[1]
         r_p = (r_r - r_s) / 2.0
-        k_s = positive(what, "sun_mesh", self.sun_mesh)
-        k_r = positive(what, "ring_mesh", self.ring_mesh)
-        J = not_negative(what, "planet_inertia", self.planet_inertia)
-        viscous, loss = quantities(what, self)
+        k_s = check_positive(what, "sun_mesh", self.sun_mesh)
+        k_r = check_positive(what, "ring_mesh", self.ring_mesh)
+        J = check_not_negative(what, "planet_inertia", self.planet_inertia)
+        viscous, loss = check_damping(what, self)
         planets = self._planet_nodes(what) or (new_node(),)
         count = self.n_planets // len(planets)  # planets represented by one node
         meshes = (("sun", self.sun, k_s, (r_s, r_p)), ("ring", self.ring, k_r, (r_r, -r_p)))
         out: list[Piece] = []
         for planet in planets:
             for wheel, node, k, coefficients in meshes:
-                nodes, row = relative(what, (node, planet), coefficients, self.carrier)
+                nodes, row = relative_deformation(what, (node, planet), coefficients, self.carrier)
                 group = f"{self.name} {wheel} mesh"
                 out.append(
                     TorsionSpring(group, nodes, row, count * k, count * viscous, loss, along=True)
                 )
             if J:
-                out.append(lump(self._planets, planet, count * J))
+                out.append(lump_inertia(self._planets, planet, count * J))
         return out
 
     def _planet_nodes(self, what: str) -> tuple[int, ...]:
@@ -593,4 +607,4 @@ class Planetary(Part):
             raise ModelError(f"{what}: planets {nodes!r}; expected one node, or {self.n_planets}")
         if len(set(nodes)) < len(nodes):
             raise ModelError(f"{what}: planets {nodes!r}; expected different nodes")
-        return tuple([whole(what, "planets", node) for node in nodes])
+        return tuple([check_whole(what, "planets", node) for node in nodes])

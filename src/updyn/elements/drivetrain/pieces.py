@@ -2,7 +2,7 @@
 
 A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T, which is
 positive semi-definite and stores no energy in a motion with row . theta = 0. Such motions satisfy
-the rigid ratio of the part. `resolve` solves the rigid ratios of a train.
+the rigid ratio of the part. `solve_ratios` solves the rigid ratios of a train.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.checks import not_negative, number, whole
+from updyn.elements.checks import check_not_negative, check_number, check_whole
 from updyn.errors import ModelError
 from updyn.registry import Registry
 
@@ -27,11 +27,11 @@ __all__ = [
     "Piece",
     "RigidRatio",
     "TorsionSpring",
-    "lump",
-    "quantities",
-    "relative",
-    "resolve",
-    "transmission",
+    "check_damping",
+    "lump_inertia",
+    "make_transmission",
+    "relative_deformation",
+    "solve_ratios",
 ]
 
 
@@ -170,18 +170,18 @@ PARTS: Registry[type[Part]] = Registry(
 )
 
 
-def lump(group: str, node: int, inertia: float) -> InertiaMatrix:
+def lump_inertia(group: str, node: int, inertia: float) -> InertiaMatrix:
     """Return an inertia in kg m2 on one node."""
     return InertiaMatrix(group, (node,), np.array([[inertia]]))
 
 
-def quantities(what: str, part: Any) -> tuple[float, float]:
+def check_damping(what: str, part: Any) -> tuple[float, float]:
     """Return viscous damping and loss factor of a part, checked to be numbers of at least 0."""
-    viscous = not_negative(what, "viscous", part.viscous)
-    return viscous, not_negative(what, "loss_factor", part.loss_factor)
+    viscous = check_not_negative(what, "viscous", part.viscous)
+    return viscous, check_not_negative(what, "loss_factor", part.loss_factor)
 
 
-def relative(
+def relative_deformation(
     what: str,
     nodes: Sequence[int],
     row: Sequence[float],
@@ -194,10 +194,10 @@ def relative(
     for the ground) is subtracted with `housing_factor`, by default the sum of `row`, for shafts
     parallel to its axis. A `ModelError` is raised if a node is not a whole number or occurs twice.
     """
-    checked = [whole(what, "node", node) for node in nodes]
-    values = [number(what, "coefficient", value) for value in row]
+    checked = [check_whole(what, "node", node) for node in nodes]
+    values = [check_number(what, "coefficient", value) for value in row]
     if housing is not None:
-        checked.append(whole(what, "housing", housing))
+        checked.append(check_whole(what, "housing", housing))
         if housing_factor is None:
             housing_factor = sum(values)
         values.append(-housing_factor)
@@ -207,7 +207,7 @@ def relative(
     return tuple(checked), tuple(values)
 
 
-def transmission(
+def make_transmission(
     what: str,
     part: Any,
     nodes: Sequence[int],
@@ -223,8 +223,8 @@ def transmission(
     the dependent one. The stiffness is in N m/rad, or in N/m for a length (`along`). A
     `ModelError` is raised for invalid numbers, or damping of a rigid part.
     """
-    every, values = relative(what, nodes, row, part.housing, housing_factor)
-    viscous, loss = quantities(what, part)
+    every, values = relative_deformation(what, nodes, row, part.housing, housing_factor)
+    viscous, loss = check_damping(what, part)
     if stiffness is not None:
         return TorsionSpring(part.name, every, values, stiffness, viscous, loss, along=along)
     if viscous or loss:
@@ -234,7 +234,7 @@ def transmission(
     return RigidRatio(what, every, values, every[1])
 
 
-def resolve(
+def solve_ratios(
     ties: Iterable[RigidRatio], holds: Iterable[FixedNode], keep: Iterable[int] = ()
 ) -> dict[int, dict[int, float]]:
     """Solve the rigid ratios for the dependent nodes: their coefficients by independent node.

@@ -15,9 +15,15 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.typing import NDArray
 
-from updyn.elements.checks import whole
+from updyn.elements.checks import check_whole
 from updyn.elements.drivetrain.build import Train, assemble
-from updyn.elements.drivetrain.pieces import InertiaMatrix, Part, RigidRatio, TorsionSpring, resolve
+from updyn.elements.drivetrain.pieces import (
+    InertiaMatrix,
+    Part,
+    RigidRatio,
+    TorsionSpring,
+    solve_ratios,
+)
 from updyn.elements.drivetrain.shafts import Shaft
 from updyn.errors import ModelError, suggest
 from updyn.text_table import text_table
@@ -136,7 +142,7 @@ def reflected(parts: Iterable[Part], to: int, *, held: Iterable[int] = ()) -> Re
         without a fixed member, separate trains), or as `drivetrain`.
     """
     train = _RigidTrain(assemble(_with_single_shafts(parts), held))
-    if whole("reflected", "to", to) not in train.nodes:
+    if check_whole("reflected", "to", to) not in train.nodes:
         near = suggest(str(to), map(str, train.nodes))
         raise ModelError(f"reflected: no part has the node {to}; {near}")
     speeds = train.speeds(to)
@@ -302,7 +308,7 @@ class _RigidTrain:
 
     def _transformation(self) -> tuple[NDArray[np.float64], int]:
         """Return all rotations from the free ones, shape (nodes, free), and their number."""
-        follow = resolve(self.train.rigid_ratios, self.train.fixed_nodes)
+        follow = solve_ratios(self.train.rigid_ratios, self.train.fixed_nodes)
         free = [node for node in self.nodes if node not in follow]
         T = np.zeros((len(self.nodes), len(free)))
         for i, node in enumerate(self.nodes):

@@ -10,7 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from updyn.elements.checks import not_negative, positive, positive_or_none, whole
+from updyn.elements.checks import (
+    check_not_negative,
+    check_positive,
+    check_positive_or_none,
+    check_whole,
+)
 from updyn.elements.drivetrain.pieces import (
     FixedNode,
     InertiaMatrix,
@@ -18,9 +23,9 @@ from updyn.elements.drivetrain.pieces import (
     Piece,
     RigidRatio,
     TorsionSpring,
-    lump,
-    quantities,
-    relative,
+    check_damping,
+    lump_inertia,
+    relative_deformation,
 )
 from updyn.errors import ModelError, suggest
 
@@ -62,12 +67,12 @@ class Inertia(Part):
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the inertia."""
         what = f"inertia {self.name!r}"
-        node = whole(what, "node", self.node)
+        node = check_whole(what, "node", self.node)
         if not _is_from_geometry(what, self, "value", ("rho", "outer_diameter", "length")):
-            return [lump(self.name, node, positive(what, "value", self.value))]
-        rho = positive(what, "rho", self.rho)
-        length = positive(what, "length", self.length)
-        return [lump(self.name, node, rho * length * _polar_moment(what, self))]
+            return [lump_inertia(self.name, node, check_positive(what, "value", self.value))]
+        rho = check_positive(what, "rho", self.rho)
+        length = check_positive(what, "length", self.length)
+        return [lump_inertia(self.name, node, rho * length * _polar_moment(what, self))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +127,10 @@ class Shaft(Part):
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the springs and inertias of its elements."""
         what = f"shaft {self.name!r}"
-        count = whole(what, "n_elements", self.n_elements, 1)
-        ends, _ = relative(what, (self.a, self.b), (1.0, -1.0), None)
+        count = check_whole(what, "n_elements", self.n_elements, 1)
+        ends, _ = relative_deformation(what, (self.a, self.b), (1.0, -1.0), None)
         stiffness, J = self._totals(what)
-        viscous, loss = quantities(what, self)
+        viscous, loss = check_damping(what, self)
         if count > 1 and not J:
             raise ModelError(
                 f"{what}: {count} elements of a shaft without mass; give rho or inertia, or one"
@@ -148,19 +153,19 @@ class Shaft(Part):
                 raise ModelError(
                     f"{what}: inertia goes with a stiffness; with the geometry give rho"
                 )
-            G = positive(what, "G", self.G)
-            length = positive(what, "length", self.length)
+            G = check_positive(what, "G", self.G)
+            length = check_positive(what, "length", self.length)
             section = _polar_moment(what, self)
             rho = 0.0
             if self.rho is not None:
-                rho = not_negative(what, "rho", self.rho)
+                rho = check_not_negative(what, "rho", self.rho)
             return G * section / length, rho * section * length
         if self.rho is not None:
             raise ModelError(f"{what}: rho goes with the geometry; with a stiffness give inertia")
         J = 0.0
         if self.inertia is not None:
-            J = not_negative(what, "inertia", self.inertia)
-        return positive(what, "stiffness", self.stiffness), J
+            J = check_not_negative(what, "inertia", self.inertia)
+        return check_positive(what, "stiffness", self.stiffness), J
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,11 +202,11 @@ class Coupling(Part):
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the spring and the two halves."""
         what = f"coupling {self.name!r}"
-        nodes, row = relative(what, (self.a, self.b), (1.0, -1.0), None)
-        k = positive(what, "stiffness", self.stiffness)
-        viscous, loss = quantities(what, self)
+        nodes, row = relative_deformation(what, (self.a, self.b), (1.0, -1.0), None)
+        k = check_positive(what, "stiffness", self.stiffness)
+        viscous, loss = check_damping(what, self)
         spring = TorsionSpring(self.name, nodes, row, k, viscous, loss)
-        return [spring, *halves(what, self, nodes)]
+        return [spring, *half_inertias(what, self, nodes)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +253,11 @@ class Motor(Part):
         if self.rotor not in _ROTORS:
             raise ModelError(f"{what}: rotor {self.rotor!r}; {suggest(str(self.rotor), _ROTORS)}")
         out: list[Piece] = [
-            lump(self.name, whole(what, "node", self.node), positive(what, "inertia", self.inertia))
+            lump_inertia(
+                self.name,
+                check_whole(what, "node", self.node),
+                check_positive(what, "inertia", self.inertia),
+            )
         ]
         if self.rotor == "locked":
             out.append(_lock(what, self))
@@ -296,9 +305,9 @@ class Brake(Part):
         if not isinstance(self.closed, bool):
             raise ModelError(f"{what}: closed {self.closed!r}; expected true or false")
         out: list[Piece] = []
-        node = whole(what, "node", self.node)
-        if not_negative(what, "inertia", self.inertia):
-            out.append(lump(self.name, node, self.inertia))
+        node = check_whole(what, "node", self.node)
+        if check_not_negative(what, "inertia", self.inertia):
+            out.append(lump_inertia(self.name, node, self.inertia))
         if self.closed and self.stiffness is None:
             out.append(_lock(what, self))
         return out + _anchors(what, self, has_spring=self.closed)
@@ -344,30 +353,30 @@ class Ground(Part):
         return out
 
 
-def halves(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
+def half_inertias(what: str, part: Any, nodes: tuple[int, ...]) -> list[Piece]:
     """Return the inertias `inertia_a` and `inertia_b` of the two sides of a part in kg m2."""
     out: list[Piece] = []
     for node, key in zip(nodes, ("inertia_a", "inertia_b"), strict=False):
-        J = not_negative(what, key, getattr(part, key))
+        J = check_not_negative(what, key, getattr(part, key))
         if J:
-            out.append(lump(part.name, node, J))
+            out.append(lump_inertia(part.name, node, J))
     return out
 
 
 def _lock(what: str, part: Any) -> Piece:
     if part.housing is None:
-        return FixedNode(what, whole(what, "node", part.node))
-    nodes, row = relative(what, (part.node,), (1.0,), part.housing)
+        return FixedNode(what, check_whole(what, "node", part.node))
+    nodes, row = relative_deformation(what, (part.node,), (1.0,), part.housing)
     return RigidRatio(what, nodes, row, nodes[0], anchor=True)
 
 
 def _anchors(what: str, part: Any, has_spring: bool = True) -> list[Piece]:
     """Return the spring and damper of a part to the ground or its housing, if it has any."""
-    nodes, row = relative(what, (part.node,), (1.0,), part.housing)
-    viscous, loss = quantities(what, part)
+    nodes, row = relative_deformation(what, (part.node,), (1.0,), part.housing)
+    viscous, loss = check_damping(what, part)
     if part.stiffness is None and loss:
         raise ModelError(f"{what}: a loss factor without stiffness has no effect")
-    k = positive_or_none(what, "stiffness", part.stiffness)
+    k = check_positive_or_none(what, "stiffness", part.stiffness)
     if k is None or not has_spring:
         k = 0.0
         loss = 0.0
@@ -396,8 +405,8 @@ def _is_from_geometry(what: str, part: Any, name: str, dimensions: Sequence[str]
 
 def _polar_moment(what: str, part: Any) -> float:
     """Return the polar second moment of area pi (D^4 - d^4) / 32, in m4."""
-    D = positive(what, "outer_diameter", part.outer_diameter)
-    d = not_negative(what, "inner_diameter", part.inner_diameter)
+    D = check_positive(what, "outer_diameter", part.outer_diameter)
+    d = check_not_negative(what, "inner_diameter", part.inner_diameter)
     if d >= D:
         raise ModelError(
             f"{what}: inner_diameter {d:g} m; expected less than outer_diameter {D:g} m"

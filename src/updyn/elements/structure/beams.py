@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.elements.checks import (
+    check_connectivity,
     check_keys,
-    connectivity,
+    check_material,
+    check_number,
+    check_poisson_ratio,
+    check_positive,
+    check_vector,
     field_names,
-    material,
-    number,
-    poisson_ratio,
-    positive,
-    store,
-    vector,
+    set_fields,
 )
 from updyn.elements.structure import pyfe
 from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
@@ -68,7 +68,7 @@ class Section:
             value = getattr(self, field.name)
             if value is None and field.default is None:
                 continue
-            store(self, **{field.name: positive("section", field.name, value)})
+            set_fields(self, **{field.name: check_positive("section", field.name, value)})
 
     @property
     def is_round(self) -> bool:
@@ -104,9 +104,9 @@ def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
     ModelError
         If a length is not above 0, or nu is not above -1 and at most 0.5.
     """
-    h = positive("rectangle", "height", height)
-    w = positive("rectangle", "width", width)
-    poisson_ratio("rectangle", nu)
+    h = check_positive("rectangle", "height", height)
+    w = check_positive("rectangle", "width", width)
+    check_poisson_ratio("rectangle", nu)
     a = max(h, w)
     b = min(h, w)
     series = sum(math.tanh(n * math.pi * a / (2 * b)) / n**5 for n in range(1, 40, 2))
@@ -135,14 +135,14 @@ def tube(outer: float, inner: float = 0.0, nu: float = 0.3) -> Section:
     ModelError
         If the outer diameter is not above the inner one, or nu is not above -1 and at most 0.5.
     """
-    D = positive("tube", "outer", outer)
-    d = number("tube", "inner", inner)
+    D = check_positive("tube", "outer", outer)
+    d = check_number("tube", "inner", inner)
     if not 0 <= d < D:
         raise ModelError(
             f"tube: inner diameter {inner!r}; expected at least 0 and below the outer one,"
             f" {outer!r} m"
         )
-    v = poisson_ratio("tube", nu)
+    v = check_poisson_ratio("tube", nu)
     m = (d / D) ** 2
     kappa = 6 * (1 + v) * (1 + m) ** 2 / ((7 + 6 * v) * (1 + m) ** 2 + (20 + 12 * v) * m)
     second = math.pi * (D * D + d * d) * (D * D - d * d) / 64
@@ -222,14 +222,14 @@ class Beam(Element):
 
     def __post_init__(self) -> None:
         what = self.label
-        nodes = connectivity(what, self.connectivity, (2,))
-        store(self, connectivity=nodes, **material(what, self))
+        nodes = check_connectivity(what, self.connectivity, (2,))
+        set_fields(self, connectivity=nodes, **check_material(what, self))
         if not isinstance(self.section, Section):
             raise ModelError(
                 f"{what}: section {self.section!r}; expected a Section, rectangle(...) or tube(...)"
             )
         if self.orientation is not None:
-            store(self, orientation=vector(what, "orientation", self.orientation))
+            set_fields(self, orientation=check_vector(what, "orientation", self.orientation))
         elif not self.section.is_round:
             raise ModelError(
                 f"{what}: an orientation (a vector in its local xy plane) is needed,"
@@ -341,9 +341,9 @@ class Truss(Element):
 
     def __post_init__(self) -> None:
         what = self.label
-        nodes = connectivity(what, self.connectivity, (2,))
-        store(self, connectivity=nodes, **material(what, self))
-        store(self, A=positive(what, "A", self.A))
+        nodes = check_connectivity(what, self.connectivity, (2,))
+        set_fields(self, connectivity=nodes, **check_material(what, self))
+        set_fields(self, A=check_positive(what, "A", self.A))
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
         """Compute stiffness and consistent mass of given bars."""

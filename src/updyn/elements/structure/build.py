@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.checks import check_keys, from_row, parts_of_table, read_rows, reals
+from updyn.elements.checks import check_keys, read_parts, read_row, read_rows, to_reals
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
@@ -125,7 +125,7 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     parts: list[Element] = []
     for key, kind_of_element in ELEMENTS.items():
         parts += read_rows(data, key, partial(_build_element, kind_of_element))
-    links = parts_of_table(data, "link", RigidLink)
+    links = read_parts(data, "link", RigidLink)
     equations = read_rows(data, "equation", _build_equation)
     grounded = data.get("grounded", [])
     if not isinstance(grounded, list | tuple):
@@ -144,7 +144,7 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
 
 
 def _build_element(kind: type[Element], where: str, row: Mapping[str, Any]) -> Element:
-    return from_row(kind, where, kind.fields_of_row(where, row))
+    return read_row(kind, where, kind.fields_of_row(where, row))
 
 
 def _build_equation(where: str, row: Mapping[str, Any]) -> Equation:
@@ -227,7 +227,7 @@ def _read_nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> _Nodes
 
 def _positions(given: Any) -> NDArray[np.float64]:
     try:
-        xyz = reals(given)
+        xyz = to_reals(given)
     except ValueError as error:
         raise ModelError(f"structure: expected three numbers for each node ({error})") from error
     if xyz.ndim != 2 or xyz.shape[1] != 3:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.checks import connectivity, material, positive, store
+from updyn.elements.checks import check_connectivity, check_material, check_positive, set_fields
 from updyn.elements.structure import pyfe
 from updyn.elements.structure.element import Element, ElementMatrices
 from updyn.errors import ModelError, UpdynWarning
@@ -64,9 +64,9 @@ class Shell(Element):
 
     def __post_init__(self) -> None:
         what = self.label
-        nodes = connectivity(what, self.connectivity, (3, 4))
-        store(self, connectivity=nodes, **material(what, self))
-        store(self, thickness=positive(what, "thickness", self.thickness))
+        nodes = check_connectivity(what, self.connectivity, (3, 4))
+        set_fields(self, connectivity=nodes, **check_material(what, self))
+        set_fields(self, thickness=check_positive(what, "thickness", self.thickness))
 
     def matrices(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> ElementMatrices:
         """Compute stiffness and consistent mass of given shells.

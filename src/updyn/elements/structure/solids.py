@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.checks import connectivity, material, store
+from updyn.elements.checks import check_connectivity, check_material, set_fields
 from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
 from updyn.errors import ModelError
 from updyn.shapes import HEXAHEDRON, TETRAHEDRON
@@ -88,8 +88,8 @@ class Solid(Element):
 
     def __post_init__(self) -> None:
         what = self.label
-        nodes = connectivity(what, self.connectivity, (4, 8, 10, 20))
-        store(self, connectivity=nodes, **material(what, self))
+        nodes = check_connectivity(what, self.connectivity, (4, 8, 10, 20))
+        set_fields(self, connectivity=nodes, **check_material(what, self))
         if not self.nu < 0.5:
             raise ModelError(f"{what}: nu {self.nu!r}; expected below 0.5")
         if not isinstance(self.lumped, bool):

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.elements.checks import check_name, floats, node_number, not_negative, six, store
+from updyn.elements.checks import (
+    check_floats,
+    check_name,
+    check_node_number,
+    check_not_negative,
+    check_six,
+    set_fields,
+)
 from updyn.elements.structure.element import Element, ElementMatrices
 from updyn.errors import ModelError
 
@@ -60,22 +67,22 @@ class Spring(Element):
     def __post_init__(self) -> None:
         what = self.label
         check_name(what, self.name)
-        store(self, first=node_number(what, "first", self.first))
+        set_fields(self, first=check_node_number(what, "first", self.first))
         if self.second is not None:
-            store(self, second=node_number(what, "second", self.second))
+            set_fields(self, second=check_node_number(what, "second", self.second))
             if self.second == self.first:
                 raise ModelError(
                     f"{what}: both ends are node {self.first}; leave second out for a spring to"
                     " ground"
                 )
-        store(self, stiffness=six(what, "stiffness", self.stiffness))
-        store(self, viscous=six(what, "viscous", self.viscous))
+        set_fields(self, stiffness=check_six(what, "stiffness", self.stiffness))
+        set_fields(self, viscous=check_six(what, "viscous", self.viscous))
         if not self.stiffness.any() and not self.viscous.any():
             raise ModelError(
                 f"{what} has neither stiffness nor viscous damping; give one above 0 or leave it"
                 " out"
             )
-        store(self, loss_factor=not_negative(what, "loss_factor", self.loss_factor))
+        set_fields(self, loss_factor=check_not_negative(what, "loss_factor", self.loss_factor))
         self._check_axes(what)
 
     def _check_axes(self, what: str) -> None:
@@ -84,7 +91,7 @@ class Spring(Element):
         if isinstance(self.axes, str):
             self._check_line(what)
             return
-        pair = floats(what, "axes", self.axes)
+        pair = check_floats(what, "axes", self.axes)
         if pair.shape != (2, 3):
             raise ModelError(f"{what}: axes of shape {pair.shape}; expected two vectors, (2, 3)")
         x, v = pair
@@ -92,7 +99,7 @@ class Spring(Element):
             raise ModelError(
                 f"{what}: axes {x} and {v} are parallel or 0; expected two that span a plane"
             )
-        store(self, axes=pair)
+        set_fields(self, axes=pair)
 
     def _check_line(self, what: str) -> None:
         if self.axes != "line":
@@ -189,9 +196,9 @@ class PointMass(Element):
     def __post_init__(self) -> None:
         what = self.label
         check_name(what, self.name)
-        store(self, node=node_number(what, "node", self.node))
-        store(self, mass=not_negative(what, "mass", self.mass))
-        tensor = floats(what, "inertia", self.inertia)
+        set_fields(self, node=check_node_number(what, "node", self.node))
+        set_fields(self, mass=check_not_negative(what, "mass", self.mass))
+        tensor = check_floats(what, "inertia", self.inertia)
         if tensor.shape == (3,):
             tensor = np.diag(tensor)
         if tensor.shape != (3, 3) or not np.allclose(tensor, tensor.T, rtol=_ROUNDING, atol=0):
@@ -201,12 +208,12 @@ class PointMass(Element):
             )
         if np.linalg.eigvalsh(tensor)[0] < -_ROUNDING * np.abs(tensor).max():
             raise ModelError(f"{what}: inertia {self.inertia!r} is negative about some axis")
-        offset = floats(what, "offset", self.offset)
+        offset = check_floats(what, "offset", self.offset)
         if offset.shape != (3,):
             raise ModelError(f"{what}: offset {self.offset!r}; expected three numbers")
         if not self.mass and not tensor.any():
             raise ModelError(f"{what} has neither mass nor inertia")
-        store(self, inertia=tensor, offset=offset)
+        set_fields(self, inertia=tensor, offset=offset)
 
     @property
     def label(self) -> str:

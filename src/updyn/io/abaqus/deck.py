@@ -14,7 +14,12 @@ from updyn.errors import FormatError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import UnitSystem, check_materials
 from updyn.io.items import locate_errors
-from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, whole
+from updyn.io.keyword_deck.cards import (
+    KeywordCard,
+    KeywordRow,
+    parse_integer_field,
+    parse_number_field,
+)
 from updyn.io.keyword_deck.sets import Sets, concatenate
 from updyn.io.keyword_deck.structure import (
     KeywordProperty,
@@ -203,7 +208,7 @@ def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> NDArray[np.
         nodes = sets.members(fields[0].upper())
         sets.count(len(nodes), card, row)
     elif fields[0].isdecimal():
-        nodes = np.array([whole(fields[0], card, row)], dtype=np.int64)
+        nodes = np.array([parse_integer_field(fields[0], card, row)], dtype=np.int64)
     else:
         raise card.error(
             f"*BOUNDARY: no node set {fields[0]!r}; {suggest(fields[0].upper(), [*sets])}", row
@@ -211,9 +216,9 @@ def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> NDArray[np.
     if len(fields) == 2 and fields[1].upper() in _SUPPORTS:
         directions: tuple[int, ...] = _SUPPORTS[fields[1].upper()]
     elif len(fields) > 1 and "".join(fields[1:3]).isdecimal():
-        first = last = whole(fields[1], card, row)
+        first = last = parse_integer_field(fields[1], card, row)
         if len(fields) > 2 and fields[2]:
-            last = whole(fields[2], card, row)
+            last = parse_integer_field(fields[2], card, row)
         if not 1 <= first <= last <= 6:
             raise card.error(f"*BOUNDARY: found {row.text!r}; expected directions from 1 to 6", row)
         directions = tuple(range(first, last + 1))
@@ -221,7 +226,7 @@ def _support_dofs(card: KeywordCard, row: KeywordRow, sets: Sets) -> NDArray[np.
         raise card.error(
             f"*BOUNDARY: found {row.text!r}; expected node, first direction, last direction", row
         )
-    if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
+    if len(fields) > 3 and fields[3] and parse_number_field(fields[3], card, row) != 0.0:
         raise card.error(f"*BOUNDARY: found {row.text!r}; expected a support at 0", row)
     both = np.repeat(nodes, len(directions)), np.tile(directions, len(nodes))
     return np.stack(both, axis=1).astype(np.int64)
@@ -232,6 +237,6 @@ def _element_numbers(card: KeywordCard) -> NDArray[np.int64]:
     numbers, continues = [], False
     for row in card.rows:
         if not continues:
-            numbers.append(whole(row.fields[0], card, row))
+            numbers.append(parse_integer_field(row.fields[0], card, row))
         continues = row.text.endswith(",")
     return np.array(numbers, dtype=np.int64)

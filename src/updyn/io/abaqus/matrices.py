@@ -34,9 +34,9 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import UnitSystem
-from updyn.io.items import locate_errors, unreadable
+from updyn.io.items import locate_errors, unreadable_error
 from updyn.io.keyword_deck.sets import distinct
-from updyn.io.text_numbers import number_rows, real_of
+from updyn.io.text_numbers import parse_real, parse_rows
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -176,7 +176,7 @@ def _fields(line: str) -> list[str]:
 
 def _is_number(text: str) -> bool:
     try:
-        real_of(text)
+        parse_real(text)
     except ValueError:
         return False
     return True
@@ -194,7 +194,7 @@ def read_entries(path: Path) -> AbaqusEntries:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     return entries_of(raw, path)
 
 
@@ -209,7 +209,7 @@ def entries_of(raw: bytes, path: Path, first_line: int = 1) -> AbaqusEntries:
         expected = "; or ".join(_SHAPES.values())
         raise FormatError(f"found {row.strip()[:60]!r}; expected {expected}", path, line)
     letters = "i" * (columns - 1) + "r"
-    table = number_rows(raw, letters, _SHAPES[columns], path, first_line, commas=True, comment=b"*")
+    table = parse_rows(raw, letters, _SHAPES[columns], path, first_line, commas=True, comment=b"*")
     labels = table[:, :-1].astype(np.int64)
     row_labels = labels[:, -4:]
     if columns > 3:

@@ -40,10 +40,16 @@ from updyn.io.abaqus.matrices import (
     read_entries,
 )
 from updyn.io.atomic import atomic_path
-from updyn.io.consistent_units import UnitSystem, system
+from updyn.io.consistent_units import UnitSystem, find_units
 from updyn.io.damping import refuse_damping
-from updyn.io.items import is_file, nearest
-from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, read_cards, short_number
+from updyn.io.items import is_file, suggest_file
+from updyn.io.keyword_deck.cards import (
+    KeywordCard,
+    KeywordRow,
+    format_number,
+    parse_number_field,
+    read_cards,
+)
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.model import Group, Matrix, Model
 
@@ -90,7 +96,7 @@ def read_model(
         If the unit or `internal` is not valid.
     """
     path = Path(path)
-    units = system(unit)
+    units = find_units(unit)
     if path.suffix.lower() != ".mtx":
         facts = read_facts(path, read_cards(path))
         if facts.assemblies:
@@ -372,12 +378,12 @@ def _input(card: KeywordCard, folder: Path) -> AbaqusEntries:
     else:
         file = folder / given
         if not is_file(file):
-            raise card.error(f"*MATRIX INPUT: no such file {given!r}; {nearest(file)}")
+            raise card.error(f"*MATRIX INPUT: no such file {given!r}; {suggest_file(file)}")
         entries = read_entries(file)
     scale = card.get("SCALE FACTOR")
     if scale is None:
         return entries
-    factor = number(scale, card, KeywordRow(card.line, scale))
+    factor = parse_number_field(scale, card, KeywordRow(card.line, scale))
     return AbaqusEntries(entries.path, entries.labels, entries.values * factor, entries.elements)
 
 
@@ -480,7 +486,7 @@ def _nodes(geometry: Geometry | None, path: Path) -> list[str]:
     lines = []
     for node, xyz in zip(geometry.nodes.tolist(), geometry.xyz.tolist(), strict=True):
         if 0 < node <= _LARGEST:
-            lines.append(f"{node}, {', '.join(map(short_number, xyz))}")
+            lines.append(f"{node}, {', '.join(map(format_number, xyz))}")
     return ["*NODE", *lines] if lines else []
 
 
@@ -505,4 +511,4 @@ def _write_matrix(matrix: Matrix, dofs: DofSet, path: Path) -> None:
     rows = zip(entry.row.tolist(), entry.col.tolist(), entry.data.tolist(), strict=True)
     with path.open("w", encoding="ascii") as file:
         for i, j, value in rows:
-            file.write(f"{labels[i]}, {labels[j]}, {short_number(value)}\n")
+            file.write(f"{labels[i]}, {labels[j]}, {format_number(value)}\n")

@@ -32,7 +32,7 @@ from updyn.io.abaqus.matrices import (
     is_abaqus,
     read_entries,
 )
-from updyn.io.consistent_units import system
+from updyn.io.consistent_units import find_units
 from updyn.io.items import is_file
 from updyn.io.keyword_deck.cards import read_cards
 from updyn.io.model_table import GENERAL, ModelFile
@@ -68,7 +68,7 @@ def read_table(table: ModelFile) -> Model:
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
     table.only_known(content, _TOP)
-    units = system(table.optional("unit", "m"))
+    units = find_units(table.optional("unit", "m"))
     facts = None
     if "deck" in content:
         deck = table.file(content, "deck")

@@ -12,8 +12,8 @@ import re
 from pathlib import Path
 
 from updyn.errors import FormatError
-from updyn.io.items import unreadable
-from updyn.io.text_numbers import check_last_line, real_of, whole_of
+from updyn.io.items import unreadable_error
+from updyn.io.text_numbers import check_last_line, parse_integer, parse_real
 
 __all__ = ["check_archive"]
 
@@ -44,7 +44,7 @@ def check_archive(path: Path) -> None:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     check_last_line(raw, path, harmless=_FINISH)
     lines = raw.decode("latin-1").splitlines()
     reading = _Archive(lines, path)
@@ -167,7 +167,7 @@ class _Archive:
         if not least <= len(fields) <= most or len(fields[-1]) < width:
             raise self.mismatch(line, f"{least} to {most} integers of {width} characters")
         try:
-            return [whole_of(field) for field in fields]
+            return [parse_integer(field) for field in fields]
         except ValueError as error:
             raise self.mismatch(
                 line, f"{least} to {most} integers of {width} characters"
@@ -179,7 +179,7 @@ class _Archive:
         fields = [text[i : i + width] for i in range(0, len(text), width or 1)]
         try:
             for field in fields:
-                real_of(field)
+                parse_real(field)
         except ValueError as error:
             raise self.mismatch(line, f"numbers of {width} characters") from error
         if len(fields) > most:
@@ -191,7 +191,7 @@ class _Archive:
         if at >= len(fields) or not fields[at]:
             return None
         try:
-            return abs(whole_of(fields[at]))
+            return abs(parse_integer(fields[at]))
         except ValueError as error:
             raise self.error(f"found {fields[at][:40]!r}; expected an integer") from error
 

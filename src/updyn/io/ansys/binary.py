@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, in_all
-from updyn.io.consistent_units import UNITS, UnitSystem, system
+from updyn.io.consistent_units import UNITS, UnitSystem, find_units
 from updyn.io.items import locate_errors
 
 __all__ = ["DOF_NAMES", "BinaryFile", "labels_of"]
@@ -193,14 +193,14 @@ class BinaryFile:
                 self.path,
             )
         if unit is None:
-            return system(stated or "m")
-        if stated is not None and system(unit).name != stated:
+            return find_units(stated or "m")
+        if stated is not None and find_units(unit).name != stated:
             raise FormatError(
                 f"unit {unit!r} contradicts the header, which states {name}"
                 f" ({UNITS[stated].described})",
                 self.path,
             )
-        return system(unit)
+        return find_units(unit)
 
 
 def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:

@@ -24,8 +24,8 @@ from updyn.io.ansys.attributes import find_neighbour
 from updyn.io.ansys.commands import FORMATTED, MATERIAL, REAL, is_harmless, reason_against
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
-from updyn.io.items import unreadable
-from updyn.io.text_numbers import check_last_line, real_of, whole_of
+from updyn.io.items import unreadable_error
+from updyn.io.text_numbers import check_last_line, parse_integer, parse_real
 
 __all__ = [
     "AnsysDeck",
@@ -394,7 +394,7 @@ class AnsysDeck:
     def number(self, text: str, line: int, what: str) -> float:
         """Return a number; raise a FormatError if it is a parameter or an expression."""
         try:
-            return real_of(text)
+            return parse_real(text)
         except ValueError as error:
             raise FormatError(
                 f"{what} is {text!r}; expected a number: parameters and expressions are not"
@@ -418,7 +418,7 @@ def read_deck(path: str | Path) -> AnsysDeck:
     try:
         text = path.read_text(encoding="latin-1")
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     lines = text.splitlines()
     if "\0" in "".join(lines[:50]):
         raise FormatError("is a binary file, expected a deck (.cdb, or commands)", path)
@@ -663,7 +663,7 @@ class _Parser:
     def _element(self, line: str, width: int, held: int, at: int) -> int:
         fields = [line[i : i + width] for i in range(0, len(line.rstrip()), width)]
         try:
-            numbers = [whole_of(f) for f in fields if f.strip()]
+            numbers = [parse_integer(f) for f in fields if f.strip()]
         except ValueError as error:
             raise FormatError(
                 f"EBLOCK: found {line.strip()!r}, expected integers of {width} characters",
@@ -777,7 +777,7 @@ def _overlay(old: Sequence[str], start: int, new: Sequence[str]) -> tuple[str, .
 
 def _whole(text: str) -> int | None:
     try:
-        value = real_of(text)
+        value = parse_real(text)
     except ValueError:
         return None
     return int(value) if value.is_integer() else None

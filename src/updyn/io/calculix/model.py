@@ -24,10 +24,16 @@ from updyn.io.calculix.program import (
     find_program,
     storage_deck,
 )
-from updyn.io.consistent_units import check_materials, system
+from updyn.io.consistent_units import check_materials, find_units
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import locate_errors
-from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, read_cards, whole
+from updyn.io.keyword_deck.cards import (
+    KeywordCard,
+    KeywordRow,
+    parse_integer_field,
+    parse_number_field,
+    read_cards,
+)
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.io.keyword_deck.structure import (
     KeywordDeck,
@@ -104,7 +110,7 @@ def read_model(
     cards = read_cards(path)
     if any(card.name in ABAQUS for card in cards):
         return abaqus.read_model(path, unit=unit)
-    units = system(unit)
+    units = find_units(unit)
     model, step, deck, parts = read_parts(path, cards)
     alpha, beta = read_rayleigh(model)
     rotations = read_rotations(model, path)
@@ -236,8 +242,8 @@ def read_rayleigh(model: Sequence[KeywordCard]) -> tuple[float, float]:
         return 0.0, 0.0
     card = found[0]
     row = KeywordRow(card.line, "")
-    alpha = number(card.get("ALPHA") or "0.", card, row)
-    beta = number(card.get("BETA") or "0.", card, row)
+    alpha = parse_number_field(card.get("ALPHA") or "0.", card, row)
+    beta = parse_number_field(card.get("BETA") or "0.", card, row)
     return alpha, beta
 
 
@@ -306,10 +312,10 @@ def read_rotations(model: Sequence[KeywordCard], path: Path) -> Rotations:
     for card in model:
         if card.name in ("RIGID BODY", "COUPLING"):
             row = KeywordRow(card.line, "")
-            reference = whole(card.require("REF NODE"), card, row)
+            reference = parse_integer_field(card.require("REF NODE"), card, row)
             rotation = card.get("ROT NODE")
             if rotation:
-                named.append((whole(rotation, card, row), reference))
+                named.append((parse_integer_field(rotation, card, row), reference))
             else:
                 unnamed.append(reference)
     return Rotations(tuple(named), tuple(unnamed), path)

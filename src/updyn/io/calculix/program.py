@@ -17,9 +17,9 @@ import scipy.sparse as sp
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.foreign.exits import describe_exit
-from updyn.io.keyword_deck.cards import KeywordCard, number
+from updyn.io.keyword_deck.cards import KeywordCard, parse_number_field
 from updyn.io.keyword_deck.structure import LINEAR, NONLINEAR, split_steps
-from updyn.io.text_numbers import number_rows
+from updyn.io.text_numbers import parse_rows
 from updyn.model import Matrix
 
 __all__ = [
@@ -207,7 +207,7 @@ def _matrix(path: Path, n: int) -> Matrix:
             "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)",
             path,
         )
-    table = number_rows(raw, "iir", "row, column, entry", path)
+    table = parse_rows(raw, "iir", "row, column, entry", path)
     row, column = table[:, :2].astype(np.int64).T - 1
     if table.size and not (0 <= min(row.min(), column.min()) <= max(row.max(), column.max()) < n):
         raise FormatError(f"an entry is outside of {n} x {n}", path)
@@ -310,7 +310,7 @@ def check_model(model: Sequence[KeywordCard]) -> None:
 def _check_boundary(card: KeywordCard) -> None:
     for row in card.rows:
         fields = row.fields
-        if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
+        if len(fields) > 3 and fields[3] and parse_number_field(fields[3], card, row) != 0.0:
             raise card.error(f"*BOUNDARY: found {row.text!r}; expected a support at 0", row)
 
 

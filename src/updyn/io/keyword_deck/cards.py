@@ -17,10 +17,17 @@ from types import MappingProxyType
 from updyn.errors import FormatError, suggest
 from updyn.foreign.confinement import check_inside
 from updyn.io.inclusion import DEEPEST, Inclusions
-from updyn.io.items import is_file, nearest, unreadable
-from updyn.io.text_numbers import check_last_line, real_of, whole_of
+from updyn.io.items import is_file, suggest_file, unreadable_error
+from updyn.io.text_numbers import check_last_line, parse_integer, parse_real
 
-__all__ = ["KeywordCard", "KeywordRow", "number", "read_cards", "short_number", "whole"]
+__all__ = [
+    "KeywordCard",
+    "KeywordRow",
+    "format_number",
+    "parse_integer_field",
+    "parse_number_field",
+    "read_cards",
+]
 
 #: Both programs read the first twenty characters of a field; CalculiX silently drops the rest.
 FIELD_WIDTH = 20
@@ -208,7 +215,7 @@ def _text(path: Path) -> str:
             raise FormatError("not an input deck: the file is binary", path) from None
         return text
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
 
 
 def _resolve_include(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
@@ -217,7 +224,7 @@ def _resolve_include(name: str, given: str, path: Path, at: int, folder: Path) -
     inner = folder / given
     check_inside(inner)
     if not is_file(inner):
-        raise FormatError(f"*{name}: no such file {given!r}; {nearest(inner)}", path, at)
+        raise FormatError(f"*{name}: no such file {given!r}; {suggest_file(inner)}", path, at)
     return inner
 
 
@@ -267,7 +274,7 @@ def _parameters(text: str) -> dict[str, str]:
 
 
 # -- numbers ------------------------------------------------------------------------------------
-def number(text: str, card: KeywordCard, row: KeywordRow) -> float:
+def parse_number_field(text: str, card: KeywordCard, row: KeywordRow) -> float:
     """Return a number of a data line, ``1.5``, ``2.1E11`` or ``2.1D11``.
 
     Raises
@@ -283,20 +290,20 @@ def number(text: str, card: KeywordCard, row: KeywordRow) -> float:
             row,
         )
     try:
-        return real_of(text)
+        return parse_real(text)
     except ValueError:
         raise card.error(f"*{card.name}: {text!r} is not a number", row) from None
 
 
-def whole(text: str, card: KeywordCard, row: KeywordRow) -> int:
+def parse_integer_field(text: str, card: KeywordCard, row: KeywordRow) -> int:
     """Return an integer of a data line."""
     try:
-        return whole_of(text)
+        return parse_integer(text)
     except ValueError:
         raise card.error(f"*{card.name}: {text!r} is not a whole number", row) from None
 
 
-def short_number(value: float) -> str:
+def format_number(value: float) -> str:
     """Format a number with a decimal point in at most twenty characters, as accurately as fits."""
     text = _with_point(repr(float(value)))
     digits = 17

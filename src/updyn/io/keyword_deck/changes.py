@@ -8,7 +8,7 @@ from pathlib import Path
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
-from updyn.io.keyword_deck.cards import KeywordCard, short_number
+from updyn.io.keyword_deck.cards import KeywordCard, format_number
 from updyn.io.keyword_deck.structure import KeywordProperty
 
 __all__ = ["write_changes"]
@@ -119,13 +119,13 @@ def _block(
     comments = []
     for quantity, value in change.items():
         sign = "=" if quantity == "loss_factor" else "x"
-        comments.append(f"{quantity} {sign} {short_number(value)}")
+        comments.append(f"{quantity} {sign} {format_number(value)}")
     out = ["**", f"** {part.kind} {part.name}: {', '.join(comments) or 'unchanged'}"]
     for what, label in (("stiffness", "modulus"), ("mass", "density")):
         old = part.values(what)
         if old:
             word = label if part.kind == "material" else what
-            out.append(f"** old {word}: {', '.join(map(short_number, old[:9]))}")
+            out.append(f"** old {word}: {', '.join(map(format_number, old[:9]))}")
     damping = part.card("DAMPING")
     if damping is not None:
         shown = ", ".join(f"{name}={value}" for name, value in damping.parameters.items())

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import suggest
-from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, whole
+from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, parse_integer_field
 
 __all__ = ["Sets", "concatenate", "distinct"]
 
@@ -106,7 +106,7 @@ class Sets:
         for row in card.rows:
             for text in filter(None, row.fields):
                 if text.lstrip("-").isdecimal():
-                    found.append(np.array([whole(text, card, row)], dtype=np.int64))
+                    found.append(np.array([parse_integer_field(text, card, row)], dtype=np.int64))
                     continue
                 if text.upper() not in self:
                     raise card.error(
@@ -127,7 +127,7 @@ class Sets:
             raise card.error(
                 f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row
             )
-        first, last, *given = [whole(field, card, row) for field in fields]
+        first, last, *given = [parse_integer_field(field, card, row) for field in fields]
         step = given[0] if given else 1
         if step < 1 or last < first:
             raise card.error(f"*{card.name}, GENERATE: {first} to {last} by {step} is empty", row)

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
-from updyn.io.keyword_deck.cards import KeywordCard, KeywordRow, number, short_number, whole
+from updyn.io.keyword_deck.cards import (
+    KeywordCard,
+    KeywordRow,
+    format_number,
+    parse_integer_field,
+    parse_number_field,
+)
 from updyn.io.keyword_deck.sets import Sets, concatenate, distinct
 from updyn.shapes import HEXAHEDRON, PYRAMID, TETRAHEDRON, WEDGE, Shape
 
@@ -232,10 +238,10 @@ def read_nodes(card: KeywordCard) -> tuple[NDArray[np.int64], NDArray[np.float64
         fields = row.fields
         if not 2 <= len(fields) <= 4:
             raise card.error(f"*NODE: found {row.text!r}; expected node, x, y, z", row)
-        numbers[i] = whole(fields[0], card, row)
+        numbers[i] = parse_integer_field(fields[0], card, row)
         for k, field in enumerate(fields[1:]):
             if field:
-                places[i, k] = number(field, card, row)
+                places[i, k] = parse_number_field(field, card, row)
     return numbers, places
 
 
@@ -252,7 +258,7 @@ def _elements(card: KeywordCard) -> ElementCard:
     pending: list[int] = []  # an element may need several lines
     row = None
     for row in card.rows:
-        pending += [whole(field, card, row) for field in row.fields]
+        pending += [parse_integer_field(field, card, row) for field in row.fields]
         if len(pending) > n_nodes + 1:
             break
         if len(pending) == n_nodes + 1:
@@ -425,7 +431,7 @@ class KeywordProperty:
         if card is None or card.get(parameter) is None:
             return 0.0
         text = card.parameters[parameter]
-        value = number(text, card, KeywordRow(card.line, text))
+        value = parse_number_field(text, card, KeywordRow(card.line, text))
         if value < 0:
             raise card.error(f"*DAMPING: {parameter}={text}; expected at least 0")
         return value
@@ -435,7 +441,7 @@ class KeywordProperty:
         found = []
         for card, i, j in self._places(what):
             row = card.rows[i]
-            found.append(number(row.fields[j], card, row))
+            found.append(parse_number_field(row.fields[j], card, row))
         return found
 
     def first(self, what: str) -> float | None:
@@ -455,7 +461,9 @@ class KeywordProperty:
                 now = out[id(card)]
                 rows = list(now.rows)
                 fields = rows[i].fields
-                fields[j] = short_number(factor * number(fields[j], card, card.rows[i]))
+                fields[j] = format_number(
+                    factor * parse_number_field(fields[j], card, card.rows[i])
+                )
                 rows[i] = replace(rows[i], text=", ".join(fields))
                 out[id(card)] = replace(now, rows=tuple(rows))
         return tuple(out[id(card)] for card in self.cards)
@@ -466,7 +474,7 @@ class KeywordProperty:
         """Return cards of this material with new parameters of ``*DAMPING``, added if missing."""
         if not values:
             return tuple(cards)
-        texts = {name: short_number(value) for name, value in values.items()}
+        texts = {name: format_number(value) for name, value in values.items()}
         damping_card = self.card("DAMPING")
         if damping_card is None:
             last = cards[-1]

@@ -28,7 +28,7 @@ from updyn.errors import FormatError, ModelError, suggest
 from updyn.exchanged import AxisExchange, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
-from updyn.io.consistent_units import check_materials, system
+from updyn.io.consistent_units import check_materials, find_units
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import locate_errors
 from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
@@ -112,7 +112,7 @@ def read_model(
     """
     ignore = tuple(ignore)
     deck = read_deck(path, ignore)
-    units = system(unit)
+    units = find_units(unit)
     check_materials(_materials(deck), units, deck.path)
     _check_masses(deck, list(massless))
     sets = {"spc": deck.select_set("SPC", spc), "mpc": deck.select_set("MPC", mpc)}

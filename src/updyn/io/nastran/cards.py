@@ -15,10 +15,16 @@ from pathlib import Path
 from updyn.errors import FormatError, InputError, suggest
 from updyn.foreign.confinement import check_inside
 from updyn.io.inclusion import DEEPEST, Inclusions
-from updyn.io.items import is_file, nearest, unreadable
-from updyn.io.nastran.fields import NastranLine, NastranRow, real, row_of, text_of
+from updyn.io.items import is_file, suggest_file, unreadable_error
+from updyn.io.nastran.fields import (
+    NastranLine,
+    NastranRow,
+    format_field,
+    parse_nastran_real,
+    split_fields,
+)
 from updyn.io.nastran.replication import expand
-from updyn.io.text_numbers import check_last_line, whole_of
+from updyn.io.text_numbers import check_last_line, parse_integer
 
 __all__ = ["NastranCard", "lines_of", "parse"]
 
@@ -68,7 +74,7 @@ class NastranCard:
         if not found and default is not None:
             return default
         try:
-            return whole_of(found)
+            return parse_integer(found)
         except ValueError as error:
             raise self.error(
                 f"{self.name}: field {at + 2} is {found!r}; expected a whole number"
@@ -80,7 +86,7 @@ class NastranCard:
         if not found and default is not None:
             return default
         try:
-            return real(found)
+            return parse_nastran_real(found)
         except ValueError as error:
             raise self.error(
                 f"{self.name}: field {at + 2} is {found!r}; expected a number"
@@ -120,7 +126,7 @@ class NastranCard:
         if len(cell) <= _WIDTH:
             return cell
         try:
-            return text_of(real(cell), _WIDTH)
+            return format_field(parse_nastran_real(cell), _WIDTH)
         except ValueError as error:
             raise self.error(
                 f"{self.name}: field {at + 2} is {cell!r}; expected at most 16 characters"
@@ -176,7 +182,7 @@ def _source(path: Path) -> list[str]:
     try:
         text = path.read_text(encoding="latin-1")
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise unreadable_error(path, error) from error
     check_last_line(text, path, harmless=_ENDS)
     return text.splitlines()
 
@@ -204,7 +210,7 @@ def _target(line: NastranLine, name: str, main: Path) -> Path:
         return next(iter(found.values()))
     if refused is not None:
         raise refused
-    raise line.error(f"INCLUDE: no such file {name!r}; {nearest(line.path.parent / name)}")
+    raise line.error(f"INCLUDE: no such file {name!r}; {suggest_file(line.path.parent / name)}")
 
 
 def parse(lines: Iterable[NastranLine]) -> Iterator[NastranCard]:
@@ -215,7 +221,7 @@ def parse(lines: Iterable[NastranLine]) -> Iterator[NastranCard]:
     FormatError
         If a line is not a card, a copy or a continuation, or two lines continue the same line.
     """
-    rows = list(expand(map(row_of, lines)))
+    rows = list(expand(map(split_fields, lines)))
     following = _continuations(rows)
     unused = set(following.values())
     for at, row in enumerate(rows):

@@ -9,7 +9,7 @@ from updyn.errors import ModelError
 from updyn.io.changes import check_changes
 from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import NastranDeck, Values, materials_of, values
-from updyn.io.nastran.fields import text_of
+from updyn.io.nastran.fields import format_field
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 
@@ -190,7 +190,7 @@ def _scale_card(card: NastranCard, laid_out: NastranCard, change_of_group: _Chan
         if factor == 1.0:
             continue
         for at in laid_out.nonempty(places):
-            new[at] = text_of(laid_out.real(at) * factor, _WIDTH)
+            new[at] = format_field(laid_out.real(at) * factor, _WIDTH)
     if change_of_group.loss is not None:
-        new |= dict.fromkeys(fields.loss, text_of(change_of_group.loss, _WIDTH))
+        new |= dict.fromkeys(fields.loss, format_field(change_of_group.loss, _WIDTH))
     return laid_out.with_fields(new) if new else card

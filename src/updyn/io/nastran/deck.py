@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
-from updyn.io.consistent_units import system
+from updyn.io.consistent_units import find_units
 from updyn.io.items import locate_errors
 from updyn.io.nastran.cards import NastranCard, lines_of, parse
 from updyn.io.nastran.fields import NastranLine
@@ -818,7 +818,7 @@ def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
     OptionError
         If the unit is unknown.
     """
-    scale = system(unit).length
+    scale = find_units(unit).length
     systems = _NastranSystems(deck)
     nodes = sorted(deck.grids)
     with np.errstate(all="ignore"):  # Geometry reports positions that are not finite

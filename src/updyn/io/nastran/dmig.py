@@ -21,7 +21,7 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.cards import NastranCard, lines_of, parse
-from updyn.io.nastran.fields import NastranLine, text_of
+from updyn.io.nastran.fields import NastranLine, format_field
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
@@ -258,4 +258,4 @@ def _cards(name: str, matrix: Any, dofs: DofSet) -> Iterator[str]:
             continue
         yield f"{'DMIG*':<8}{name:<16}{place}\n"
         for i, x in zip(lower.indices[some].tolist(), lower.data[some].tolist(), strict=True):
-            yield f"{'*':<8}{places[i]}{text_of(float(x)):>16}\n"
+            yield f"{'*':<8}{places[i]}{format_field(float(x)):>16}\n"

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from updyn.errors import FormatError
 
-__all__ = ["NastranLine", "NastranRow", "real", "row_of", "text_of"]
+__all__ = ["NastranLine", "NastranRow", "format_field", "parse_nastran_real", "split_fields"]
 
 _PLAIN = 8  # characters up to which 0.001 is preferred to 1.-3
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
 
 
-def real(cell: str) -> float:
+def parse_nastran_real(cell: str) -> float:
     """Return the number in a field; raise a ValueError if it is not a number."""
     found = _NUMBER.fullmatch(cell.strip())
     if found is None:
@@ -29,7 +29,7 @@ def real(cell: str) -> float:
     return number
 
 
-def text_of(value: float, width: int = 16) -> str:
+def format_field(value: float, width: int = 16) -> str:
     """Format a finite number with a decimal point and as many digits as fit `width` characters."""
     if not math.isfinite(value):
         raise ValueError(f"{value!r} cannot be written to a deck")
@@ -104,7 +104,7 @@ class NastranRow:
         return not self.head or self.head[0] in "+*"
 
 
-def row_of(line: NastranLine) -> NastranRow:
+def split_fields(line: NastranLine) -> NastranRow:
     """Return the fields of a line; raise a FormatError if it has too many fields or is too long."""
     if "," in line.text:
         cells, tail, n = _free_fields(line)
@@ -154,7 +154,7 @@ def _is_mark(cell: str) -> bool:
 
 def _is_number(cell: str) -> bool:
     try:
-        real(cell)
+        parse_nastran_real(cell)
     except ValueError:
         return False
     return True

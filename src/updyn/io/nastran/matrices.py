@@ -38,7 +38,7 @@ import scipy.sparse as sp
 from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, ModelError, UpdynWarning
 from updyn.io.atomic import atomic_path
-from updyn.io.consistent_units import system
+from updyn.io.consistent_units import find_units
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import locate_errors
 from updyn.io.model_table import GENERAL, ModelFile, write_tables
@@ -95,7 +95,7 @@ def read_table(table: ModelFile) -> Model:
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
     table.only_known(content, _TOP)
-    units = system(table.optional("unit", "m"))
+    units = find_units(table.optional("unit", "m"))
     if "deck" in content:
         deck = read_deck(table.file(content, "deck"), None)
         if geometry is None:

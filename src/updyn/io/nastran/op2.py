@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import AbsentError, FormatError, InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
-from updyn.io.consistent_units import system
+from updyn.io.consistent_units import find_units
 from updyn.io.items import format_counts, locate_errors
 from updyn.io.nastran.deck import geometry_of
 from updyn.io.nastran.matrices import OP2
@@ -217,7 +217,7 @@ def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
     OptionError
         If the unit is not known.
     """
-    system(unit)
+    find_units(unit)
     file = OP2File(path)
     matrices = {}
     for block in file.matrices:
@@ -244,7 +244,7 @@ def _reason(error: InputError, path: str | Path) -> str:
 
 # -- modes --------------------------------------------------------------------------------------
 def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
-    units = system(unit)
+    units = find_units(unit)
     found: list[_OP2Mode] = []
     others = Counter[str]()
     for block in file.tables_named(*_SHAPES):

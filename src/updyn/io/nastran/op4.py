@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
-from updyn.io.nastran.fields import real
-from updyn.io.text_numbers import whole_of
+from updyn.io.nastran.fields import parse_nastran_real
+from updyn.io.text_numbers import parse_integer
 
 __all__ = [
     "EntryCollector",
@@ -397,7 +397,7 @@ class _OP4Lines:
 
     def integers(self, line: str, n: int, width: int, what: str) -> list[int]:
         try:
-            return [whole_of(line[i * width : (i + 1) * width]) for i in range(n)]
+            return [parse_integer(line[i * width : (i + 1) * width]) for i in range(n)]
         except ValueError as error:
             raise self.error(f"{line.strip()[:60]!r}; expected {what}") from error
 
@@ -448,7 +448,7 @@ def _text_string_head(lines: _OP4Lines, head: int, column: int) -> tuple[int, in
     """Return row and number of words of a string."""
     line = lines.require(f"a string of column {column}")
     try:
-        found = list(map(whole_of, line.split()))
+        found = list(map(parse_integer, line.split()))
     except ValueError:
         found = []
     if len(found) != head:
@@ -469,7 +469,7 @@ def _text_values(lines: _OP4Lines, n: int, a_line: int, width: int) -> Any:
         for k in range(n_values):
             cell = line[k * width : (k + 1) * width].strip()
             try:
-                out[first + k] = real(cell)
+                out[first + k] = parse_nastran_real(cell)
             except ValueError as error:
                 raise lines.error(
                     f"{cell!r} is not a number; expected {n} values of {width} characters"

@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from updyn.io.nastran.fields import NastranRow, real, text_of
-from updyn.io.text_numbers import whole_of
+from updyn.io.nastran.fields import NastranRow, format_field, parse_nastran_real
+from updyn.io.text_numbers import parse_integer
 
 __all__ = ["expand", "is_replicator"]
 
@@ -123,9 +123,9 @@ def _increment(fields: Sequence[str], at: int, step: str, times: int, row: Nastr
     n_whole = sum(_WHOLE.fullmatch(text) is not None for text in (cell, step))
     try:
         if n_whole == 2:
-            return str(whole_of(cell) + times * whole_of(step))
+            return str(parse_integer(cell) + times * parse_integer(step))
         if n_whole == 0:
-            return text_of(real(cell) + times * real(step))
+            return format_field(parse_nastran_real(cell) + times * parse_nastran_real(step))
     except ValueError:
         pass
     raise row.line.error(

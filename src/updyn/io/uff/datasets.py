@@ -22,19 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
-from updyn.io.text_numbers import real_of, whole_of
+from updyn.io.text_numbers import parse_integer, parse_real
 
 __all__ = [
     "Dataset",
     "Payload",
     "check_record_7",
-    "columns_of",
+    "count_columns",
     "datasets",
-    "real_column",
-    "real_field",
-    "text_of",
-    "whole_field",
-    "whole_fields",
+    "decode_line",
+    "parse_real_field",
+    "read_integer_field",
+    "read_integer_fields",
+    "read_real_column",
 ]
 
 _DELIMITER = re.compile(rb"    -1[ \t\x00]*\r?(?:\n|\Z)")
@@ -138,16 +138,17 @@ def _datasets(cursor: _Cursor) -> Iterator[Dataset]:
         if not _DELIMITER.match(cursor.peek()):
             raise cursor.error(
                 "expected '    -1', the start of a dataset, found"
-                f" {text_of(cursor.peek()).strip()[:40]!r}: not a universal file, or a delimiter is"
-                " missing or superfluous"
+                f" {decode_line(cursor.peek()).strip()[:40]!r}: not a universal file, or a"
+                " delimiter is missing or superfluous"
             )
         opened = cursor.line
         cursor.take()
         line = cursor.line
-        found = _NUMBER.fullmatch(text_of(cursor.peek()))
+        found = _NUMBER.fullmatch(decode_line(cursor.peek()))
         if found is None:
             raise cursor.error(
-                f"expected the number of a dataset, found {text_of(cursor.peek()).strip()[:40]!r}"
+                "expected the number of a dataset, found"
+                f" {decode_line(cursor.peek()).strip()[:40]!r}"
             )
         cursor.take()
         number = int(found[1])
@@ -231,7 +232,7 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
     records = [cursor.take() for _ in range(_TEXT_LINES)]
     if not cursor.peek():
         raise cursor.error("58b: the file ends within the dataset, before its data", line)
-    ordinate, points, even = check_record_7(text_of(records[6]), cursor.path, line + 7)
+    ordinate, points, even = check_record_7(decode_line(records[6]), cursor.path, line + 7)
     forms = _possible_payloads(cursor, line, order, ordinate, points, even)
     ends = {form: cursor.end_of_delimiter(cursor.at + form.size) for form in forms}
     closed = [form for form in forms if ends[form] is not None]
@@ -255,7 +256,7 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
 def _parse_binary_header(cursor: _Cursor, line: int, rest: str) -> tuple[str, int]:
     """Return byte order, in NumPy's notation, and number of bytes stated in the first line."""
     try:
-        order, floating, text_lines, n_bytes = map(whole_of, rest.split()[:4])
+        order, floating, text_lines, n_bytes = map(parse_integer, rest.split()[:4])
     except ValueError as error:
         raise cursor.error(
             "58b: expected byte order, floating-point format, lines of text and bytes of data,"
@@ -287,7 +288,7 @@ def _possible_payloads(
     kinds = [(number, number)]
     if _SIZES[ordinate] == 8 and not even:
         kinds.append((f"{order}f4", number))
-    columns = columns_of(ordinate, even)
+    columns = count_columns(ordinate, even)
     return [Payload(cursor.path, line, cursor.at, points, columns, each) for each in kinds]
 
 
@@ -311,9 +312,9 @@ def _describe_length_error(cursor: _Cursor, size: int, n_bytes: int) -> str:
 
 def check_record_7(record: str, path: str | Path, line: int) -> tuple[int, int, int]:
     """Return ordinate data type, number of points and spacing (0 uneven, 1 even) of record 7."""
-    kind = whole_field(record, 0, 10, "record 7, ordinate data type", path, line)
-    points = whole_field(record, 10, 10, "record 7, number of points", path, line)
-    even = whole_field(record, 20, 10, "record 7, abscissa spacing", path, line)
+    kind = read_integer_field(record, 0, 10, "record 7, ordinate data type", path, line)
+    points = read_integer_field(record, 10, 10, "record 7, number of points", path, line)
+    even = read_integer_field(record, 20, 10, "record 7, abscissa spacing", path, line)
     if kind not in _SIZES:
         raise FormatError(
             f"record 7: ordinate data type {kind}; expected 2 or 4 (real), 5 or 6 (complex, single"
@@ -330,7 +331,7 @@ def check_record_7(record: str, path: str | Path, line: int) -> tuple[int, int, 
     return kind, points, even
 
 
-def columns_of(ordinate: int, even: int) -> int:
+def count_columns(ordinate: int, even: int) -> int:
     """Return the count of numbers per point of dataset 58, by ordinate data type and spacing."""
     is_complex = ordinate in (5, 6)
     has_abscissa = not even
@@ -338,7 +339,7 @@ def columns_of(ordinate: int, even: int) -> int:
 
 
 # -- fields of a line ---------------------------------------------------------------------------
-def text_of(line: bytes) -> str:
+def decode_line(line: bytes) -> str:
     """Decode a line: UTF-8 if valid, else Latin-1."""
     try:
         return line.decode("utf-8")
@@ -346,13 +347,15 @@ def text_of(line: bytes) -> str:
         return line.decode("latin-1")
 
 
-def whole_field(text: str, start: int, width: int, what: str, path: str | Path, line: int) -> int:
+def read_integer_field(
+    text: str, start: int, width: int, what: str, path: str | Path, line: int
+) -> int:
     """Return the integer in columns `start` + 1 to `start` + `width`; `what` is for messages."""
     field = text[start : start + width].strip()
     where = f"columns {start + 1} to {start + width}"
     _check_edges(text, start, width, what, path, line)
     try:
-        return whole_of(field)
+        return parse_integer(field)
     except ValueError as error:
         raise FormatError(
             f"{what}: expected a whole number in {where}, found {field!r}", path, line
@@ -379,21 +382,23 @@ def _extends_over(text: str, edge: int) -> bool:
     return len(pair) == 2 and pair.isdigit() and " " in text[edge : edge + 10].ljust(10)
 
 
-def whole_fields(text: str, count: int, what: str, path: str | Path, line: int) -> list[int]:
+def read_integer_fields(text: str, count: int, what: str, path: str | Path, line: int) -> list[int]:
     """Return the integers in the first `count` fields of ten columns."""
-    return [whole_field(text, 10 * i, 10, what, path, line) for i in range(count)]
+    return [read_integer_field(text, 10 * i, 10, what, path, line) for i in range(count)]
 
 
-def real_column(text: str, start: int, width: int, what: str, path: str | Path, line: int) -> float:
+def read_real_column(
+    text: str, start: int, width: int, what: str, path: str | Path, line: int
+) -> float:
     """Return the number in columns `start` + 1 to `start` + `width`; 0 if the line ends earlier."""
     _check_edges(text, start, width, what, path, line)
-    return real_field(text[start : start + width] or "0", what, path, line)
+    return parse_real_field(text[start : start + width] or "0", what, path, line)
 
 
-def real_field(text: str, what: str, path: str | Path, line: int) -> float:
+def parse_real_field(text: str, what: str, path: str | Path, line: int) -> float:
     """Parse a number in Fortran notation: exponent after E, D or only its sign."""
     try:
-        return real_of(_LONG_EXPONENT.sub(r"\1E\2", text))
+        return parse_real(_LONG_EXPONENT.sub(r"\1E\2", text))
     except ValueError as error:
         raise FormatError(
             f"{what}: expected a number, found {text.strip()!r}", path, line

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
-from updyn.io.text_numbers import reals
+from updyn.io.text_numbers import parse_reals
 from updyn.io.uff.datasets import (
     Dataset,
     Payload,
     check_record_7,
-    columns_of,
-    real_column,
-    real_field,
-    text_of,
-    whole_field,
+    count_columns,
+    decode_line,
+    parse_real_field,
+    read_integer_field,
+    read_real_column,
 )
 
 __all__ = ["FUNCTIONS", "Function", "Record8", "read_function"]
@@ -176,7 +176,7 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
             path,
             dataset.line,
         )
-    texts = [text_of(line).rstrip("\r") for line in lines[:11]]
+    texts = [decode_line(line).rstrip("\r") for line in lines[:11]]
     kind, response, reference = _record_6(lines[5], path, dataset.line + 6)
     at = dataset.line + 7
     ordinate, points, is_even = check_record_7(texts[6], path, at)
@@ -189,8 +189,8 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
     even = None
     if is_even:
         even = (
-            real_column(texts[6], 30, 13, "record 7, abscissa minimum", path, at),
-            real_column(texts[6], 43, 13, "record 7, abscissa increment", path, at),
+            read_real_column(texts[6], 30, 13, "record 7, abscissa minimum", path, at),
+            read_real_column(texts[6], 43, 13, "record 7, abscissa increment", path, at),
         )
     found = Function(
         dataset.line,
@@ -240,7 +240,7 @@ def _record_6(
 ) -> tuple[int, tuple[int, int], tuple[int, int]]:
     """Return function type, response and reference."""
     # A name with other than ASCII characters may be padded to bytes or to characters.
-    text = text_of(line).rstrip()
+    text = decode_line(line).rstrip()
     as_bytes = line.decode("latin-1").rstrip()
     if text != as_bytes and len(text) != _WIDTH_6 and len(as_bytes) == _WIDTH_6:
         text = as_bytes
@@ -251,21 +251,23 @@ def _record_6(
             at,
         )
     return (
-        whole_field(text, 0, 5, "record 6, function type", path, at),
+        read_integer_field(text, 0, 5, "record 6, function type", path, at),
         (
-            whole_field(text, 41, 10, "record 6, response node", path, at),
-            whole_field(text, 51, 4, "record 6, response direction", path, at),
+            read_integer_field(text, 41, 10, "record 6, response node", path, at),
+            read_integer_field(text, 51, 4, "record 6, response direction", path, at),
         ),
         (
-            whole_field(text, 66, 10, "record 6, reference node", path, at),
-            whole_field(text, 76, 4, "record 6, reference direction", path, at),
+            read_integer_field(text, 66, 10, "record 6, reference node", path, at),
+            read_integer_field(text, 76, 4, "record 6, reference direction", path, at),
         ),
     )
 
 
 def _axis(texts: list[str], index: int, dataset: Dataset, path: str | Path) -> Record8:
     line = dataset.line + 1 + index
-    kind = whole_field(texts[index], 0, 10, f"record {index + 1}, specific data type", path, line)
+    kind = read_integer_field(
+        texts[index], 0, 10, f"record {index + 1}, specific data type", path, line
+    )
     name, unit = texts[index][26:46].strip(), texts[index][46:].strip()
     return Record8(kind, _unless_none(name), _unless_none(unit), line)
 
@@ -278,8 +280,8 @@ def _numbers(
     dataset: Dataset, body: bytes, ordinate: int, even: int, points: int, path: str | Path
 ) -> NDArray[np.float64]:
     """Return the numbers of a text dataset."""
-    count = points * columns_of(ordinate, even)
-    found = reals(body)
+    count = points * count_columns(ordinate, even)
+    found = parse_reals(body)
     if found is not None and len(found) == count:
         return found
     lines = list(enumerate(body.split(b"\n"), dataset.line + 12))
@@ -293,7 +295,7 @@ def _numbers(
             path,
             dataset.line,
         )
-    return np.array([real_field(text_of(word), "data", path, at) for at, word in words])
+    return np.array([parse_real_field(decode_line(word), "data", path, at) for at, word in words])
 
 
 def _widths(ordinate: int, even: int) -> list[int]:

@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError
 from updyn.geometry import Geometry
 from updyn.io.items import locate_errors
-from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field, whole_fields
+from updyn.io.uff.datasets import (
+    Dataset,
+    decode_line,
+    parse_real_field,
+    read_integer_field,
+    read_integer_fields,
+)
 
 __all__ = ["NUMBERS", "GeometryCollector", "Units"]
 
@@ -157,7 +163,7 @@ class GeometryCollector:
         body = dataset.body.rstrip()
         if not body:
             raise FormatError(f"dataset {dataset.number} is empty", self.path, dataset.line)
-        texts = [text_of(line).rstrip() for line in body.split(b"\n")]
+        texts = [decode_line(line).rstrip() for line in body.split(b"\n")]
         lines = list(enumerate(texts, dataset.line + 1))
         readers = {
             15: self._15,
@@ -170,7 +176,7 @@ class GeometryCollector:
         readers[dataset.number](lines)
 
     def _fields(self, line: int, text: str, count: int, what: str) -> list[int]:
-        return whole_fields(text, count, what, self.path, line)
+        return read_integer_fields(text, count, what, self.path, line)
 
     def _reals(self, line: int, text: str, count: int, what: str) -> NDArray[np.float64]:
         words = text.split()
@@ -178,7 +184,7 @@ class GeometryCollector:
             raise FormatError(
                 f"{what}: expected {count} numbers, found {len(words)}: {text!r}", self.path, line
             )
-        return np.array([real_field(word, what, self.path, line) for word in words])
+        return np.array([parse_real_field(word, what, self.path, line) for word in words])
 
     def _groups(
         self, lines: Sequence[tuple[int, str]], size: int, what: str
@@ -302,12 +308,12 @@ class GeometryCollector:
 
     def _164(self, lines: Sequence[tuple[int, str]]) -> None:
         line, text = lines[0]
-        code = whole_field(text, 0, 10, "dataset 164, units code", self.path, line)
+        code = read_integer_field(text, 0, 10, "dataset 164, units code", self.path, line)
         words = " ".join(row for _, row in lines[1:]).split()
         if len(words) < 2:
             raise FormatError("dataset 164: no factors of length and force", self.path, line)
-        length = real_field(words[0], "dataset 164, factor", self.path, line)
-        force = real_field(words[1], "dataset 164, factor", self.path, line)
+        length = parse_real_field(words[0], "dataset 164, factor", self.path, line)
+        force = parse_real_field(words[1], "dataset 164, factor", self.path, line)
         if not (0 < length < np.inf and 0 < force < np.inf):
             raise FormatError(
                 f"dataset 164: factors {length:g} and {force:g}; expected positive numbers",

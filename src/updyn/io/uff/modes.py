@@ -46,10 +46,10 @@ from updyn.io.items import format_counts, locate_errors
 from updyn.io.uff.datasets import (
     Dataset,
     datasets,
-    real_field,
-    text_of,
-    whole_field,
-    whole_fields,
+    decode_line,
+    parse_real_field,
+    read_integer_field,
+    read_integer_fields,
 )
 from updyn.io.uff.geometry import NUMBERS, GeometryCollector, Units
 from updyn.io.uff.writing import SI_UNITS
@@ -238,7 +238,7 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
 def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
     """Return the mode in a dataset, or the description of other data."""
     layout = _LAYOUTS[dataset.number]
-    texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
+    texts = [decode_line(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
     if len(texts) < layout.head:
         raise FormatError(
             f"dataset {dataset.number}: {len(texts)} lines; expected at least {layout.head}",
@@ -247,12 +247,12 @@ def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
         )
     at = dataset.line + 1
     where = f"record {layout.about + 1}"
-    record = whole_fields(texts[layout.about], 6, where, path, at + layout.about)
+    record = read_integer_fields(texts[layout.about], 6, where, path, at + layout.about)
     _, analysis, characteristic, specific, kind, width = record
     if analysis not in (_NORMAL, _FIRST_ORDER, _SECOND_ORDER):
         return _ANALYSES.get(analysis, f"analysis type {analysis}")
     if layout is _2414:
-        location = whole_field(texts[2], 0, 10, "record 3, location", path, at + 2)
+        location = read_integer_field(texts[2], 0, 10, "record 3, location", path, at + 2)
         if location != 1:
             return f"modes {_LOCATIONS.get(location, f'at location {location}')}"
         if specific not in (*_DISPLACEMENT, *_MOTION, *_UNKNOWN):
@@ -294,18 +294,20 @@ def _parse_mode(dataset: Dataset, path: str | Path) -> _UFFMode | str:
 
 
 def _is_uncertainty(dataset: Dataset) -> bool:
-    return text_of(dataset.body.lstrip(b"\n").split(b"\n", 1)[0]).rstrip() == _UNCERTAIN
+    return decode_line(dataset.body.lstrip(b"\n").split(b"\n", 1)[0]).rstrip() == _UNCERTAIN
 
 
 def _with_deviations(mode: _UFFMode, dataset: Dataset, path: str | Path) -> _UFFMode:
     """Return a mode with the standard deviations of its shape from the next dataset."""
-    texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
+    texts = [decode_line(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
     at = dataset.line + 1
     if len(texts) < _55.head:
         raise FormatError(
             f"dataset 55: {len(texts)} lines; expected at least {_55.head}", path, dataset.line
         )
-    _, _, _, _, kind, width = whole_fields(texts[_55.about], 6, "record 6", path, at + _55.about)
+    _, _, _, _, kind, width = read_integer_fields(
+        texts[_55.about], 6, "record 6", path, at + _55.about
+    )
     if kind != 2 or width not in _WIDTHS.values():
         raise FormatError(
             f"record 6: data type {kind} with {width} values per node; expected 2 with 3 or 6 for"
@@ -360,7 +362,7 @@ def _place(
 
 
 def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _ModeProperties:
-    n_whole, n_real = whole_fields(texts[6], 2, "record 7", path, at + 6)
+    n_whole, n_real = read_integer_fields(texts[6], 2, "record 7", path, at + 6)
     least = 4 if analysis == _NORMAL else 2
     if n_whole < 1 or n_real < least:
         raise FormatError(
@@ -510,7 +512,7 @@ def _nodes(
     nodes: list[int] = []
     shape = np.zeros((len(texts) // size, 6), dtype=np.complex128)
     for i in range(0, len(texts), size):
-        node = whole_field(texts[i], 0, 10, f"{on_node}, node", path, at + i)
+        node = read_integer_field(texts[i], 0, 10, f"{on_node}, node", path, at + i)
         if len(texts[i]) > _NODE_WIDTH:
             raise FormatError(
                 f"{on_node}: expected only the node in columns 1 to {_NODE_WIDTH},"
@@ -545,7 +547,9 @@ def _numbers(
         raise FormatError(
             f"{what}: expected {count} numbers, found {len(words)}", path, lines[0][0]
         )
-    return np.array([real_field(word, what, path, at) for at, word in words], dtype=np.float64)
+    return np.array(
+        [parse_real_field(word, what, path, at) for at, word in words], dtype=np.float64
+    )
 
 
 def _drop_conjugates(found: Sequence[_UFFMode]) -> list[_UFFMode]:
