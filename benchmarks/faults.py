@@ -51,10 +51,10 @@ import updyn
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
 from updyn.updating.judge.causes.altered import AlteredPart, compute_log_ratio
-from updyn.updating.judge.causes.candidates import is_small
+from updyn.updating.judge.causes.candidates import has_small_residual
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.data_alone import with_variance
-from updyn.updating.judge.causes.diagnosis import weighed
+from updyn.updating.judge.causes.diagnosis import weight_by_noise
 from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
@@ -64,8 +64,8 @@ from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import RayleighIncrement, list_fixed_coefficients
-from updyn.updating.judge.causes.reduced import stage_of
-from updyn.updating.judge.causes.trial import damped, tried, widened
+from updyn.updating.judge.causes.reduced import choose_trial_models
+from updyn.updating.judge.causes.trial import free_held_quantities, raise_loss_factors, run_trial
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
@@ -549,7 +549,7 @@ def missing_element(bench, frf, rng, cause):
 def at_truth(bench, frf) -> Evidence:
     """Model and data at the true unknowns, what is held of the model being loose, too."""
     data = with_variance(bench.case.clean, choose_noise(None, frf))
-    part = widened(Part.build(bench.case.true, data, bench.sought(bench.case.true)))[0]
+    part = free_held_quantities(Part.build(bench.case.true, data, bench.sought(bench.case.true)))[0]
     return Evidence(part, part.coordinates.home)
 
 
@@ -880,15 +880,15 @@ def odds(task: Draw) -> float | None:
     data = with_variance(seeded.faulty, noise)
     whole = Part.build(start, data, sought).thinned(LINES)
     truth = whole.coordinates.to_x(np.array([bench.truth(p, start) for p in sought]))
-    part, held = widened(whole)
-    stage, x = stage_of(part), np.concatenate([truth, held])
-    here = stage.near(part, [x])
+    part, held = free_held_quantities(whole)
+    stage, x = choose_trial_models(part), np.concatenate([truth, held])
+    here = stage.prepare_part(part, [x])
     fault = seeded.fault or replace(CAUSES[seeded.kind](seeded.channels), value=seeded.value)
-    without = tried(here, None, [damped(here, here.coordinates.home), x])
-    if without is not None and is_small(without):
-        here = weighed(here, without, noise)
-        without = tried(here, None, [without.x, x])
-    trial = tried(here, fault, [x])
+    without = run_trial(here, None, [raise_loss_factors(here, here.coordinates.home), x])
+    if without is not None and has_small_residual(without):
+        here = weight_by_noise(here, without, noise)
+        without = run_trial(here, None, [without.x, x])
+    trial = run_trial(here, fault, [x])
     if without is None or trial is None:
         return None
     return float((trial.gain(without) + np.log(fault.prior)) / np.log(10.0))

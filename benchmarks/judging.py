@@ -25,7 +25,7 @@ import numpy as np
 import updyn
 import updyn.updating.run as run_module
 from updyn.updating.judge import assessment
-from updyn.updating.judge.causes.of_run import CausesOfRun
+from updyn.updating.judge.causes.of_run import CauseSearch
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import log_error
 from updyn.updating.problem.session import Session
@@ -127,7 +127,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     clock = Clock()
     clock.time(run_module, "judge_fit", "judge")
-    clock.time(CausesOfRun, "after", "causes")
+    clock.time(CauseSearch, "search_after_fit", "causes")
     for name, function in PARTS.items():
         clock.time(assessment, function, name)
     print(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.updating.judge.causes.diagnosis import diagnosed
+from updyn.updating.judge.causes.diagnosis import find_causes
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.noise import choose_noise
@@ -81,7 +81,7 @@ def diagnose(
     part = Part.build(
         test.model, frf, selection.parameters, tier=exact, backend=backend, session=session
     )
-    return tuple(diagnosed(part, choose_noise(noise, frf)))
+    return tuple(find_causes(part, choose_noise(noise, frf)))
 
 
 def _all_unknowns(model: Model) -> ParameterSet:

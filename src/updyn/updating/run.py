@@ -32,7 +32,7 @@ from updyn.updating.fit.reducing import FINEST, Reducing, is_reduced, record_fal
 from updyn.updating.fit.regularisation import add_regularisation, check_regularise
 from updyn.updating.judge.alternatives import find_differences, select_distinct
 from updyn.updating.judge.assessment import Judgement, judge_fit
-from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
+from updyn.updating.judge.causes.of_run import Causes, CauseSearch
 from updyn.updating.judge.distant import find_distant_unknowns
 from updyn.updating.judge.ending import assess_ending
 from updyn.updating.judge.trust import judge_result
@@ -203,7 +203,7 @@ def run(
         ending.enter_context(keeping)
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
-        looked = CausesOfRun(whole, splits, noises, monitor)
+        looked = CauseSearch(whole, splits, noises, monitor)
         monitor.detect_data_fault = before.overruling(looked.detect_data_fault)
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
@@ -225,7 +225,7 @@ def run(
         found = OwnNoise(problem, driver, noises, chosen, monitor, reduced).tried(found, judged)
         if reduced is not None:
             reduced.release()
-        causes = looked.after(found) if options.seek_causes else Causes()
+        causes = looked.search_after_fit(found) if options.seek_causes else Causes()
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.cache, Checkpoint):
@@ -415,19 +415,19 @@ def _common(
         misfit=found.misfit,
         at_bound=_pressed(selection.parameters, found.at_bound),
         findings=causes.findings,
-        not_searched=causes.unseen,
+        not_searched=causes.not_searched,
         structural=any(one is not None and one.outcome == "structure" for one in found.adequacy),
         distant=find_distant_unknowns(selection.parameters, values),
         without_interval=fit.noise[0].get("not_known", ()) if fit.noise else (),
     )
     if causes.findings:
         message, remedy = add_causes(causes.findings, message, remedy)
-    if causes.overruling:
+    if causes.is_overruling:
         message = explain_early_end(message)
     if status == "converged" and not judged.credible:
         status = "not-credible"
         message, remedy = explain_rejection(judged, message, remedy)
-    if causes.cleared:
+    if causes.has_no_cause:
         remedy = rule_out_faults(remedy)
     notes = [message, selection.note]
     if fit.regularisation is not None:

@@ -18,7 +18,7 @@ from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.store.comparison import comparison_to_json
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.methods.least_squares import LogMethod
-from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
+from updyn.updating.judge.causes.of_run import Causes, CauseSearch
 from updyn.updating.problem.selection import Selection
 
 OURS = ["maximum-likelihood", "log", "output-error", "equation-error"]
@@ -49,7 +49,7 @@ def bench(start, data, unknowns):
 @pytest.fixture
 def no_causes(monkeypatch):
     """No causes are sought in residuals that a test leaves on purpose: seconds for each fit."""
-    monkeypatch.setattr(CausesOfRun, "after", lambda self, found: Causes())
+    monkeypatch.setattr(CauseSearch, "search_after_fit", lambda self, found: Causes())
 
 
 # -- rows --------------------------------------------------------------------------------------------------
@@ -163,7 +163,7 @@ def test_causes_are_sought_with_all_lines_only(start, data, unknowns, monkeypatc
         sought.append(found)
         return Causes()
 
-    monkeypatch.setattr(CausesOfRun, "after", after)
+    monkeypatch.setattr(CauseSearch, "search_after_fit", after)
     (row,) = updyn.compare(
         start, data, unknowns, ["equation-error"], truth=true_values(), fewest=True
     )

@@ -15,61 +15,61 @@ from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.other_model import OtherModel
 from updyn.updating.judge.causes.promising import IN_REACH, estimate_gain, select_variants
-from updyn.updating.judge.causes.ranking import LITTLE, compared
+from updyn.updating.judge.causes.ranking import NEGLIGIBLE_SHARE, rank_faults
 from updyn.updating.judge.causes.suspects import ScoredFault, score_faults, select_likeliest
-from updyn.updating.judge.causes.trial import NOISY, Trial, robust_point, tried
+from updyn.updating.judge.causes.trial import NOISE_RMS, Trial, fit_robustly, run_trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import Part
 
-__all__ = ["KEPT", "SMALL", "Begun", "candidates", "is_small"]
+__all__ = ["MOST_CANDIDATES", "SMALL_RMS", "FaultStart", "has_small_residual", "select_candidates"]
 
 _Real = NDArray[np.float64]
 #: A fault and the starting point of its fit.
-Begun: TypeAlias = "tuple[Fault, _Real]"
+FaultStart: TypeAlias = "tuple[Fault, _Real]"
 
 #: Largest number of faults that are fitted until convergence.
-KEPT = 4
+MOST_CANDIDATES = 4
 #: Log misfit (rms) and correlation of neighbouring lines below which there is no gross fault.
-SMALL, _ALIKE = 0.1, 0.3
+SMALL_RMS, _CORRELATED = 0.1, 0.3
 #: Largest remaining share of the misfit with which a fault of all data explains everything.
 _LEAST = 0.01
 #: Logarithm of the odds, to first order, from which a fault is tried if the residual is small;
 #: changes of the unknowns during its fit have effects of higher order.
-_PROMISED = -5.0
+_LEAST_LOG_ODDS = -5.0
 
 
-def candidates(
+def select_candidates(
     part: Part,
     without: Trial,
     start: _Real,
     stated: Sequence[Finding],
     others: Sequence[OtherModel] = (),
-) -> list[Begun]:
+) -> list[FaultStart]:
     """Return the faults worth a full fit, the likeliest first, with their starting points.
 
     `without` is the end of a fit without a fault, `start` a point that does not depend on the data,
     `stated` the faults already found, `others` the variants of the model.
     """
-    variants: list[Begun] = []
-    for end in _variants_tried(part, others, without, start):
+    variants: list[FaultStart] = []
+    for end in _try_variants(part, others, without, start):
         assert end.fault is not None
         variants.append((end.fault, end.x))
         if _explains_all(end, without):
-            return [*variants, *_beside_variant(part, end, stated)]
-    return [*variants, *_of_data(part, without, start, stated)]
+            return [*variants, *_list_rivals_of_variant(part, end, stated)]
+    return [*variants, *_select_for_model(part, without, start, stated)]
 
 
-def _variants_tried(
+def _try_variants(
     part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
 ) -> Iterator[Trial]:
     """Yield the trials of the most promising variants of the model."""
     for fault in select_variants(part, others, without, start):
-        end = tried(part, fault, [start])
+        end = run_trial(part, fault, [start])
         if end is not None:
             yield end
 
 
-def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[Begun]:
+def _list_rivals_of_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
     """Return the faults that explain the data as well as a variant, at the end of its trial."""
     assert isinstance(end.fault, WrongAxes)
     try:
@@ -77,45 +77,51 @@ def _beside_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[B
     except SolverError:
         return []
     found = [one for one in select_likeliest(score_faults(part, end.x)) if one.gain > least]
-    return [(one.fault, one.x) for one in _fresh(found, stated)]
+    return [(one.fault, one.x) for one in _drop_covered(found, stated)]
 
 
-def _of_data(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]) -> list[Begun]:
+def _select_for_model(
+    part: Part, without: Trial, start: _Real, stated: Sequence[Finding]
+) -> list[FaultStart]:
     """Return the faults worth a full fit with the given model, the likeliest first."""
-    if is_small(without):
-        return _promising(part, without, stated)
+    if has_small_residual(without):
+        return _select_by_gain(part, without, stated)
     points = [start, without.x]
     with suppress(SolverError):
-        points.append(robust_point(part, start))
-    return _followed(part, without, _fresh(_seen_from(part, points), stated), stated)
+        points.append(fit_robustly(part, start))
+    found = _drop_covered(_score_at_points(part, points), stated)
+    return _select_by_short_trials(part, without, found, stated)
 
 
-def is_small(trial: Trial) -> bool:
+def has_small_residual(trial: Trial) -> bool:
     """Return whether the residual of a trial is nearly noise, without a gross fault."""
-    return trial.power < SMALL**2 and trial.alike < _ALIKE
+    return trial.mean_square < SMALL_RMS**2 and trial.correlation < _CORRELATED
 
 
-def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Begun]:
+def _select_by_gain(part: Part, without: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
     """Return the faults that promise a better fit than a trial with a small residual."""
-    found = [one for one in score_faults(part, without.x, promising=True) if one.gain >= _PROMISED]
-    found = _fresh(select_likeliest(found), stated)
-    if len(found) <= KEPT:
+    found = [
+        one for one in score_faults(part, without.x, promising=True) if one.gain >= _LEAST_LOG_ODDS
+    ]
+    found = _drop_covered(select_likeliest(found), stated)
+    if len(found) <= MOST_CANDIDATES:
         return [(one.fault, one.x) for one in found]
-    return _ahead([end for one in found if (end := _glanced(part, one))], without)
+    ends = [end for one in found if (end := _run_short_trial(part, one))]
+    return _select_best_trials(ends, without)
 
 
-def _seen_from(part: Part, points: Sequence[_Real]) -> list[ScoredFault]:
-    """Return the suspects of several points, in the order in which they are tried."""
+def _score_at_points(part: Part, points: Sequence[_Real]) -> list[ScoredFault]:
+    """Return the most promising faults of several points, in the order in which they are tried."""
     by_point = [score_faults(part, x) for x in points]
     found = [one for one in by_point[0] if one.fault.affects_all_data]
-    for there in by_point:
-        found += [one for one in select_likeliest(there) if one not in found]
+    for scored in by_point:
+        found += [one for one in select_likeliest(scored) if one not in found]
     return found
 
 
-def _followed(
+def _select_by_short_trials(
     part: Part, without: Trial, found: Sequence[ScoredFault], stated: Sequence[Finding]
-) -> list[Begun]:
+) -> list[FaultStart]:
     """Return the best faults after a few steps of each, the likeliest first.
 
     If one explains all data, only faults that explain as much at the end of its trial are kept.
@@ -124,19 +130,19 @@ def _followed(
     # A fault of all data promises little to first order, but its fit may explain much.
     tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.affects_all_data)
     ends: list[Trial] = []
-    for suspect in tries:
-        end = _glanced(part, suspect)
+    for scored in tries:
+        end = _run_short_trial(part, scored)
         if end is None or end.fault is None:
             continue
         ends.append(end)
         if _explains_all(end, without):
-            rivals = _fresh(_as_good(part, end), stated)
+            rivals = _drop_covered(_list_rivals(part, end), stated)
             return [(end.fault, end.x), *((one.fault, one.x) for one in rivals)]
-    return _ahead(ends, without)
+    return _select_best_trials(ends, without)
 
 
-def _fresh(found: Iterable[ScoredFault], stated: Sequence[Finding]) -> list[ScoredFault]:
-    """Return the suspects that no finding covers."""
+def _drop_covered(found: Iterable[ScoredFault], stated: Sequence[Finding]) -> list[ScoredFault]:
+    """Return the faults that no finding covers."""
     return [one for one in found if not any(_covers(known, one.fault) for known in stated)]
 
 
@@ -144,35 +150,37 @@ def _covers(finding: Finding, fault: Fault) -> bool:
     """Return whether a finding makes a fault superfluous."""
     kind = CAUSES[finding.kind]
     same = finding.kind == fault.kind and finding.channels == fault.channels
-    gone = kind.omits_channels and not set(finding.channels).isdisjoint(fault.channels)
-    return same or gone or fault.kind in kind.imitated_kinds
+    is_omitted = kind.omits_channels and not set(finding.channels).isdisjoint(fault.channels)
+    return same or is_omitted or fault.kind in kind.imitated_kinds
 
 
-def _glanced(part: Part, suspect: ScoredFault) -> Trial | None:
-    """Return the trial of a suspect after a few steps."""
-    return tried(part, suspect.fault, [suspect.x], glance=True)
+def _run_short_trial(part: Part, scored: ScoredFault) -> Trial | None:
+    """Return the trial of a fault after a few steps."""
+    return run_trial(part, scored.fault, [scored.x], is_short=True)
 
 
 def _explains_all(end: Trial, without: Trial) -> bool:
     """Return whether a fault explains all but noise; then only similar faults compete with it."""
     assert end.fault is not None
     if end.fault.affects_all_data:
-        return end.power < _LEAST * without.power
-    return end.alike < _ALIKE and end.power < min(NOISY**2, LITTLE * without.power)
+        return end.mean_square < _LEAST * without.mean_square
+    return end.correlation < _CORRELATED and end.mean_square < min(
+        NOISE_RMS**2, NEGLIGIBLE_SHARE * without.mean_square
+    )
 
 
-def _ahead(ends: Sequence[Trial], without: Trial) -> list[Begun]:
+def _select_best_trials(ends: Sequence[Trial], without: Trial) -> list[FaultStart]:
     """Return the likeliest faults of some trials, the best first, with starting points for fits.
 
     Of several trials of one fault the likeliest is used.
     """
-    best: dict[tuple[str, tuple[str, ...]], Begun] = {}
-    for one in compared(ends, without):
+    best: dict[tuple[str, tuple[str, ...]], FaultStart] = {}
+    for one in rank_faults(ends, without):
         best.setdefault((one.fault.kind, one.fault.channels), (one.fault, one.trial.x))
-    return list(best.values())[:KEPT]
+    return list(best.values())[:MOST_CANDIDATES]
 
 
-def _as_good(part: Part, end: Trial) -> list[ScoredFault]:
+def _list_rivals(part: Part, end: Trial) -> list[ScoredFault]:
     """Return other faults that explain the data as well at the end of a trial, to first order."""
     assert end.fault is not None
     key = (end.fault.kind, end.fault.channels)

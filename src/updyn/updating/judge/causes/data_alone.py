@@ -17,12 +17,12 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
 __all__ = [
-    "finding_of",
-    "findings_in",
+    "detect_data_faults",
+    "drop_expected",
+    "drop_explained_symptoms",
+    "find_data_faults",
+    "make_finding",
     "mask_symptoms",
-    "shown_by",
-    "still_shown",
-    "unexpected",
     "with_variance",
 ]
 
@@ -32,23 +32,23 @@ def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
     return replace(frf, variance=noise.beforehand(frf))
 
 
-def findings_in(part: Part, noise: NoiseModel) -> list[Finding]:
+def find_data_faults(part: Part, noise: NoiseModel) -> list[Finding]:
     """Return the faults that the data of a test show without a model, the likeliest first."""
-    seen = unexpected(shown_by(with_variance(part.frf, noise)), part)
-    return [finding_of(one, part.name) for one in seen]
+    detections = drop_expected(detect_data_faults(with_variance(part.frf, noise)), part)
+    return [make_finding(one, part.name) for one in detections]
 
 
-def unexpected(seen: Sequence[Detection], part: Part) -> list[Detection]:
+def drop_expected(detections: Sequence[Detection], part: Part) -> list[Detection]:
     """Return the faults that correct data would not show, according to the model of a part."""
     found = []
-    for one in seen:
+    for one in detections:
         with suppress(SolverError):
             if not one.fault.is_expected(part):
                 found.append(one)
     return found
 
 
-def shown_by(frf: FRF) -> list[Detection]:
+def detect_data_faults(frf: FRF) -> list[Detection]:
     """Return the faults that data with variance show without a model, the likeliest first.
 
     Faults that another one of them can imitate are omitted. Zero data show no fault.
@@ -60,13 +60,16 @@ def shown_by(frf: FRF) -> list[Detection]:
         cause = CAUSES[kind]
         if issubclass(cause, DataFault):
             found += cause.detect_faults(frf)
-    blurred = {kind for one in found for kind in one.fault.imitated_kinds}
-    clear = [one for one in found if one.fault.kind not in blurred]
+    imitated = {kind for one in found for kind in one.fault.imitated_kinds}
+    clear = [one for one in found if one.fault.kind not in imitated]
     return sorted(clear, key=lambda one: -one.log_odds)
 
 
-def still_shown(
-    seen: Sequence[Detection], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
+def drop_explained_symptoms(
+    detections: Sequence[Detection],
+    frf: FRF,
+    findings: Sequence[Finding],
+    thin_data: tuple[FRF, FRF],
 ) -> list[Detection]:
     """Return the faults that data show, except symptoms that other findings explain.
 
@@ -78,22 +81,22 @@ def still_shown(
         if finding.written:
             with suppress(UpdynError):  # a repair that leaves too little
                 repaired = finding.repair(repaired)
-    after = {one.fault.kind for one in shown_by(repaired)}
-    before, freed = ({one.fault.kind for one in shown_by(data)} for data in thinned)
-    gone = before - freed
-    symptoms = [one for one in seen if one.fault.is_symptom]
+    after = {one.fault.kind for one in detect_data_faults(repaired)}
+    before, corrected = ({one.fault.kind for one in detect_data_faults(data)} for data in thin_data)
+    gone = before - corrected
+    symptoms = [one for one in detections if one.fault.is_symptom]
     explained = [one for one in symptoms if one.fault.kind not in after or one.fault.kind in gone]
-    return [one for one in seen if one not in explained]
+    return [one for one in detections if one not in explained]
 
 
-def mask_symptoms(seen: Sequence[Detection], frf: FRF) -> FRF:
+def mask_symptoms(detections: Sequence[Detection], frf: FRF) -> FRF:
     """Return the data with no weight on values with symptoms; itself if there are no symptoms."""
-    for one in seen:
+    for one in detections:
         frf = one.fault.mask_values(frf)
     return frf
 
 
-def finding_of(one: Detection, test: str) -> Finding:
+def make_finding(one: Detection, test: str) -> Finding:
     """Return the finding of a fault that the data show."""
     fault = one.fault
     return Finding(

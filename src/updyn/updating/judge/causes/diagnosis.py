@@ -12,46 +12,52 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.candidates import KEPT, SMALL, Begun, candidates, is_small
+from updyn.updating.judge.causes.candidates import (
+    MOST_CANDIDATES,
+    SMALL_RMS,
+    FaultStart,
+    has_small_residual,
+    select_candidates,
+)
 from updyn.updating.judge.causes.data_alone import (
-    finding_of,
+    detect_data_faults,
+    drop_expected,
+    drop_explained_symptoms,
+    make_finding,
     mask_symptoms,
-    shown_by,
-    still_shown,
-    unexpected,
     with_variance,
 )
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.halves import compare_band_halves
-from updyn.updating.judge.causes.misfit import SEEN, Weighed, log_misfit
+from updyn.updating.judge.causes.misfit import NOISE_LIMIT, WeightedData, compute_log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.other_model import OtherModel
 from updyn.updating.judge.causes.promising import list_other_models
 from updyn.updating.judge.causes.ranking import (
-    FAR_OFF,
-    Ranked,
-    compared,
+    USUAL_DISTANCE,
+    RankedFault,
     is_as_likely,
     is_in_reach,
-    is_worth_a_word,
+    is_worth_reporting,
+    rank_faults,
 )
-from updyn.updating.judge.causes.reduced import Stage, stage_of
+from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import (
-    MOST_ALIKE,
+    LARGEST_CORRELATION,
     Trial,
     adapt_losses,
-    damped,
-    tried,
-    widened,
+    free_held_quantities,
+    raise_loss_factors,
+    run_trial,
 )
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
-__all__ = ["diagnosed", "strained", "unseen", "weighed"]
+__all__ = ["find_causes", "find_obstacle", "is_far_from_start", "weight_by_noise"]
 
 _Real = NDArray[np.float64]
 
@@ -60,9 +66,9 @@ _LINES = 60
 #: Number of other causes that a statement names.
 _NAMED = 2
 #: Largest number of refinements of the model for one decision.
-_SETTLED = 3
+_REFINEMENTS = 3
 #: Share of the previous misfit above which a further fit has converged.
-_ARRIVED = 0.9
+_CONVERGED = 0.9
 #: Rounds in which a fault is tried at further places, and the number of places at each point.
 _ROUNDS, _NEXT = 3, 3
 #: Difference between the sizes of a fault in the two halves of the band, in standard deviations,
@@ -86,17 +92,17 @@ _EXPLAINED = 1e-3
 _WORSE = 1.5
 
 
-def strained(part: Part, x: _Real) -> bool:
+def is_far_from_start(part: Part, x: _Real) -> bool:
     """Return whether the unknowns moved farther from their start than models are usually off.
 
     The data may then be explained and still be wrong by a common factor.
     """
-    own = part.coordinates
-    off = ((x - own.home) / compute_spread(part))[own.parameters.is_factor]
-    return bool(off.size and np.sqrt(np.mean(off**2)) > FAR_OFF)
+    coordinates = part.coordinates
+    offset = ((x - coordinates.home) / compute_spread(part))[coordinates.parameters.is_factor]
+    return bool(offset.size and np.sqrt(np.mean(offset**2)) > USUAL_DISTANCE)
 
 
-def unseen(part: Part, noise: NoiseModel) -> str:
+def find_obstacle(part: Part, noise: NoiseModel) -> str:
     """Return why the data of a test do not permit a search for causes; empty if they do.
 
     The search needs lines with a value above the noise. Without such lines, any factor that moves
@@ -104,19 +110,19 @@ def unseen(part: Part, noise: NoiseModel) -> str:
     """
     if part.n_lines < _FEWEST:
         return f"causes were not searched for, because {part.n_lines} lines are too few"
-    clear = np.abs(part.frf.values) > SEEN * np.sqrt(noise.beforehand(part.frf))
+    clear = np.abs(part.frf.values) > NOISE_LIMIT * np.sqrt(noise.beforehand(part.frf))
     n_clear = int(clear.any(axis=(1, 2)).sum())
     if n_clear < _FEWEST:
-        lost = f"{part.n_lines - n_clear} of {part.n_lines} lines"
-        return f"causes were not searched for, because no value is above the noise at {lost}"
+        lines = f"{part.n_lines - n_clear} of {part.n_lines} lines"
+        return f"causes were not searched for, because no value is above the noise at {lines}"
     return ""
 
 
-def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
+def find_causes(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
     """Return the faults of one test: those visible in the data alone, then the others by odds.
 
     `points` are ends of fits, used in addition to the start of the unknowns. If the data are not
-    sufficient (`unseen`), only the former are returned.
+    sufficient (`find_obstacle`), only the former are returned.
 
     Raises
     ------
@@ -124,37 +130,37 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         If the model cannot be reduced.
     """
     frf = with_variance(part.frf, noise)
-    seen = unexpected(shown_by(frf), part)
-    for one in seen:
+    detections = drop_expected(detect_data_faults(frf), part)
+    for one in detections:
         if one.fault.repair_text:
             frf = one.fault.repair(frf)
-    stated = [finding_of(one, part.name) for one in seen]
+    stated = [make_finding(one, part.name) for one in detections]
     whole = part.with_data(frf)
-    if unseen(whole, noise):
+    if find_obstacle(whole, noise):
         return stated
-    part, held = widened(whole.thinned(_LINES))
-    stage = stage_of(part)
+    part, held = free_held_quantities(whole.thinned(_LINES))
+    trial_models = choose_trial_models(part)
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, whole, stage, known, stated, noise)
-    aside = mask_symptoms(seen, part.frf)
-    symptoms = explained.findings and aside is not part.frf
-    remaining = explained.remaining(part.frf)
-    if symptoms and (remaining is None or remaining.power > _EXPLAINED):
+    explained = _explain_data(part, whole, trial_models, known, stated, noise)
+    masked = mask_symptoms(detections, part.frf)
+    symptoms = explained.findings and masked is not part.frf
+    remaining = explained.fit_remaining(part.frf)
+    if symptoms and (remaining is None or remaining.mean_square > _EXPLAINED):
         # The values of a symptom may be wrong on their own, and other faults may imitate them.
-        by_itself = _explained(part.with_data(aside), whole, stage, known, stated, noise)
-        apart = by_itself.remaining(aside)
-        if apart is not None and explained.left_of(aside) > _WORSE * apart.power:
-            explained, remaining = by_itself, apart
-    if remaining is not None and explained.power_of_seen(part.frf, remaining) > _GROSS**2:
+        by_itself = _explain_data(part.with_data(masked), whole, trial_models, known, stated, noise)
+        fit_apart = by_itself.fit_remaining(masked)
+        if fit_apart and explained.fit_mean_square(masked) > _WORSE * fit_apart.mean_square:
+            explained, remaining = by_itself, fit_apart
+    if remaining is not None and explained.mean_square_above_noise(part.frf, remaining) > _GROSS**2:
         # Model and data differ too much for the likeliest fault to be meaningful.
-        return stated + _in_other_units(part, remaining)
-    freed = _counted(explained.part.frf, part.frf)
-    left = still_shown(seen, frf, explained.findings, (part.frf, freed))
-    return [finding_of(one, part.name) for one in left] + list(explained.findings)
+        return stated + _try_other_units(part, remaining)
+    corrected = _restrict_weights(explained.part.frf, part.frf)
+    reported = drop_explained_symptoms(detections, frf, explained.findings, (part.frf, corrected))
+    return [make_finding(one, part.name) for one in reported] + list(explained.findings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Explained:
+class _Explanation:
     """Findings from model and data, the corrected part, its models and the end of the fit.
 
     `end` is None without a finding.
@@ -162,120 +168,129 @@ class _Explained:
 
     findings: tuple[Finding, ...]
     part: Part
-    stage: Stage
+    trial_models: TrialModels
     end: _Real | None
 
-    def remaining(self, frf: FRF) -> Trial | None:
+    def fit_remaining(self, frf: FRF) -> Trial | None:
         """Return a fit to the corrected data with the weights of `frf`; None without a solution."""
-        part = self.part.with_data(_counted(self.part.frf, frf))
-        begin = damped(part, part.coordinates.home) if self.end is None else self.end
-        return tried(self.stage.near(part, [begin]), None, [begin])
+        part = self.part.with_data(_restrict_weights(self.part.frf, frf))
+        begin = raise_loss_factors(part, part.coordinates.home) if self.end is None else self.end
+        return run_trial(self.trial_models.prepare_part(part, [begin]), None, [begin])
 
-    def power_of_seen(self, frf: FRF, trial: Trial) -> float:
+    def mean_square_above_noise(self, frf: FRF, trial: Trial) -> float:
         """Return the mean square residual of the values above the noise.
 
         A fault that raises the noise of one sensor, or the level of all data, hides the others.
         """
-        part = self.part.with_data(_counted(self.part.frf, frf))
-        part = self.stage.near(part, [trial.x])
-        misfit, weight = log_misfit(part.responses(trial.x), part.frf)
-        seen = max(float(np.sum(weight**2)), np.finfo(float).tiny)
-        return float(np.sum(np.abs(misfit) ** 2)) / seen
+        part = self.part.with_data(_restrict_weights(self.part.frf, frf))
+        part = self.trial_models.prepare_part(part, [trial.x])
+        misfit, weight = compute_log_misfit(part.responses(trial.x), part.frf)
+        total_weight = max(float(np.sum(weight**2)), np.finfo(float).tiny)
+        return float(np.sum(np.abs(misfit) ** 2)) / total_weight
 
-    def left_of(self, frf: FRF) -> float:
+    def fit_mean_square(self, frf: FRF) -> float:
         """Return the mean square residual of the fit with the weights of `frf`."""
-        trial = self.remaining(frf)
-        return np.inf if trial is None else trial.power
+        trial = self.fit_remaining(frf)
+        return np.inf if trial is None else trial.mean_square
 
 
-def _counted(freed: FRF, frf: FRF) -> FRF:
+def _restrict_weights(corrected: FRF, frf: FRF) -> FRF:
     """Return corrected data in which only the values with weight in `frf` have weight.
 
     Their variance is that of the corrected values: the noise of a sensor of another quantity is
     scaled with its values.
     """
-    assert freed.variance is not None
+    assert corrected.variance is not None
     assert frf.variance is not None
     # A variance above the square of the largest value marks a value without weight.
-    without, left_out = (v.variance > np.abs(v.values).max() ** 2 for v in (frf, freed))
-    return replace(freed, variance=np.where(without | left_out, frf.variance, freed.variance))
+    is_weightless, was_weightless = (
+        v.variance > np.abs(v.values).max() ** 2 for v in (frf, corrected)
+    )
+    return replace(
+        corrected,
+        variance=np.where(is_weightless | was_weightless, frf.variance, corrected.variance),
+    )
 
 
-def _in_other_units(part: Part, without: Trial) -> list[Finding]:
+def _try_other_units(part: Part, without: Trial) -> list[Finding]:
     """Return the unit in which the model explains data with which it has nothing in common."""
     if part.solver.system.n > _MOST_DOFS:
         return []
-    begin = damped(part, part.coordinates.home)
+    begin = raise_loss_factors(part, part.coordinates.home)
     first: list[tuple[float, ModelUnit]] = []
     for fault in ModelUnit.list_mistakes():
-        there = part.with_data(fault.convert_data(part.frf)).thinned(_FEWEST)
+        converted = part.with_data(fault.convert_data(part.frf)).thinned(_FEWEST)
         with suppress(SolverError):
-            misfit = log_misfit(there.responses(begin), there.frf)[0]
+            misfit = compute_log_misfit(converted.responses(begin), converted.frf)[0]
             first.append((float(np.mean(np.abs(misfit) ** 2)), fault))
     first.sort(key=lambda one: one[0])
     ends: list[tuple[Trial, ModelUnit]] = []
     for _, fault in first[:_FOLLOWED]:
-        there = part.with_data(fault.convert_data(part.frf))
+        converted = part.with_data(fault.convert_data(part.frf))
         with suppress(SolverError):
-            trial = tried(stage_of(there).near(there, [begin]), None, [begin])
-            if trial is not None and trial.power < _GROSS**2:
+            prepared = choose_trial_models(converted).prepare_part(converted, [begin])
+            trial = run_trial(prepared, None, [begin])
+            if trial is not None and trial.mean_square < _GROSS**2:
                 ends.append((trial, fault))
     if not ends:
         return []
-    trial, fault = min(ends, key=lambda one: one[0].power)
+    trial, fault = min(ends, key=lambda one: one[0].mean_square)
     log_odds = trial.gain(without) + float(np.log(fault.odds))
-    share = 1.0 - trial.power / without.power
-    return [_finding([Ranked(trial, fault, log_odds, share, share)], part.name)]
+    share = 1.0 - trial.mean_square / without.mean_square
+    return [_make_ranked_finding([RankedFault(trial, fault, log_odds, share, share)], part.name)]
 
 
-def _explained(
+def _explain_data(
     part: Part,
     whole: Part,
-    stage: Stage,
+    trial_models: TrialModels,
     points: Sequence[_Real],
     stated: Sequence[Finding],
     noise: NoiseModel,
-) -> _Explained:
+) -> _Explanation:
     """Return the faults that model and data show together; their sizes are fitted to all lines."""
     findings: list[Finding] = []
     end: _Real | None = None
     others = list_other_models(part)
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, stage, others, known, [*stated, *findings], noise)
+        found = _find_likeliest(part, trial_models, others, known, [*stated, *findings], noise)
         if not found:
             break
         best = found[0]
-        sized = _sized(part, whole, stage, best, noise)
-        findings.append(_finding([sized, *found[1:]], part.name))
+        sized = _fit_size(part, whole, trial_models, best, noise)
+        findings.append(_make_ranked_finding([sized, *found[1:]], part.name))
         end = best.trial.x
         if isinstance(best.fault, WrongAxes) and best.fault.other is not None:
             other = best.fault.other
-            part, whole, stage = other.instead(part), other.instead(whole), other.stage
+            part, whole = other.replace_model(part), other.replace_model(whole)
+            trial_models = other.trial_models
             others = list_other_models(part)
             continue
-        whole = _freed_whole(whole, stage, sized.fault, end)
-        there = replace(stage.near(part, [end]), frf=part.frf)
+        whole = _correct_whole_part(whole, trial_models, sized.fault, end)
+        prepared = replace(trial_models.prepare_part(part, [end]), frf=part.frf)
         # A fault that adapts is subtracted as fitted to all lines; its error on a few lines would
         # look like other faults.
         fault = sized.fault if best.fault.is_adaptive else best.fault
-        part = replace(fault.prepare_next_search(there, end), solver=part.solver)
-    return _Explained(tuple(findings), part, stage, end)
+        part = replace(fault.prepare_next_search(prepared, end), solver=part.solver)
+    return _Explanation(tuple(findings), part, trial_models, end)
 
 
-def _freed_whole(whole: Part, stage: Stage, fault: Fault, x: _Real) -> Part:
+def _correct_whole_part(whole: Part, trial_models: TrialModels, fault: Fault, x: _Real) -> Part:
     """Return the part with all lines, corrected for a fault if possible."""
     if fault.repair_text:
         return whole.with_data(fault.repair(whole.frf))
     if fault.alters_model:
-        there = replace(stage.near(whole, [x]), frf=whole.frf)
+        prepared = replace(trial_models.prepare_part(whole, [x]), frf=whole.frf)
         with suppress(SolverError):
-            freed = fault.prepare_next_search(there, x[: len(whole.coordinates.home)])
-            return replace(freed, solver=whole.solver)
+            corrected = fault.prepare_next_search(prepared, x[: len(whole.coordinates.home)])
+            return replace(corrected, solver=whole.solver)
     return whole
 
 
-def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseModel) -> Ranked:
+def _fit_size(
+    part: Part, whole: Part, trial_models: TrialModels, found: RankedFault, noise: NoiseModel
+) -> RankedFault:
     """Return the fault with its size fitted to all lines, with held quantities at their values.
 
     The fault is unchanged if the data contradict the held values.
@@ -283,95 +298,98 @@ def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseMod
     fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
     if fault.is_adaptive and fault.repair_text:
         with suppress(SolverError):
-            there = stage.near(whole, [found.trial.x])
-            return replace(found, fault=fault.fit_all_data(there, x))
-    sizes = fault.has_free_size and (fault.repair_text or fault.alters_model)
-    if not sizes or fault.is_adaptive or fault.omits_channels:
+            whole_part = trial_models.prepare_part(whole, [found.trial.x])
+            return replace(found, fault=fault.fit_all_data(whole_part, x))
+    has_size = fault.has_free_size and (fault.repair_text or fault.alters_model)
+    if not has_size or fault.is_adaptive or fault.omits_channels:
         return found
-    there = stage.near(whole, [found.trial.x])
-    trial = tried(there, fault, [x])
+    whole_part = trial_models.prepare_part(whole, [found.trial.x])
+    trial = run_trial(whole_part, fault, [x])
     if trial is None or trial.fault is None:
         return found
-    trial = tried(weighed(there, trial, noise), trial.fault, [trial.x])
+    trial = run_trial(weight_by_noise(whole_part, trial, noise), trial.fault, [trial.x])
     if trial is None or trial.fault is None:
         return found
-    here = stage.near(part, [found.trial.x])
-    known = noise.refit(*_freed(here, found.trial), part.n)
-    if _error(there, trial, known) > _AS_WELL * _error(here, found.trial, known):
+    current = trial_models.prepare_part(part, [found.trial.x])
+    known_noise = noise.refit(*_evaluate_corrected(current, found.trial), part.n)
+    error = _mean_square_error(whole_part, trial, known_noise)
+    if error > _AS_WELL * _mean_square_error(current, found.trial, known_noise):
         return found
     return replace(found, fault=trial.fault)
 
 
-def _error(part: Part, trial: Trial, noise: NoiseModel) -> float:
+def _mean_square_error(part: Part, trial: Trial, noise: NoiseModel) -> float:
     """Return the mean square error at the end of a trial, in units of the given noise."""
-    H, frf = _freed(part, trial)
+    H, frf = _evaluate_corrected(part, trial)
     variance = np.maximum(noise.variance(H, frf), np.finfo(float).tiny)
     return float(np.mean(np.abs(frf.values - H) ** 2 / variance))
 
 
-def _freed(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
+def _evaluate_corrected(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
     """Return model and data at the end of a trial, corrected for its fault."""
-    freed = part if trial.fault is None else trial.fault.correct_part(part, trial.x)
-    return freed.responses(trial.x), freed.frf
+    corrected = part if trial.fault is None else trial.fault.correct_part(part, trial.x)
+    return corrected.responses(trial.x), corrected.frf
 
 
-def weighed(part: Part, trial: Trial, noise: NoiseModel) -> Part:
+def weight_by_noise(part: Part, trial: Trial, noise: NoiseModel) -> Part:
     """Return the part with data weighted by the noise estimated from the residual of a trial."""
-    H, frf = _freed(part, trial)
+    H, frf = _evaluate_corrected(part, trial)
     variance = noise.refit(H, frf, part.n).variance(H, frf)
     size = np.abs(part.frf.values) / np.maximum(np.abs(frf.values), np.finfo(float).tiny)
-    relative = Weighed.near(H, frf, variance).relative
-    return part.with_data(Weighed.of(part.frf, size**2 * variance, relative))
+    relative_noise = WeightedData.near_response(H, frf, variance).relative_noise
+    return part.with_data(WeightedData.of(part.frf, size**2 * variance, relative_noise))
 
 
-def _likeliest(
+def _find_likeliest(
     part: Part,
-    stage: Stage,
+    trial_models: TrialModels,
     others: Sequence[OtherModel],
     points: Sequence[_Real],
     stated: Sequence[Finding],
     noise: NoiseModel,
-) -> list[Ranked]:
+) -> list[RankedFault]:
     """Return the likeliest fault and those that cannot be distinguished from it; may be empty."""
     home = part.coordinates.home
-    here = stage.near(part, [home, *points])
-    for _ in range(_SETTLED):
-        start = damped(here, home)
-        without = tried(here, None, [*points, start])
+    current = trial_models.prepare_part(part, [home, *points])
+    for _ in range(_REFINEMENTS):
+        start = raise_loss_factors(current, home)
+        without = run_trial(current, None, [*points, start])
         if without is None:
             return []
-        here, without = _settled(part, here, stage, without)
-        if is_small(without):
-            part = adapt_losses(part.with_data(weighed(here, without, noise).frf), without.x)
-            here = stage.near(part, [without.x])
-            without = tried(here, None, [without.x]) or without
-        fresh = candidates(here, without, start, stated, others)
-        ranked = _ranked(here, fresh, without)
-        if not _stands(ranked):
+        current, without = _refine_fit(part, current, trial_models, without)
+        if has_small_residual(without):
+            weighted = weight_by_noise(current, without, noise).frf
+            part = adapt_losses(part.with_data(weighted), without.x)
+            current = trial_models.prepare_part(part, [without.x])
+            without = run_trial(current, None, [without.x]) or without
+        fresh = select_candidates(current, without, start, stated, others)
+        ranked = _rank_by_trials(current, fresh, without)
+        if not _is_likely(ranked):
             return []
-        there = stage.near(part, [ranked[0].trial.x])
-        if there.solver is here.solver:
+        refined = trial_models.prepare_part(part, [ranked[0].trial.x])
+        if refined.solver is current.solver:
             break
-        here, without = there, tried(there, None, [without.x]) or without
-        alike = [one for one in ranked if is_in_reach(one, ranked[0])]
-        ranked = _ranked(here, [(one.fault, one.trial.x) for one in alike[:KEPT]], without)
-        if _stands(ranked):
+        current, without = refined, run_trial(refined, None, [without.x]) or without
+        in_reach = [one for one in ranked if is_in_reach(one, ranked[0])]
+        starts = [(one.fault, one.trial.x) for one in in_reach[:MOST_CANDIDATES]]
+        ranked = _rank_by_trials(current, starts, without)
+        if _is_likely(ranked):
             break
         # The apparent fault was an error of the reduced model, which is now smaller.
-    if not _stands(ranked):
+    if not _is_likely(ranked):
         return []
     assert without is not None
     # The fit with the fault may only have helped the unknowns out of a poor minimum.
-    better = tried(here, None, [ranked[0].trial.x, *_imitating(here, ranked[0])])
+    better = run_trial(current, None, [ranked[0].trial.x, *_find_imitation(current, ranked[0])])
     if better is not None and better.gain(without) > 0.0:
-        against = compared([one.trial for one in ranked], better)
-        ranked = list(filter(is_worth_a_word, against))
-    if not _stands(ranked):
+        compared = rank_faults([one.trial for one in ranked], better)
+        ranked = list(filter(is_worth_reporting, compared))
+    if not _is_likely(ranked):
         return []
     return [one for one in ranked if is_as_likely(one, ranked[0])]
 
 
-def _imitating(part: Part, found: Ranked) -> list[_Real]:
+def _find_imitation(part: Part, found: RankedFault) -> list[_Real]:
     """Return the point at which the unknowns imitate a fault; empty if the fault has no size."""
     if not found.fault.has_free_size:
         return []
@@ -383,31 +401,35 @@ def _imitating(part: Part, found: Ranked) -> list[_Real]:
         return []
 
 
-def _stands(ranked: Sequence[Ranked]) -> bool:
+def _is_likely(ranked: Sequence[RankedFault]) -> bool:
     return bool(ranked) and ranked[0].log_odds >= LIKELY
 
 
-def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:
+def _refine_fit(
+    part: Part, current: Part, trial_models: TrialModels, trial: Trial
+) -> tuple[Part, Trial]:
     """Return the part with a model valid at the end of a fit without a fault, and this fit.
 
     Far from the data, a model valid around the start and a short fit are sufficient.
     """
-    for _ in range(_SETTLED):
-        if trial.power > SMALL**2:
+    for _ in range(_REFINEMENTS):
+        if trial.mean_square > SMALL_RMS**2:
             break
-        before, here = here, stage.near(part, [trial.x])
-        gross = trial.power > _GROSS**2
-        further = tried(here, None, [trial.x], glance=gross) or trial
-        done = further.power > _ARRIVED * trial.power and here.solver is before.solver
+        before, current = current, trial_models.prepare_part(part, [trial.x])
+        gross = trial.mean_square > _GROSS**2
+        further = run_trial(current, None, [trial.x], is_short=gross) or trial
+        done = (
+            further.mean_square > _CONVERGED * trial.mean_square and current.solver is before.solver
+        )
         trial = further
         if done:
             break
-    return here, trial
+    return current, trial
 
 
-def _ranked(part: Part, fresh: Sequence[Begun], without: Trial) -> list[Ranked]:
+def _rank_by_trials(part: Part, fresh: Sequence[FaultStart], without: Trial) -> list[RankedFault]:
     """Return the faults worth reporting after a fit of each, the likeliest first."""
-    ends = _Ends(part)
+    ends = _BestTrials(part)
     ends.try_all(fresh)
     best: Trial | None = None
     for _ in range(_ROUNDS):
@@ -415,52 +437,52 @@ def _ranked(part: Part, fresh: Sequence[Begun], without: Trial) -> list[Ranked]:
             break
         best = ends.best
         ends.try_all(ends.list_other_places(fresh))
-    return _consistent(part, compared(ends.found.values(), without))
+    return _drop_inconsistent(part, rank_faults(ends.trials.values(), without))
 
 
-def _consistent(part: Part, found: Sequence[Ranked]) -> list[Ranked]:
+def _drop_inconsistent(part: Part, found: Sequence[RankedFault]) -> list[RankedFault]:
     """Return the faults worth reporting, except likely ones whose size depends on the band."""
-    left = list(filter(is_worth_a_word, found))
-    while _stands(left):
-        likely = [one for one in left if is_as_likely(one, left[0])]
+    remaining = list(filter(is_worth_reporting, found))
+    while _is_likely(remaining):
+        likely = [one for one in remaining if is_as_likely(one, remaining[0])]
         wrong = [one for one in likely if _depends_on_band(part, one)]
         if not wrong:
             break
-        left = [one for one in left if not any(one is other for other in wrong)]
-    return left
+        remaining = [one for one in remaining if not any(one is other for other in wrong)]
+    return remaining
 
 
-def _depends_on_band(part: Part, found: Ranked) -> bool:
+def _depends_on_band(part: Part, found: RankedFault) -> bool:
     """Return whether the two halves of the band contradict each other about the size of a fault."""
     fault, trial = found.fault, found.trial
     if not fault.has_constant_size:
         return False
     with suppress(SolverError):
-        freed = Evidence(fault.correct_part(part, trial.x), trial.x)
-        alike = min(max(trial.alike, 0.0), MOST_ALIKE)
-        return compare_band_halves(freed, fault, alike) > _CONTRADICT
+        corrected = Evidence(fault.correct_part(part, trial.x), trial.x)
+        correlation = min(max(trial.correlation, 0.0), LARGEST_CORRELATION)
+        return compare_band_halves(corrected, fault, correlation) > _CONTRADICT
     return False
 
 
 @dataclass(slots=True, eq=False)
-class _Ends:
+class _BestTrials:
     """The best trial of each fault, and the last trial that leaves only noise."""
 
     part: Part
-    found: dict[tuple[str, tuple[str, ...]], Trial] = field(default_factory=dict)
+    trials: dict[tuple[str, tuple[str, ...]], Trial] = field(default_factory=dict)
     noise: Trial | None = None
 
-    def try_all(self, begun: Sequence[Begun]) -> None:
+    def try_all(self, starts: Sequence[FaultStart]) -> None:
         """Try faults, and those with nearly the same effect."""
-        waiting = deque(begun)
+        waiting = deque(starts)
         while waiting:
             fault, x = waiting.popleft()
             key = (fault.kind, fault.channels)
-            trial = tried(self.part, fault, [x], rival=self.noise)
+            trial = run_trial(self.part, fault, [x], rival=self.noise)
             if trial is None or trial.fault is None:
                 continue
-            if key not in self.found or trial.gain(self.found[key]) > 0.0:
-                self.found[key] = trial
+            if key not in self.trials or trial.gain(self.trials[key]) > 0.0:
+                self.trials[key] = trial
                 waiting += [
                     (other, trial.x) for other in trial.fault.list_similar_faults(self.part)
                 ]
@@ -470,9 +492,9 @@ class _Ends:
     @property
     def best(self) -> Trial | None:
         """The trial with the smallest residual."""
-        return min(self.found.values(), key=lambda one: one.power, default=None)
+        return min(self.trials.values(), key=lambda one: one.mean_square, default=None)
 
-    def list_other_places(self, begun: Sequence[Begun]) -> list[Begun]:
+    def list_other_places(self, starts: Sequence[FaultStart]) -> list[FaultStart]:
         """Return the best fault at other places, the likeliest at several points.
 
         The points are the end of its trial and, if that does not leave only noise, the ends of the
@@ -484,22 +506,22 @@ class _Ends:
         kind = best.fault.kind
         points = [best.x]
         if not best.is_noise:
-            same = sorted((t.power, k[1]) for k, t in self.found.items() if k[0] == kind)
-            points += [self.found[kind, channels].x for _, channels in same[1:_NEXT]]
-            points += [x for fault, x in begun if fault.kind == kind]
-        chosen: dict[tuple[str, ...], Begun] = {}
+            same = sorted((t.mean_square, k[1]) for k, t in self.trials.items() if k[0] == kind)
+            points += [self.trials[kind, channels].x for _, channels in same[1:_NEXT]]
+            points += [x for fault, x in starts if fault.kind == kind]
+        chosen: dict[tuple[str, ...], FaultStart] = {}
         for x in points:
             others: list[Fault] = []
             with suppress(SolverError):
                 others = list(best.fault.list_other_places(Evidence(self.part, x)))
             if x is not best.x:
-                others = [one for one in others if (kind, one.channels) not in self.found]
+                others = [one for one in others if (kind, one.channels) not in self.trials]
             new = [one for one in others if one.channels not in chosen]
             chosen |= {one.channels: (one, x) for one in new[:_NEXT]}
         return list(chosen.values())
 
 
-def _finding(found: Sequence[Ranked], test: str) -> Finding:
+def _make_ranked_finding(found: Sequence[RankedFault], test: str) -> Finding:
     best, *others = found
     fault = best.fault
     statement = fault.statement()

@@ -14,7 +14,7 @@ from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.element import Receptances
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
-from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places
 from updyn.updating.judge.causes.rates import compute_rayleigh_slopes, list_fixed_coefficients
 from updyn.updating.problem.parameters import Parameter
@@ -321,7 +321,7 @@ class Evidence:
     @cached_property
     def weight(self) -> _Real:
         """Weight of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
-        return log_misfit(self.model_response(self.frf), self.frf)[1]
+        return compute_log_misfit(self.model_response(self.frf), self.frf)[1]
 
     @cached_property
     def noise_channels(self) -> frozenset[str]:
@@ -335,7 +335,7 @@ class Evidence:
 
     def misfit(self, frf: FRF) -> _Real:
         """Return the misfit of data on the same lines, real parts above imaginary parts."""
-        return stack_real_imag(log_misfit(self.model_response(frf), frf)[0])
+        return stack_real_imag(compute_log_misfit(self.model_response(frf), frf)[0])
 
     @cached_property
     def rms_misfit(self) -> float:

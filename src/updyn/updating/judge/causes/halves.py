@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import n_seen
+from updyn.updating.judge.causes.misfit import count_values
 
 __all__ = ["compare_band_halves"]
 
@@ -59,7 +59,7 @@ def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) ->
     sizes = np.linalg.solve(R, Q.T @ b)
     residual = (b - Q @ (Q.T @ b))[: -len(zeros)]
     least = 0.5 * (PERFECT_FIT / evidence.rms_misfit) ** 2
-    variance = max(float(residual @ residual) / max(n_seen(evidence.frf), 1), least)
+    variance = max(float(residual @ residual) / max(count_values(evidence.frf), 1), least)
     variance *= (1.0 + correlation) / (1.0 - correlation)
     difference = np.linalg.solve(R.T, np.array([1.0, -1.0]))
     deviation = np.sqrt(variance * float(difference @ difference))

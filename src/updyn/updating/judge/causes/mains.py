@@ -47,7 +47,7 @@ class Mains(DataFault):
     ----------
     lines : tuple of float
         Outliers, in Hz.
-    many : str
+    channel_count : str
         Number of affected channels, as text.
     """
 

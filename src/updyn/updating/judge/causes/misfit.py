@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from updyn.frf import FRF, ROUNDING
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["SEEN", "Weighed", "log_misfit", "n_seen"]
+__all__ = ["NOISE_LIMIT", "WeightedData", "compute_log_misfit", "count_values"]
 
 _Complex = NDArray[np.complex128]
 
 #: Noise, as a share of the level, at which the weight of a value is 0.7.
 _CLEAR = 0.03
 #: Standard deviations of the noise below which a value has no phase, and its level is set to this.
-SEEN = 3.0
+NOISE_LIMIT = 3.0
 #: Smallest noise, as a share of the rms of all data of one unit: resolution of sensors.
 _LEAST = 1e-5
 #: Quantile of the relative noise at which the weight by likelihood is 1.
@@ -26,85 +26,85 @@ _EXACT = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class Weighed(FRF):
+class WeightedData(FRF):
     """Data near the response of a model, weighted by likelihood.
 
     Attributes
     ----------
-    relative : float
+    relative_noise : float
         Relative noise of the most exact values: the misfit of a value is its error in standard
         deviations times this.
     """
 
-    relative: float
+    relative_noise: float
 
-    def __init__(self, *about: Any, relative: float, **further: Any) -> None:
+    def __init__(self, *about: Any, relative_noise: float, **further: Any) -> None:
         FRF.__init__(self, *about, **further)
-        object.__setattr__(self, "relative", relative)
+        object.__setattr__(self, "relative_noise", relative_noise)
 
     @classmethod
-    def near(cls, H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> Self:
+    def near_response(cls, H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> Self:
         """Return the data with the variance of their noise, near the response H of a model."""
-        answer = np.abs(H)
-        seen = answer > ROUNDING * answer.max()
-        share = np.sqrt(variance[seen]) / answer[seen]
+        level = np.abs(H)
+        is_seen = level > ROUNDING * level.max()
+        share = np.sqrt(variance[is_seen]) / level[is_seen]
         return cls.of(frf, variance, float(np.quantile(share, _EXACT)) if share.size else 1.0)
 
     @classmethod
-    def of(cls, frf: FRF, variance: NDArray[np.float64], relative: float) -> Self:
+    def of(cls, frf: FRF, variance: NDArray[np.float64], relative_noise: float) -> Self:
         """Return the data with the variance of their noise."""
         about = {one.name: getattr(frf, one.name) for one in fields(FRF)}
         about["variance"] = variance
-        return cls(relative=relative, **about)
+        return cls(relative_noise=relative_noise, **about)
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = {one.name: getattr(self, one.name) for one in fields(self)}
         return _rebuild, (type(self), about)
 
     @property
-    def scale(self) -> NDArray[np.float64]:
+    def misfit_scale(self) -> NDArray[np.float64]:
         """Misfit of an error of 1 in each value."""
-        return self.relative / _noise(self)
+        return self.relative_noise / _compute_deviation(self)
 
     def misfit(self, H: _Complex) -> tuple[_Complex, NDArray[np.float64]]:
-        """Return w (H_X / H_A - 1) and w, as `log_misfit`."""
-        scale, size = self.scale, np.abs(H)
-        turned = np.where(size > 0.0, H.conj(), 1.0) / np.where(size > 0.0, size, 1.0)
-        return scale * (self.values - H) * turned, scale * size
+        """Return w (H_X / H_A - 1) and w, as `compute_log_misfit`."""
+        scale, size = self.misfit_scale, np.abs(H)
+        unit = np.where(size > 0.0, H.conj(), 1.0) / np.where(size > 0.0, size, 1.0)
+        return scale * (self.values - H) * unit, scale * size
 
 
-def _rebuild(cls: type[Weighed], about: dict[str, Any]) -> Weighed:
+def _rebuild(cls: type[WeightedData], about: dict[str, Any]) -> WeightedData:
     return cls(**about)
 
 
-def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
-    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); by likelihood for `Weighed` data.
+def compute_log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
+    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j); by likelihood for `WeightedData`.
 
     Unlike the residual of a fit, it includes values that are above the noise in the model only or
     in the data only, as with exchanged channels of a structure with uncoupled directions. Values
     below three standard deviations of the noise are set to this level, without a phase.
     """
-    if isinstance(frf, Weighed):
+    if isinstance(frf, WeightedData):
         return frf.misfit(H)
-    noise = _noise(frf)
-    least = SEEN * noise
+    noise = _compute_deviation(frf)
+    least = NOISE_LIMIT * noise
     size = [np.abs(H), np.abs(frf.values)]
-    seen = [one > least for one in size]
+    is_seen = [one > least for one in size]
     level = [np.log(np.maximum(one, least)) for one in size]
-    turned = np.where(seen[0] & seen[1], np.angle(frf.values * H.conj()), 0.0)
+    phase = np.where(is_seen[0] & is_seen[1], np.angle(frf.values * H.conj()), 0.0)
     clear = np.maximum(np.maximum(*size) ** 2 - least**2, 0.0)
     weight = np.sqrt(clear / (clear + (noise / _CLEAR) ** 2))
-    return weight * (level[1] - level[0] + 1j * turned), weight
+    return weight * (level[1] - level[0] + 1j * phase), weight
 
 
-def n_seen(frf: FRF) -> int:
-    """Return the number of real values with weight: all if `Weighed`, else those above noise."""
-    if isinstance(frf, Weighed):
+def count_values(frf: FRF) -> int:
+    """Return the number of real values with weight: all of `WeightedData`, or those above noise."""
+    if isinstance(frf, WeightedData):
         return 2 * frf.values.size
-    return 2 * int(np.count_nonzero(np.abs(frf.values) > SEEN * _noise(frf)))
+    return 2 * int(np.count_nonzero(np.abs(frf.values) > NOISE_LIMIT * _compute_deviation(frf)))
 
 
-def _noise(frf: FRF) -> NDArray[np.float64]:
+def _compute_deviation(frf: FRF) -> NDArray[np.float64]:
     """Return the standard deviation of the noise of each value."""
     assert frf.variance is not None
     return np.asarray(np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2))

@@ -15,7 +15,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.labels import list_response_labels
-from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.pole_fit import Pole, fit_pole
 from updyn.updating.problem.problem import Part
 
@@ -80,7 +80,7 @@ class MissingMode(Fault):
         frf = evidence.frf
         if len(frf.freq) <= _FEWEST:
             return
-        e = log_misfit(evidence.model_response(frf), frf)[0]
+        e = compute_log_misfit(evidence.model_response(frf), frf)[0]
         power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
         padded = np.pad(power, 1, constant_values=-1.0)
         peaks = (power >= padded[:-2]) & (power > padded[2:])
@@ -279,7 +279,7 @@ class _LocalResidual:
         H = evidence.model_response(frf)[at]
         there = frf.select(lines=frf.freq[at])
         level = np.sqrt(np.abs(H) ** 2 + np.abs(there.values) ** 2)
-        clear = log_misfit(H, there)[1] / np.maximum(level, np.finfo(float).tiny)
+        clear = compute_log_misfit(H, there)[1] / np.maximum(level, np.finfo(float).tiny)
         return cls(there.freq, there.values - H, clear, there)
 
     def _basis(self, mode: MissingMode) -> _Complex:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.updating.fit.monitor import CAUSES, Monitor
 from updyn.updating.judge.assessment import Judgement
-from updyn.updating.judge.causes.data_alone import findings_in
-from updyn.updating.judge.causes.diagnosis import diagnosed, strained, unseen
+from updyn.updating.judge.causes.data_alone import find_data_faults
+from updyn.updating.judge.causes.diagnosis import find_causes, find_obstacle, is_far_from_start
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.trust import claim_validated
 from updyn.updating.problem.data import Split
@@ -21,7 +21,7 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["Causes", "CausesOfRun"]
+__all__ = ["CauseSearch", "Causes"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,27 +32,27 @@ class Causes:
     ----------
     findings : tuple of Finding
         The causes found.
-    searched : bool
+    was_searched : bool
         Whether a search for causes in the residual of a test was made.
-    unseen : str
+    not_searched : str
         Why a necessary search was not made; empty if it was.
-    overruling : bool
+    is_overruling : bool
         Whether a cause ended the search for an answer.
     """
 
     findings: tuple[Finding, ...] = ()
-    searched: bool = False
-    unseen: str = ""
-    overruling: bool = False
+    was_searched: bool = False
+    not_searched: str = ""
+    is_overruling: bool = False
 
     @property
-    def cleared(self) -> bool:
+    def has_no_cause(self) -> bool:
         """Whether a complete search found no cause."""
-        return self.searched and not self.findings and not self.unseen
+        return self.was_searched and not self.findings and not self.not_searched
 
 
 @dataclass(slots=True, eq=False)
-class CausesOfRun:
+class CauseSearch:
     """Search for causes in all data of a run, including held-out data, with the whole models.
 
     Parameters
@@ -86,41 +86,41 @@ class CausesOfRun:
         """
         with self.monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):
-                whole = self._whole(i)
-                if unseen(whole, noise):
+                whole = self._whole_part(i)
+                if find_obstacle(whole, noise):
                     continue
                 with suppress(SolverError):
-                    found = diagnosed(whole, noise)
+                    found = find_causes(whole, noise)
                     if any(one.overruling for one in found):
                         self._overruling[i] = found
         return bool(self._overruling)
 
-    def after(self, found: Judgement) -> Causes:
+    def search_after_fit(self, found: Judgement) -> Causes:
         """Return the causes of the residual of a fit, from a search if it is not noise."""
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
         out: list[Finding] = []
-        searched, because = False, ""
+        was_searched, not_searched = False, ""
         with self.monitor.stage(CAUSES), suppress(Stopped):
             for i, noise in enumerate(self.noises):
-                whole = self._whole(i)
+                whole = self._whole_part(i)
                 if i in self._overruling:
                     out += self._overruling[i]
-                    searched = True
+                    was_searched = True
                 elif not self._is_explained(i, found):
-                    why = unseen(whole, noise)
-                    if not why:
+                    reason = find_obstacle(whole, noise)
+                    if not reason:
                         try:
-                            out += diagnosed(whole, noise, [found.fit.x])
-                            searched = True
+                            out += find_causes(whole, noise, [found.fit.x])
+                            was_searched = True
                             continue
                         except SolverError as error:
-                            why = f"the search for causes failed ({error})"
-                    because = why
-                    out += findings_in(whole, noise)
-        return Causes(tuple(out), searched, because, bool(self._overruling))
+                            reason = f"the search for causes failed ({error})"
+                    not_searched = reason
+                    out += find_data_faults(whole, noise)
+        return Causes(tuple(out), was_searched, not_searched, bool(self._overruling))
 
-    def _whole(self, i: int) -> Part:
+    def _whole_part(self, i: int) -> Part:
         """Return the part of a test with its whole model and all of its data."""
         part, exact = self.monitor.problem.parts[i], self.exact.parts[i]
         whole = replace(part, solver=exact.solver, variants=exact.variants)
@@ -132,4 +132,4 @@ class CausesOfRun:
         noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
         predicted = claim_validated([found.correlation[i]]).holds is not False
         x: NDArray[np.float64] = found.fit.x
-        return noisy and predicted and not strained(self.monitor.problem.parts[i], x)
+        return noisy and predicted and not is_far_from_start(self.monitor.problem.parts[i], x)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
-from updyn.updating.judge.causes.reduced import Stage, stage_of
+from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.problem.problem import Part
 from updyn.variants import Variant, variants_of
 
@@ -32,11 +32,11 @@ class OtherModel:
 
     part: Part
     variant: Variant
-    _own: Part | None = field(default=None, init=False)
-    _stage: Stage | None = field(default=None, init=False)
+    _variant_part: Part | None = field(default=None, init=False)
+    _trial_models: TrialModels | None = field(default=None, init=False)
 
     @property
-    def own(self) -> Part:
+    def variant_part(self) -> Part:
         """The part with the whole variant.
 
         Raises
@@ -44,16 +44,18 @@ class OtherModel:
         ModelError
             If the elements of the variant cannot be computed.
         """
-        if self._own is None:
+        if self._variant_part is None:
             model = self.variant.model()
-            now: Any = self.part.solver
-            name = ", ".join([now.variant, *self.variant.groups])
-            solver = LineSolver(AffineSystem.compile(model), now.tier, now.backend, name)
-            self._own = replace(self.part, solver=solver, variants=variants_of(model))
-        return self._own
+            solver_now: Any = self.part.solver
+            name = ", ".join([solver_now.variant, *self.variant.groups])
+            solver = LineSolver(
+                AffineSystem.compile(model), solver_now.tier, solver_now.backend, name
+            )
+            self._variant_part = replace(self.part, solver=solver, variants=variants_of(model))
+        return self._variant_part
 
     @property
-    def stage(self) -> Stage:
+    def trial_models(self) -> TrialModels:
         """Source of the models for trials of the variant.
 
         Raises
@@ -61,15 +63,15 @@ class OtherModel:
         SolverError
             If the variant is to be reduced and cannot be solved.
         """
-        if self._stage is None:
-            self._stage = stage_of(self.own)
-        return self._stage
+        if self._trial_models is None:
+            self._trial_models = choose_trial_models(self.variant_part)
+        return self._trial_models
 
-    def instead(self, part: Part) -> Part:
+    def replace_model(self, part: Part) -> Part:
         """Return a part of the same model with the whole variant."""
         # The terms equal those of the unchanged model, so the unknowns remain valid.
-        return replace(part, solver=self.own.solver, variants=self.own.variants)
+        return replace(part, solver=self.variant_part.solver, variants=self.variant_part.variants)
 
-    def near(self, part: Part, points: Sequence[NDArray[np.float64]]) -> Part:
+    def prepare_part(self, part: Part, points: Sequence[NDArray[np.float64]]) -> Part:
         """Return a part of the same model with the variant, valid at some points."""
-        return self.stage.near(self.instead(part), points)
+        return self.trial_models.prepare_part(self.replace_model(part), points)

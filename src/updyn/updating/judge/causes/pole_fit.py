@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, compute_spread
-from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.problem.problem import Part
 
 __all__ = ["Pole", "fit_pole"]
@@ -112,7 +112,9 @@ class _PoleProblem:
     def _misfit(self, x: _Real, pole: Pole) -> tuple[_Complex, _Real, Evidence]:
         evidence = Evidence(self.part, x)
         frf = self.part.frf
-        return *log_misfit(evidence.model_response(frf) + pole.contribution(frf), frf), evidence
+        return *compute_log_misfit(
+            evidence.model_response(frf) + pole.contribution(frf), frf
+        ), evidence
 
     def _evaluate(self, z: _Real) -> tuple[_Real, _Real, _Real]:
         if self._last_evaluation is not None and np.array_equal(self._last_evaluation[0], z):

@@ -52,7 +52,7 @@ def select_variants(
     for fault, one in zip(faults, others, strict=True):
         part.session.check(often=True)
         with suppress(SolverError, ModelError):
-            found.append((_compare_parts(few, one.instead(few), fault, start), fault))
+            found.append((_compare_parts(few, one.replace_model(few), fault, start), fault))
     found.sort(key=lambda pair: -pair[0])
     least = max((gain for gain, _ in found), default=0.0) - IN_REACH
     return [fault for gain, fault in found[:_FOLLOWED] if gain > max(least, -IN_REACH)]
@@ -79,4 +79,4 @@ def _is_needless(without: Trial, prior: float) -> bool:
 
     Another model can gain at most half the squared distance of the unknowns from their start.
     """
-    return without.is_noise and 0.5 * without.far + float(np.log(prior)) < LIKELY
+    return without.is_noise and 0.5 * without.squared_distance + float(np.log(prior)) < LIKELY

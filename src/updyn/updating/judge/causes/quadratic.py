@@ -27,7 +27,7 @@ from updyn.updating.judge.causes.evidence import (
     stack_real_imag,
 )
 
-__all__ = ["SHARES", "Outcome", "Quadratic"]
+__all__ = ["SHARES", "Quadratic", "QuadraticOutcome"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
@@ -35,24 +35,24 @@ _Complex = NDArray[np.complexfloating[Any, Any]]
 #: Possible errors of held quantities, as shares of their prior standard deviation.
 SHARES = (0.02, 0.1, 0.3, 1.0)
 #: Prior standard deviation of the log misfit (rms) due to a fault; so large that it has no effect.
-_OPEN = 10.0
+_WIDE_DEVIATION = 10.0
 #: Number of iterations for the level of the residual.
 _LEVELS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class QuadraticOutcome:
     """A hypothesis for one share of the spread of the held quantities.
 
     Attributes
     ----------
-    power : float
+    mean_square : float
         Mean square of the residual log misfit.
     log_evidence : float
         Logarithm of the evidence, up to a constant.
     """
 
-    power: float
+    mean_square: float
     log_evidence: float
 
 
@@ -62,17 +62,17 @@ class Quadratic:
 
     Attributes
     ----------
-    normal : ndarray of float, shape (n, n)
+    normal_matrix : ndarray of float, shape (n, n)
         J^T J, with real parts of J above imaginary parts.
     gradient : ndarray of float, shape (n,)
         J^T e.
-    square : float
+    squared_misfit : float
         e^T e.
-    off : ndarray of float, shape (n,)
+    offset : ndarray of float, shape (n,)
         Differences of the unknowns from the centres of their priors.
     spread : ndarray of float, shape (n,)
         Standard deviations of the priors.
-    held : ndarray of bool, shape (n,)
+    is_held : ndarray of bool, shape (n,)
         Whether an unknown is a held stiffness or mass.
     n_values : int
         Number of real values.
@@ -80,14 +80,16 @@ class Quadratic:
 
     normal_matrix: _Real
     gradient: _Real
-    square: float
-    off: _Real
+    squared_misfit: float
+    offset: _Real
     spread: _Real
-    held: NDArray[np.bool_]
+    is_held: NDArray[np.bool_]
     n_values: int
 
     @classmethod
-    def at(cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None) -> Self:
+    def at_point(
+        cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None
+    ) -> Self:
         """Return the quadratic approximation for model and data at a point.
 
         `frf` are the data corrected for a fault, by default those of the evidence. `slope`, shape
@@ -96,8 +98,8 @@ class Quadratic:
         """
         part, J = evidence.part, evidence.jacobian
         e = evidence.misfit(evidence.frf if frf is None else frf)
-        normal, gradient = evidence.normal_matrix, J.T @ e
-        off, spread, held = (
+        normal_matrix, gradient = evidence.normal_matrix, J.T @ e
+        offset, spread, is_held = (
             evidence.x - part.coordinates.home,
             compute_spread(part),
             find_held(part),
@@ -106,22 +108,26 @@ class Quadratic:
             d = stack_real_imag(evidence.weight * slope)
             d /= max(float(np.sqrt(2.0 * d @ d / d.size)), np.finfo(np.float64).tiny)
             across = J.T @ d
-            normal = np.block([[normal, across[:, None]], [across, d @ d]])
+            normal_matrix = np.block([[normal_matrix, across[:, None]], [across, d @ d]])
             gradient = np.append(gradient, d @ e)
-            off, spread, held = (
-                np.append(off, 0.0),
-                np.append(spread, _OPEN),
-                np.append(held, False),
+            offset, spread, is_held = (
+                np.append(offset, 0.0),
+                np.append(spread, _WIDE_DEVIATION),
+                np.append(is_held, False),
             )
-        return cls(normal, gradient, float(e @ e), off, spread, held, e.size)
+        return cls(normal_matrix, gradient, float(e @ e), offset, spread, is_held, e.size)
 
-    def best(self, count: float, level: float, least: float = 0.0) -> tuple[float, Outcome]:
+    def find_best_share(
+        self, count: float, level: float, least: float = 0.0
+    ) -> tuple[float, QuadraticOutcome]:
         """Return the share of the spread with the largest evidence, and its outcome."""
-        shares = SHARES if self.held.any() else SHARES[-1:]
-        found = [(share, self.outcome(share, count, level, least)) for share in shares]
+        shares = SHARES if self.is_held.any() else SHARES[-1:]
+        found = [(share, self.evaluate_share(share, count, level, least)) for share in shares]
         return max(found, key=lambda one: one[1].log_evidence)
 
-    def outcome(self, share: float, count: float, level: float, least: float = 0.0) -> Outcome:
+    def evaluate_share(
+        self, share: float, count: float, level: float, least: float = 0.0
+    ) -> QuadraticOutcome:
         """Return residual and evidence with a share of the spread of the held quantities.
 
         For a share of 1 the point is taken as the best one. `count` is the number of independent
@@ -129,29 +135,31 @@ class Quadratic:
         noise. `least` is a lower bound of the mean square, because the second order may predict any
         value at a poor end of a fit.
         """
-        spread = np.where(self.held, share * self.spread, self.spread)
+        spread = np.where(self.is_held, share * self.spread, self.spread)
         # J^T J in units of the spread: the prior adds 1, so the system is well-posed.
         scaled = spread[:, None] * self.normal_matrix * spread
         curves, directions = np.linalg.eigh(scaled)
         step = np.zeros(len(spread))
-        power = self._power(step)
+        mean_square = self._mean_square(step)
         for _ in range(_LEVELS if share < 1.0 else 0):
-            each = 2.0 * count / self.n_values / (power + PERFECT_FIT**2)
-            pull = directions.T @ (each * spread * self.gradient - self.off / spread)
+            each = 2.0 * count / self.n_values / (mean_square + PERFECT_FIT**2)
+            pull = directions.T @ (each * spread * self.gradient - self.offset / spread)
             step = spread * (directions @ (pull / (1.0 + each * np.maximum(curves, 0.0))))
-            power = max(self._power(step), least)
-        far = float(np.sum(((self.off + step) / spread) ** 2))
-        fitted = -0.5 * count * float(np.log(power + PERFECT_FIT**2)) - 0.5 * far
+            mean_square = max(self._mean_square(step), least)
+        squared_distance = float(np.sum(((self.offset + step) / spread) ** 2))
+        fitted = -0.5 * count * float(np.log(mean_square + PERFECT_FIT**2)) - 0.5 * squared_distance
         # -ln of the share of the prior volume of held quantities that fits the data, for any values
         # of the other unknowns.
         each = 2.0 * count / self.n_values / (level + PERFECT_FIT**2)
-        others = np.linalg.eigvalsh(scaled[np.ix_(~self.held, ~self.held)])
+        others = np.linalg.eigvalsh(scaled[np.ix_(~self.is_held, ~self.is_held)])
         occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
-        return Outcome(power, fitted - occam)
+        return QuadraticOutcome(mean_square, fitted - occam)
 
-    def _power(self, step: _Real) -> float:
-        left = self.square - 2.0 * self.gradient @ step + step @ self.normal_matrix @ step
-        return 2.0 * max(float(left), 0.0) / self.n_values
+    def _mean_square(self, step: _Real) -> float:
+        squared_misfit = (
+            self.squared_misfit - 2.0 * self.gradient @ step + step @ self.normal_matrix @ step
+        )
+        return 2.0 * max(float(squared_misfit), 0.0) / self.n_values
 
 
 def _log_volume(curves: NDArray[Any]) -> float:

@@ -12,31 +12,31 @@ from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import Trial
 
 __all__ = [
-    "FAR_OFF",
-    "LITTLE",
-    "Ranked",
-    "compared",
+    "NEGLIGIBLE_SHARE",
+    "USUAL_DISTANCE",
+    "RankedFault",
     "is_as_likely",
     "is_in_reach",
-    "is_worth_a_word",
+    "is_worth_reporting",
+    "rank_faults",
 ]
 
 #: Usual largest error (rms) of stiffnesses and masses, in units of their spread.
-FAR_OFF = 2.0
+USUAL_DISTANCE = 2.0
 #: Smallest share of the distance of held quantities from their start that a fault has to make
 #: unnecessary.
-_BACK = 0.3
+_LEAST_REDUCTION = 0.3
 #: Smallest share of the misfit that a fault has to explain; a smaller one may be due to many small
 #: errors.
-_WORTH = 0.1
+_LEAST_SHARE = 0.1
 #: Share of the misfit below which nothing remains to be explained.
-LITTLE = 0.05
+NEGLIGIBLE_SHARE = 0.05
 #: Logarithm of the odds between two faults below which the data do not distinguish them.
-_ALIKE_ODDS = 3.0
+_INDISTINCT_LOG_ODDS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ranked:
+class RankedFault:
     """The trial of a fault, and the logarithm of the odds that the data have it.
 
     `explains` is the share of the misfit that it explains, or of the distance of the unknowns from
@@ -50,64 +50,64 @@ class Ranked:
     of_misfit: float
 
 
-def compared(ends: Iterable[Trial], without: Trial) -> list[Ranked]:
+def rank_faults(ends: Iterable[Trial], without: Trial) -> list[RankedFault]:
     """Return the faults of trials with their odds, the likeliest first.
 
     All comparisons use the correlation of neighbouring lines of the trial with the smallest
     residual, because the residuals of the others are not only noise.
     """
     every = list(ends)
-    best = min([*every, without], key=lambda end: end.power)
-    alike = min(best.alike, without.alike)
+    best = min([*every, without], key=lambda end: end.mean_square)
+    correlation = min(best.correlation, without.correlation)
     out = []
     for end in every:
         assert end.fault is not None
-        gain, explained = end.compared(without, alike)
+        gain, explained = end.compare(without, correlation)
         log_odds = gain + float(np.log(end.fault.prior))
-        share = _share(end, without, explained)
-        out.append(Ranked(end, end.fault, log_odds, share, explained))
+        share = _compute_share(end, without, explained)
+        out.append(RankedFault(end, end.fault, log_odds, share, explained))
     return sorted(out, key=lambda one: -one.log_odds)
 
 
-def is_worth_a_word(found: Ranked) -> bool:
+def is_worth_reporting(found: RankedFault) -> bool:
     """Return whether a fault explains a good part of the misfit, or all of it that is not noise.
 
     In the latter case the data themselves have to make it likely, not the residual of a model.
     """
-    left = found.trial
-    by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.prior))
-    return found.explains >= _WORTH or (left.is_noise and by_data >= LIKELY)
+    trial = found.trial
+    by_data = 0.5 * trial.n_values * found.explains + float(np.log(found.fault.prior))
+    return found.explains >= _LEAST_SHARE or (trial.is_noise and by_data >= LIKELY)
 
 
-def _share(trial: Trial, without: Trial, explained: float) -> float:
+def _compute_share(trial: Trial, without: Trial, explained: float) -> float:
     """Return the share of the misfit, or of the distance of the unknowns, that a fault explains.
 
     The distance counts if it was larger than models are usually off; for held quantities, whose
     spread is known, also if the fault reduces it by a good part.
     """
     # A fault without a size cannot reduce the distance by chance.
-    known = trial.fault is not None and not trial.fault.has_free_size
-    if known and without.far > FAR_OFF**2 * len(without.x):
-        explained = max(explained, 1.0 - trial.far / without.far)
-    if without.far_held > FAR_OFF**2 * without.n_held:
-        back = 1.0 - trial.far_held / without.far_held
-        if back > _BACK:
-            explained = max(explained, back)
+    has_no_size = trial.fault is not None and not trial.fault.has_free_size
+    if has_no_size and without.squared_distance > USUAL_DISTANCE**2 * len(without.x):
+        explained = max(explained, 1.0 - trial.squared_distance / without.squared_distance)
+    if without.squared_distance_held > USUAL_DISTANCE**2 * without.n_held:
+        reduction = 1.0 - trial.squared_distance_held / without.squared_distance_held
+        if reduction > _LEAST_REDUCTION:
+            explained = max(explained, reduction)
     return explained
 
 
-def is_as_likely(one: Ranked, best: Ranked) -> bool:
+def is_as_likely(one: RankedFault, best: RankedFault) -> bool:
     """Return whether the data do not distinguish a fault from the likeliest one.
 
     A sensor of another state is described by one factor on all stiffnesses. The accuracy of this
     description does not show which of two sensors it is.
     """
-    of_a_state = one.fault.omits_channels and best.fault.omits_channels
-    if of_a_state and min(one.explains, best.explains) > 1.0 - LITTLE:
+    omit_channels = one.fault.omits_channels and best.fault.omits_channels
+    if omit_channels and min(one.explains, best.explains) > 1.0 - NEGLIGIBLE_SHARE:
         return True
-    return one.log_odds > best.log_odds - _ALIKE_ODDS
+    return one.log_odds > best.log_odds - _INDISTINCT_LOG_ODDS
 
 
-def is_in_reach(one: Ranked, best: Ranked) -> bool:
+def is_in_reach(one: RankedFault, best: RankedFault) -> bool:
     """Return whether a better model may make a fault as likely as the likeliest one."""
-    return one.log_odds > best.log_odds - 2.0 * _ALIKE_ODDS
+    return one.log_odds > best.log_odds - 2.0 * _INDISTINCT_LOG_ODDS

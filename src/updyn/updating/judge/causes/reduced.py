@@ -28,7 +28,7 @@ from updyn.updating.judge.causes.holding import (
 from updyn.updating.judge.causes.places import list_all_places
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Exact", "Reduced", "Stage", "stage_of"]
+__all__ = ["ReducedModels", "TrialModels", "WholeModel", "choose_trial_models"]
 
 _Real = NDArray[np.float64]
 
@@ -51,24 +51,24 @@ _LOOSE = (-1.5, -4.0)
 _LOSSY = 0.3
 
 
-class Stage(Protocol):
+class TrialModels(Protocol):
     """Source of the models for trials."""
 
-    def near(self, part: Part, points: Sequence[_Real]) -> Part:
+    def prepare_part(self, part: Part, points: Sequence[_Real]) -> Part:
         """Return the part with a model that is valid at some points."""
 
 
 @dataclass(frozen=True, slots=True)
-class Exact:
+class WholeModel:
     """The model itself."""
 
-    def near(self, part: Part, points: Sequence[_Real]) -> Part:
+    def prepare_part(self, part: Part, points: Sequence[_Real]) -> Part:
         """Return the part itself."""
         return part
 
 
 @dataclass(slots=True, eq=False)
-class Reduced:
+class ReducedModels:
     """A reduced model of a part about its start.
 
     Parameters
@@ -100,7 +100,9 @@ class Reduced:
             near,
             part.session.check,
         )
-        points, samples = (_about(part, n, seed) for seed, n in enumerate((_POINTS, _SAMPLES)))
+        points, samples = (
+            _scatter_starts(part, n, seed) for seed, n in enumerate((_POINTS, _SAMPLES))
+        )
         # A support may not hold the structure at all.
         home, springs = part.coordinates.home, list_ground_springs(part)
         loose = [scale_stiffness(part, home, one, level) for one in springs for level in _LOOSE]
@@ -112,9 +114,9 @@ class Reduced:
                 break
         self._error = np.zeros(part.frf.values.shape)
         self._supports = ModelSupports.of(part.solver.system)
-        self._solver = self._solver_called("reduced, causes")
+        self._solver = self._make_solver("reduced, causes")
 
-    def near(self, part: Part, points: Sequence[_Real]) -> Part:
+    def prepare_part(self, part: Part, points: Sequence[_Real]) -> Part:
         """Return the part with the reduced model, enriched at points without a certificate.
 
         `part` has the same model and any data; the error of the reduced model is added to their
@@ -134,24 +136,29 @@ class Reduced:
         certificate = self._reduction.certify(self.part.state(x), self.part.frf.freq)
         self._error = np.maximum(self._error, certificate.errors)
         self._certified.append(x)
-        self._solver = self._solver_called(f"reduced, causes {len(self._certified)}")
+        self._solver = self._make_solver(f"reduced, causes {len(self._certified)}")
 
-    def _solver_called(self, label: str) -> FieldSolver:
+    def _make_solver(self, label: str) -> FieldSolver:
         label = f"{label} of {self.part.solver.label}"
         return SolverWithSupports.from_solver(self._reduction.solver(label), self._supports)
 
 
-def _about(part: Part, number: int, seed: int) -> list[_Real]:
+def _scatter_starts(part: Part, number: int, seed: int) -> list[_Real]:
     """Return the start, and points about it within the spread of the unknowns."""
-    own = part.coordinates
-    factor, spread = own.parameters.is_factor, compute_spread(part)
-    lowest = np.where(factor, own.home - spread, 0.0)
-    highest = np.where(factor, own.home + spread, np.minimum(own.home + spread, _LOSSY))
+    coordinates = part.coordinates
+    factor, spread = coordinates.parameters.is_factor, compute_spread(part)
+    lowest = np.where(factor, coordinates.home - spread, 0.0)
+    highest = np.where(
+        factor, coordinates.home + spread, np.minimum(coordinates.home + spread, _LOSSY)
+    )
     middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
-    return [own.home, *np.clip(scatter_points(middle, half, number - 1, seed), *own.bounds)]
+    return [
+        coordinates.home,
+        *np.clip(scatter_points(middle, half, number - 1, seed), *coordinates.bounds),
+    ]
 
 
-def stage_of(part: Part) -> Stage:
+def choose_trial_models(part: Part) -> TrialModels:
     """Return the source of the models for trials of a part, by the size of its model.
 
     Raises
@@ -160,5 +167,5 @@ def stage_of(part: Part) -> Stage:
         If a model that is to be reduced cannot be solved.
     """
     if part.solver.system.n <= _DOFS:
-        return Exact()
-    return Reduced(part)
+        return WholeModel()
+    return ReducedModels(part)

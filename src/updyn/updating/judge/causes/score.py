@@ -9,7 +9,7 @@ import numpy as np
 
 from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, stack_real_imag
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import n_seen
+from updyn.updating.judge.causes.misfit import count_values
 
 __all__ = ["fit_first_order"]
 
@@ -45,4 +45,6 @@ def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _May
             fault = replace(fault, value=fault.value + step)
     e, held = b[: -len(offset)], b[-len(offset) :]
     power = 2.0 * float(e @ e) * unit**2 / e.size
-    return n_seen(evidence.frf) * float(np.log(power + PERFECT_FIT**2)) + float(held @ held), fault
+    return count_values(evidence.frf) * float(np.log(power + PERFECT_FIT**2)) + float(
+        held @ held
+    ), fault

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence, stack_real_imag
-from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.misfit import compute_log_misfit
 
 __all__ = ["select_elements"]
 
@@ -69,7 +69,9 @@ class _Misfit:
     @classmethod
     def at(cls, evidence: Evidence) -> Self:
         """Return the misfit of model and data."""
-        return cls(evidence, log_misfit(evidence.model_response(evidence.frf), evidence.frf)[0])
+        return cls(
+            evidence, compute_log_misfit(evidence.model_response(evidence.frf), evidence.frf)[0]
+        )
 
     def _project_changes(self, changes: Sequence[_Complex], prior: _Real) -> _Real:
         """Return the parts of weighted changes that unknowns cannot imitate, shape (2 m + n, k)."""

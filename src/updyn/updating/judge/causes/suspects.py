@@ -12,7 +12,7 @@ from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.misfit import n_seen
+from updyn.updating.judge.causes.misfit import count_values
 from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.problem.problem import Part
@@ -85,13 +85,17 @@ def score_faults(part: Part, x: _Real, *, promising: bool = False) -> list[Score
             if weighs and fault.has_free_size:
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
             gain += float(np.log(fault.prior))
-            gain -= 0.5 * fault.count_parameters(part.frf) * float(np.log(max(n_seen(part.frf), 2)))
+            gain -= (
+                0.5
+                * fault.count_parameters(part.frf)
+                * float(np.log(max(count_values(part.frf), 2)))
+            )
             found.append(ScoredFault(tuned, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)
 
 
 def select_likeliest(found: Iterable[ScoredFault]) -> list[ScoredFault]:
-    """Return the most promising suspects, the best first, with few of each kind."""
+    """Return the most promising faults, the best first, with few of each kind."""
     chosen: list[ScoredFault] = []
     for one in found:
         if any(one.key == other.key for other in chosen):
@@ -108,5 +112,7 @@ def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
     frf = slope = None
     if fault is not None:
         frf, slope = fault.repair_with_model(evidence), fault.slope(evidence)
-    quadratic = Quadratic.at(evidence, frf, slope)
-    return quadratic.best(n_seen(evidence.frf), evidence.rms_misfit**2)[1].log_evidence
+    quadratic = Quadratic.at_point(evidence, frf, slope)
+    return quadratic.find_best_share(count_values(evidence.frf), evidence.rms_misfit**2)[
+        1
+    ].log_evidence

@@ -14,7 +14,7 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
-from updyn.updating.judge.causes.misfit import SEEN
+from updyn.updating.judge.causes.misfit import NOISE_LIMIT
 from updyn.updating.problem.problem import Part
 
 __all__ = ["Turned", "list_rotation_axes"]
@@ -103,7 +103,7 @@ class Turned(Fault):
         turn = _ChannelRotation.of(self.channels, frf)
         change = turn.responses.generator @ H + H @ turn.references.generator.T
         # A response below the noise has no logarithm.
-        size = np.maximum(np.abs(H) ** 2, SEEN**2 * frf.variance)
+        size = np.maximum(np.abs(H) ** 2, NOISE_LIMIT**2 * frf.variance)
         size = np.maximum(size, np.finfo(np.float64).tiny)
         return np.asarray(np.radians(1.0) * change * H.conj() / size)
 

@@ -49,7 +49,7 @@ class WrongAxes(Irreparable):
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""
-        return part if self.other is None else self.other.near(part, [x])
+        return part if self.other is None else self.other.prepare_part(part, [x])
 
     def prepare_next_search(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""

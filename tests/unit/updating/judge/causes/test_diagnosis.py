@@ -9,8 +9,8 @@ import updyn
 from updyn import sensitivity
 from updyn.errors import DataError, OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.diagnosis import diagnosed
-from updyn.updating.judge.causes.ranking import Ranked, is_worth_a_word
+from updyn.updating.judge.causes.diagnosis import find_causes
+from updyn.updating.judge.causes.ranking import RankedFault, is_worth_reporting
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
@@ -161,7 +161,7 @@ def test_what_was_evaluated_is_not_evaluated_again(chain12, data, unknowns, monk
 
     monkeypatch.setattr(sensitivity, "receptance", counting)
     part = Part.build(chain12, bad, unknowns)
-    found = diagnosed(part, choose_noise(None, bad))
+    found = find_causes(part, choose_noise(None, bad))
     plain = sum(lines)
     lines.clear()
     assert list(updyn.diagnose(chain12, bad, unknowns)) == found
@@ -246,7 +246,7 @@ def test_conjugated_data_are_found_where_damping_hardly_shows(chain12_true, add_
 def test_how_much_a_fault_has_to_explain(explains, left, alike, n_values, worth):
     fault = read_fault("delay:7:X=0.001")
     trial = Trial(fault, np.zeros(1), left**2, 0.0, alike, n_values)
-    assert is_worth_a_word(Ranked(trial, fault, 50.0, explains, explains)) == worth
+    assert is_worth_reporting(RankedFault(trial, fault, 50.0, explains, explains)) == worth
 
 
 def test_the_size_of_a_fault_is_as_exact_as_the_data_allow(chain12, add_noise):

@@ -9,7 +9,7 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
-from updyn.updating.judge.causes.misfit import Weighed, log_misfit, n_seen
+from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
 
@@ -85,7 +85,7 @@ def test_a_model_that_answers_nothing_somewhere_overflows_no_number():
     H = np.full((40, 2, 1), 1e9 + 0j)
     H[:, 1] = 0.0
     frf = updyn.FRF(np.arange(1.0, 41.0), H + 1e8, ["1:X", "2:X"], ["1:X"], "receptance")
-    e, weight = log_misfit(H, Weighed.near(H, frf, np.full(H.shape, 1e14)))
+    e, weight = compute_log_misfit(H, WeightedData.near_response(H, frf, np.full(H.shape, 1e14)))
     assert np.abs(e) == pytest.approx(np.full(H.shape, 0.1), rel=1e-3)
     assert (weight[:, 1] == 0.0).all()
 
@@ -95,8 +95,8 @@ def test_values_that_are_noise_weigh_nothing_on_either_side():
     H, values = np.ones((2, 40, 1, 1), dtype=complex)
     H[-3:, 0, 0], values[-3:, 0, 0] = [2e-3, 2e-3, 1e-5], [2e-3, 1e-5, 2e-3]
     frf = updyn.FRF(np.arange(1.0, 41.0), values, ["1:X"], ["1:X"], "receptance")
-    data = Weighed.near(H, frf, np.hypot(0.01 * np.abs(H), 1e-3) ** 2)
-    e, weight = log_misfit(H, data)
+    data = WeightedData.near_response(H, frf, np.hypot(0.01 * np.abs(H), 1e-3) ** 2)
+    e, weight = compute_log_misfit(H, data)
     assert (weight[:-3] > 0.9).all()
     assert (weight[-3:] < 0.05).all()
     assert (np.abs(e) < 0.1).all()
@@ -126,7 +126,7 @@ def test_values_that_are_noise_are_not_counted():
     values[:, 1] = 2e-3
     values[:3, 1] = 5e-3
     frf = updyn.FRF(np.arange(1.0, 11.0), values, ["1:X", "2:X"], ["1:X"], "receptance")
-    assert n_seen(replace(frf, variance=np.full(values.shape, 1e-6))) == 2 * (10 + 3)
+    assert count_values(replace(frf, variance=np.full(values.shape, 1e-6))) == 2 * (10 + 3)
 
 
 def test_the_misfit_of_weighed_data_is_the_error_in_standard_deviations():
@@ -139,13 +139,15 @@ def test_the_misfit_of_weighed_data_is_the_error_in_standard_deviations():
     noise = rng.standard_normal((2, *shape)) * np.sqrt(0.5)
     values = H + sigma * (noise[0] + 1j * noise[1])
     frf = updyn.FRF(np.arange(1.0, 401.0), values, ["1:X", "2:X"], ["1:X"], "receptance")
-    weighed = Weighed.near(H, frf, sigma**2)
-    assert weighed.relative == pytest.approx(0.01, rel=0.05)
+    weighed = WeightedData.near_response(H, frf, sigma**2)
+    assert weighed.relative_noise == pytest.approx(0.01, rel=0.05)
     for data in (weighed, replace(weighed, source="copy"), pickle.loads(pickle.dumps(weighed))):  # noqa: S301
-        e, weight = log_misfit(H, data)
-        assert np.abs(e) == pytest.approx(weighed.relative * np.abs(values - H) / sigma, rel=0.01)
-        assert weight == pytest.approx(weighed.relative * np.abs(H) / sigma, rel=0.01)
-        assert n_seen(data) == 2 * H.size
+        e, weight = compute_log_misfit(H, data)
+        assert np.abs(e) == pytest.approx(
+            weighed.relative_noise * np.abs(values - H) / sigma, rel=0.01
+        )
+        assert weight == pytest.approx(weighed.relative_noise * np.abs(H) / sigma, rel=0.01)
+        assert count_values(data) == 2 * H.size
     # Of small errors it is the logarithm of the ratio.
     clear = np.abs(H) > 100.0
     ratio = weight * np.log(values / H)

@@ -14,13 +14,13 @@ from updyn.updating.judge.causes.element import AddedElement
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import divide_odds
 from updyn.updating.judge.causes.halves import compare_band_halves
-from updyn.updating.judge.causes.misfit import Weighed
+from updyn.updating.judge.causes.misfit import WeightedData
 from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.screening import select_elements
-from updyn.updating.judge.causes.trial import tried
+from updyn.updating.judge.causes.trial import run_trial
 from updyn.updating.judge.causes.window import WindowDamping
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
@@ -237,7 +237,7 @@ def silent(chain12, unknowns, add_noise):
 
 def weighed(part):
     H = part.responses(part.coordinates.home)
-    return part.with_data(Weighed.near(H, part.frf, part.frf.variance))
+    return part.with_data(WeightedData.near_response(H, part.frf, part.frf.variance))
 
 
 @pytest.mark.parametrize("taken", [lambda part: part, weighed])
@@ -246,7 +246,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_odds(silent, taken):
     gains = []
     for part in map(taken, silent):
         home = [part.coordinates.home]
-        trials = [tried(part, one, home) for one in (None, fault)]
+        trials = [run_trial(part, one, home) for one in (None, fault)]
         gains.append(trials[1].gain(trials[0], 0.0))
     # Of all values that count, twice as many, one number costs ln(2) / 2 more.
     assert gains[1] == pytest.approx(gains[0], abs=0.4)

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
-from updyn.updating.judge.causes.diagnosis import unseen
+from updyn.updating.judge.causes.diagnosis import find_obstacle
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.suspects import score_faults
 from updyn.updating.problem.noise import Stated
@@ -57,13 +57,13 @@ def test_it_is_looked_for_once(chain12, data, unknowns, monkeypatch):
     from updyn.updating.judge.causes import of_run
 
     looks = []
-    diagnosed = of_run.diagnosed
+    find_causes = of_run.find_causes
 
     def counted(*args):
         looks.append(args)
-        return diagnosed(*args)
+        return find_causes(*args)
 
-    monkeypatch.setattr(of_run, "diagnosed", counted)
+    monkeypatch.setattr(of_run, "find_causes", counted)
     updyn.update(chain12, turned(data), unknowns)
     assert len(looks) == 1
     updyn.update(chain12, data, unknowns)  # the first tries agree: nothing is looked for
@@ -136,5 +136,5 @@ def test_causes_are_not_sought_in_data_that_are_lost_in_the_noise(chain12, data)
     assert not result.findings
     assert result.trust["plausible"].holds is False
     part = Part.build(chain12, data, stiffnesses)
-    assert unseen(part, Stated(relative=1.0, floor=0.0)).endswith("at 60 of 60 lines")
-    assert unseen(part, Stated(relative=0.1, floor=0.0)) == ""
+    assert find_obstacle(part, Stated(relative=1.0, floor=0.0)).endswith("at 60 of 60 lines")
+    assert find_obstacle(part, Stated(relative=0.1, floor=0.0)) == ""

@@ -17,7 +17,7 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.holding import is_free, list_ground_springs
 from updyn.updating.judge.causes.missing_mode import MissingMode
 from updyn.updating.judge.causes.other_test import OtherTest
-from updyn.updating.judge.causes.trial import damped, tried, widened
+from updyn.updating.judge.causes.trial import free_held_quantities, raise_loss_factors, run_trial
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
 
@@ -293,10 +293,10 @@ def test_what_holds_a_model_is_told_by_a_rigid_translation(chain12, clean):
     assert not is_free(held)
     assert is_free(free)
     stood = on_springs(without_ground(chain12), "stand", ["7:X"], 1.0)
-    part, _ = widened(Part.build(stood, clean, all_unknowns(chain12)))
+    part, _ = free_held_quantities(Part.build(stood, clean, all_unknowns(chain12)))
     assert not is_free(part)
     assert list_ground_springs(part) == ["stand"]
-    known, _ = widened(Part.build(stood, clean, all_unknowns(stood)))
+    known, _ = free_held_quantities(Part.build(stood, clean, all_unknowns(stood)))
     assert list_ground_springs(known) == []
 
 
@@ -307,8 +307,8 @@ def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(
     (test,) = ready.tests
     noise = choose_noise(None, test.frf)
     part = Part.build(test.model, with_variance(test.frf, noise), ready.parameters).thinned(60)
-    part, _ = widened(part)
-    fit = tried(part, None, [damped(part, part.coordinates.home)])
+    part, _ = free_held_quantities(part)
+    fit = run_trial(part, None, [raise_loss_factors(part, part.coordinates.home)])
     found = [
         mode for mode in MissingMode.propose_faults(Evidence(part, fit.x)) if mode.is_plausible()
     ]

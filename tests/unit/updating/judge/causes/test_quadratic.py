@@ -41,9 +41,9 @@ def test_the_evidence_of_what_is_held_is_that_of_a_linear_problem(linear, true):
     narrow = np.where(held, 0.1 * spread, spread)
     _, tenth = solved(J, y, sigma, narrow)
     about = quadratic(J, y - J @ x, x, spread, held)
-    level = about.outcome(1.0, len(y), 1.0).power
+    level = about.evaluate_share(1.0, len(y), 1.0).mean_square
     assert level == pytest.approx(2.0 * sigma**2, rel=0.15)
-    found = [about.outcome(share, len(y), level).log_evidence for share in (1.0, 0.1)]
+    found = [about.evaluate_share(share, len(y), level).log_evidence for share in (1.0, 0.1)]
     assert found[0] - found[1] == pytest.approx(whole - tenth, rel=0.15, abs=0.5)
 
 
@@ -54,9 +54,9 @@ def test_what_is_right_is_held_tight_and_what_is_off_is_not(linear):
         y += 0.02 * rng.standard_normal(len(J))
         x, _ = solved(J, y, 0.02, spread)
         about = quadratic(J, y - J @ x, x, spread, held)
-        share, best = about.best(len(y), 2.0 * 0.02**2)
+        share, best = about.find_best_share(len(y), 2.0 * 0.02**2)
         assert share == expected
-        assert best.log_evidence >= about.outcome(1.0, len(y), 2.0 * 0.02**2).log_evidence
+        assert best.log_evidence >= about.evaluate_share(1.0, len(y), 2.0 * 0.02**2).log_evidence
 
 
 def test_without_held_values_there_is_the_plain_likelihood_and_prior(linear):
@@ -65,10 +65,10 @@ def test_without_held_values_there_is_the_plain_likelihood_and_prior(linear):
     x, _ = solved(J, y, 0.1, spread)
     e = y - J @ x
     about = quadratic(J, e, x, spread, np.zeros(5, dtype=bool))
-    share, best = about.best(300.0, 0.02)
+    share, best = about.find_best_share(300.0, 0.02)
     power = 2.0 * float(e @ e) / len(e)
     assert share == 1.0
-    assert best.power == pytest.approx(power)
+    assert best.mean_square == pytest.approx(power)
     far = float(np.sum((x / spread) ** 2))
     assert best.log_evidence == pytest.approx(-150.0 * np.log(power + 1e-6) - 0.5 * far)
 
@@ -78,19 +78,19 @@ def test_a_comparison_with_what_leaves_nothing_says_that_nothing_is_explained(li
     _, J, spread, held = linear
     nothing = quadratic(J, np.zeros(len(J)), np.zeros(5), spread, held)
     one = Trial(None, np.zeros(5), 1e-4, 0.0, 0.0, len(J), 0, nothing)
-    assert one.compared(one) == (0.0, 0.0)
-    exact = replace(one, power=0.0, quadratic=None)
-    assert exact.compared(exact) == (0.0, 0.0)
+    assert one.compare(one) == (0.0, 0.0)
+    exact = replace(one, mean_square=0.0, quadratic=None)
+    assert exact.compare(exact) == (0.0, 0.0)
 
 
 def test_a_step_does_not_promise_more_than_the_end_of_a_fit_left(linear):
     """What is left at a poor end is not explained by holding something tighter."""
     _, J, spread, held = linear
     poor = quadratic(J, J @ np.array([0.3, 0.3, 0.0, 0.0, 0.0]), np.zeros(5), spread, held)
-    there = poor.outcome(1.0, 400.0, 1e-4).power
-    assert poor.outcome(0.1, 400.0, 1e-4).power < there
-    assert poor.outcome(0.1, 400.0, 1e-4, there).power == there
-    assert poor.best(400.0, 1e-4, there)[1].power >= there
+    there = poor.evaluate_share(1.0, 400.0, 1e-4).mean_square
+    assert poor.evaluate_share(0.1, 400.0, 1e-4).mean_square < there
+    assert poor.evaluate_share(0.1, 400.0, 1e-4, there).mean_square == there
+    assert poor.find_best_share(400.0, 1e-4, there)[1].mean_square >= there
 
 
 def test_a_worse_fit_far_from_what_is_known_is_not_the_likelier_one(linear):
@@ -100,11 +100,22 @@ def test_a_worse_fit_far_from_what_is_known_is_not_the_likelier_one(linear):
     good = quadratic(J, noise, np.zeros(5), spread, held)
     poor = quadratic(J, J @ np.full(5, 0.3), np.array([0.0, 0.0, 0.6, 0.6, 0.6]), spread, held)
     ends = [
-        Trial(None, np.zeros(5), one.outcome(1.0, 400.0, 1e-4).power, far, 0.0, 400, quadratic=one)
+        Trial(
+            None,
+            np.zeros(5),
+            one.evaluate_share(1.0, 400.0, 1e-4).mean_square,
+            far,
+            0.0,
+            400,
+            quadratic=one,
+        )
         for one, far in ((good, 0.0), (poor, 432.0))
     ]
-    assert ends[0].power < ends[1].power
-    assert ends[0].gain(ends[1]) > 0.5 * 400.0 * np.log(ends[1].power / ends[0].power) * 0.9
+    assert ends[0].mean_square < ends[1].mean_square
+    assert (
+        ends[0].gain(ends[1])
+        > 0.5 * 400.0 * np.log(ends[1].mean_square / ends[0].mean_square) * 0.9
+    )
 
 
 def test_directions_that_the_data_fix_by_far_leave_the_others_to_their_priors():
@@ -113,5 +124,5 @@ def test_directions_that_the_data_fix_by_far_leave_the_others_to_their_priors():
     spread, held = np.array([0.4, 0.05, 0.05]), np.array([False, True, True])
     normal = 1e24 * np.outer(direction, direction)
     about = Quadratic(normal, 1e11 * direction, 1.0, np.zeros(3), spread, held, 400)
-    found = about.outcome(0.5, 400.0, 1e-6)
-    assert np.isfinite([found.power, found.log_evidence]).all()
+    found = about.evaluate_share(0.5, 400.0, 1e-6)
+    assert np.isfinite([found.mean_square, found.log_evidence]).all()

@@ -14,8 +14,8 @@ from updyn.updating.judge.causes import reduced
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.holding import is_free, list_ground_springs
 from updyn.updating.judge.causes.places import iter_sensor_places
-from updyn.updating.judge.causes.reduced import Reduced
-from updyn.updating.judge.causes.trial import widened
+from updyn.updating.judge.causes.reduced import ReducedModels
+from updyn.updating.judge.causes.trial import free_held_quantities
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import Part
 
@@ -56,23 +56,23 @@ def unknowns(model):
 @pytest.fixture(scope="module")
 def part(model, data, unknowns):
     variance = Stated(0.01, 1e-3).variance(data.values, data)
-    return widened(Part.build(model, replace(data, variance=variance), unknowns))[0]
+    return free_held_quantities(Part.build(model, replace(data, variance=variance), unknowns))[0]
 
 
 @pytest.fixture(scope="module")
 def stage(part):
-    return Reduced(part)
+    return ReducedModels(part)
 
 
 def test_the_model_is_reduced(part, stage, true):
     assert true.n_dofs == 480 > reduced._DOFS
-    here = stage.near(part, [part.coordinates.home])
+    here = stage.prepare_part(part, [part.coordinates.home])
     assert here.solver.tier == "reduced"
     assert here.solver.system.n < 0.3 * part.solver.system.n
 
 
 def test_it_knows_the_same_places(part, stage):
-    here = stage.near(part, [])
+    here = stage.prepare_part(part, [])
     assert list(iter_sensor_places(here)) == list(iter_sensor_places(part))
 
 
@@ -81,7 +81,7 @@ def test_it_gives_the_same_evidence(part, stage):
     rng = np.random.default_rng(0)
     x = part.coordinates.home + 0.1 * rng.uniform(-1.0, 1.0, part.n)
     x = np.clip(x, *part.coordinates.bounds)
-    here = replace(stage.near(part, [x]), frf=part.frf)
+    here = replace(stage.prepare_part(part, [x]), frf=part.frf)
     found, wanted = Evidence(here, x), Evidence(part, x)
     for own, whole in (
         (found._responses_elsewhere, wanted._responses_elsewhere),
@@ -105,7 +105,7 @@ def test_it_gives_the_same_evidence(part, stage):
 
 def test_the_stated_error_holds(part, stage):
     x = part.coordinates.home + 0.15
-    here = stage.near(part, [x])
+    here = stage.prepare_part(part, [x])
     off = np.abs(here.responses(x) - part.responses(x))
     added = np.sqrt(here.frf.variance - part.frf.variance)
     assert (off <= added + 1e-9 * np.abs(part.frf.values)).all()
@@ -166,7 +166,7 @@ def test_a_suspended_structure_is_told_in_a_reduced_model(free, add_noise):
 
 
 def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
-    held, _ = widened(
+    held, _ = free_held_quantities(
         Part.build(
             on_springs(model, "stand", ["40:Z"], 1e4),
             replace(data, variance=Stated(0.01, 1e-3).variance(data.values, data)),
@@ -174,7 +174,7 @@ def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
         )
     )
     for whole, springs in ((held, ["stand"]), (free_part(free), [])):
-        here = Reduced(whole).near(whole, [])
+        here = ReducedModels(whole).prepare_part(whole, [])
         assert here.solver.tier == "reduced"
         assert list_ground_springs(here) == list_ground_springs(whole) == springs
         assert is_free(here) == is_free(whole) == (not springs)

@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.data_alone import finding_of, shown_by, with_variance
+from updyn.updating.judge.causes.data_alone import detect_data_faults, make_finding, with_variance
 from updyn.updating.problem.noise import choose_noise
 
 SENSORS = ["2:X", "5:-X", "7:X", "12:X"]
@@ -32,7 +32,10 @@ def data(clean, add_noise):
 
 
 def shown(frf):
-    return [finding_of(one, "") for one in shown_by(with_variance(frf, choose_noise(None, frf)))]
+    return [
+        make_finding(one, "")
+        for one in detect_data_faults(with_variance(frf, choose_noise(None, frf)))
+    ]
 
 
 def one(frf, i, j, factor):

@@ -11,7 +11,7 @@ from updyn.elements.structure import Beam, rectangle, structure
 from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.other_model import OtherModel
 from updyn.updating.judge.causes.promising import list_other_models, select_variants
-from updyn.updating.judge.causes.trial import Trial, damped
+from updyn.updating.judge.causes.trial import Trial, raise_loss_factors
 from updyn.updating.judge.counterparts import find_counterparts
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
@@ -147,11 +147,11 @@ def test_a_reduced_variant_answers_as_the_variant_does(frf):
     other = next(one for one in list_other_models(part) if one.variant.groups == ("girder",))
     home = part.coordinates.home
     as_it_is = part.responses(home)
-    there = other.near(part, [home])
+    there = other.prepare_part(part, [home])
     assert there.solver.tier == "reduced"
     largest = np.abs(data.values).max(axis=(1, 2), keepdims=True)
     assert (np.abs(there.responses(home) - data.values) < 2e-3 * largest).all()
-    np.testing.assert_allclose(other.instead(part).responses(home), data.values, rtol=1e-9)
+    np.testing.assert_allclose(other.replace_model(part).responses(home), data.values, rtol=1e-9)
     np.testing.assert_array_equal(part.responses(home), as_it_is)
 
 
@@ -166,7 +166,7 @@ def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
     part = Part.build(start, data, unknowns(start))
     home = part.coordinates.home
     without = Trial(None, home, power, far, 0.0, 2 * part.n_values)
-    found = select_variants(part, list_other_models(part), without, damped(part, home))
+    found = select_variants(part, list_other_models(part), without, raise_loss_factors(part, home))
     assert [one.channels for one in found] == expected
 
 
