@@ -878,7 +878,7 @@ def odds(task: Draw) -> float | None:
     bench, start, sought, seeded = case
     noise = choose_noise(None, seeded.faulty)
     data = with_variance(seeded.faulty, noise)
-    whole = Part.build(start, data, sought).thinned(LINES)
+    whole = Part.build(start, data, sought).thin(LINES)
     truth = whole.coordinates.to_x(np.array([bench.truth(p, start) for p in sought]))
     part, held = free_held_quantities(whole)
     stage, x = choose_trial_models(part), np.concatenate([truth, held])

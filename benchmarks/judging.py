@@ -27,7 +27,7 @@ import updyn.updating.run as run_module
 from updyn.updating.judge import assessment
 from updyn.updating.judge.causes.of_run import CauseSearch
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import log_error
+from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Session
 
 NOISE, LAYERS = 0.01, 10
@@ -86,7 +86,7 @@ def evaluation(problem: Problem, x: np.ndarray) -> float:
     again, found = fresh.with_parts(parts), []
     for _ in range(2):
         begun = time.process_time()
-        log_error(again).local(again, x)
+        make_log_error(again).local(again, x)
         found.append(time.process_time() - begun)
     return min(found)
 

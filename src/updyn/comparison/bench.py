@@ -26,7 +26,7 @@ from updyn.updating.fit.regularisation import check_regularise
 from updyn.updating.problem.data import Test, check_tests, split_data
 from updyn.updating.problem.lines import choose_lines, select_d_optimal
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.parameters import Parameter, ParameterSet, finite
+from updyn.updating.problem.parameters import Parameter, ParameterSet, check_finite
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
@@ -172,7 +172,7 @@ def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[
     for name, value in given.items():
         if name not in known:
             raise ParameterError(f"truth: no unknown {name!r}; {suggest(str(name), known)}")
-        out[name] = finite(value, f"truth of {name!r}")
+        out[name] = check_finite(value, f"truth of {name!r}")
         if known[name].is_factor and out[name] <= 0.0:
             raise ParameterError(f"truth of {name!r}: {out[name]:g}; expected a factor above 0")
         if out[name] < 0.0:
@@ -185,7 +185,7 @@ def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[
 
 
 def _tolerance(given: float) -> float:
-    tolerance = finite(given, "tolerance")
+    tolerance = check_finite(given, "tolerance")
     if tolerance <= 0.0:
         raise OptionError(f"tolerance {tolerance:g}: expected a number above 0")
     return tolerance

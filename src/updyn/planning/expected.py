@@ -41,14 +41,14 @@ class Expected:
         Its responses and references.
     part : Part
         The part of an update with the expected data.
-    each : ndarray of float, shape (n_f, n, n)
+    map_lines : ndarray of float, shape (n_f, n, n)
         Scaled information of each line at the start of the parameters.
     """
 
     choice: Choice
     layout: Candidates
     part: Part
-    each: _Real
+    map_lines: _Real
 
     @classmethod
     def of(cls, choice: Choice) -> Expected:
@@ -109,13 +109,13 @@ class Expected:
 
     def parts_of_band(self) -> tuple[BandWorth, ...]:
         """Return the gain of each part of the band over the others, at the start."""
-        total = self.each.sum(axis=0) + self.choice.planning.information.before
+        total = self.map_lines.sum(axis=0) + self.choice.planning.information.before
         edges = np.linspace(*self.choice.band, _PARTS + 1)
         which = np.searchsorted(edges, self.layout.freq, side="right") - 1
         which = np.clip(which, 0, _PARTS - 1)
         out = []
         for i in range(_PARTS):
-            others = total - self.each[which == i].sum(axis=0)
+            others = total - self.map_lines[which == i].sum(axis=0)
             gain = self.choice.gain(total[None], others[None])
             out.append(BandWorth(float(edges[i]), float(edges[i + 1]), gain))
         return tuple(out)
@@ -123,7 +123,7 @@ class Expected:
     def doubling_gains(self) -> dict[str, float]:
         """Return the gains of doubling the lines and of doubling the averages."""
         information = self.choice.planning.information
-        own = self.each.sum(axis=0)
+        own = self.map_lines.sum(axis=0)
         now = (own + information.before)[None]
         out = {}
         freq = self.layout.freq

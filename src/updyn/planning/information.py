@@ -27,7 +27,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.model import Model
 from updyn.sensitivity import contract
-from updyn.updating.problem.noise.known import Stated, two_part, unit_kinds
+from updyn.updating.problem.noise.known import Stated, two_part_variance, unit_kinds
 from updyn.updating.problem.optimal_design import initial_information
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import SPREAD, Part
@@ -197,7 +197,7 @@ class Candidates:
 
     def variance(self, H: _Complex) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j), of a model's H of that shape."""
-        return two_part(self.noise.relative, self.noise.floor, H, self.level)
+        return two_part_variance(self.noise.relative, self.noise.floor, H, self.level)
 
 
 def _mean_square(candidates: Candidates) -> _Real:

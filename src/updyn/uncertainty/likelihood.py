@@ -23,7 +23,7 @@ from updyn.errors import SolverError
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each, with_prior
+from updyn.updating.problem.residuals import OutputErrorSet, add_prior
 
 __all__ = [
     "Gaussian",
@@ -67,12 +67,12 @@ class Likelihood:
     ----------
     problem : Problem
         Model, data and unknowns.
-    residual : Each
+    residual : OutputErrorSet
         Output errors in units of the noise.
     """
 
     problem: Problem
-    residual: Each
+    residual: OutputErrorSet
 
     @property
     def bounds(self) -> tuple[_Vector, _Vector]:
@@ -84,7 +84,7 @@ class Likelihood:
         local = self.residual.local(self.problem, x)
         if local is None:
             return None
-        return with_prior(local, self.problem, x)
+        return add_prior(local, self.problem, x)
 
     def cost(self, x: _Vector) -> float:
         """Return the cost at x, shape (n,); inf outside the bounds or without a solution."""

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
-from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, noise_of_record
+from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, restore_noise
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -121,7 +121,7 @@ class RestoredFit:
         residuals = []
         for variance in self.variances():
             residuals.append(OutputError(np.sqrt(2.0 / variance)))
-        return Likelihood(self.problem, Each(tuple(residuals)))
+        return Likelihood(self.problem, OutputErrorSet(tuple(residuals)))
 
     def initial_noises(self) -> tuple[NoiseModel, ...]:
         """Return the noise models at the start of the fit, their levels not estimated yet."""
@@ -259,7 +259,7 @@ def solved_by(result: UpdateResult) -> tuple[str | None, str | None]:
 
 def _noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> NoiseModel:
     """Return the recorded noise model, weights of outliers evaluated at the estimate."""
-    noise = noise_of_record(result.noise, result.frf.select(responses=result.fitted_responses))
+    noise = restore_noise(result.noise, result.frf.select(responses=result.fitted_responses))
     if isinstance(noise, Robust):
         return noise.refit(part.responses(x), part.frf, n_unknowns)
     return noise

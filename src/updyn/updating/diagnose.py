@@ -14,7 +14,7 @@ from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.session import Recent, Session
+from updyn.updating.problem.session import RecentCache, Session
 
 __all__ = ["diagnose"]
 
@@ -77,7 +77,7 @@ def diagnose(
     test = Test(selection.start_of(model), frf, "", None, noise)
     check_tests([test], selection.parameters)
     exact = None if tier == "reduced" else tier
-    session = Session(memory=Recent())
+    session = Session(cache=RecentCache())
     part = Part.build(
         test.model, frf, selection.parameters, tier=exact, backend=backend, session=session
     )

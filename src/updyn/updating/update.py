@@ -25,7 +25,7 @@ from updyn.updating.judge.identifiability import Analysis, Identifiability
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.tests import problem_of
+from updyn.updating.problem.tests import build_problem
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import RunOptions, run
 
@@ -326,5 +326,5 @@ def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) 
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check_tests(tests, chosen.parameters)
-    analysis, advice = analyse_start(*problem_of(tests, chosen.parameters))
+    analysis, advice = analyse_start(*build_problem(tests, chosen.parameters))
     return replace(analysis, report=replace(analysis.report, advice=advice))

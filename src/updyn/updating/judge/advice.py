@@ -194,7 +194,7 @@ def _changes_at_lines(
 ) -> NDArray[np.float64]:
     """Return the least relative change at each line of a part, shape (n_f,)."""
     items = [(x, directions, block) for block in part.partition()]
-    return np.concatenate(list(part.each(_changes_at_block, items)))
+    return np.concatenate(list(part.map_lines(_changes_at_block, items)))
 
 
 def _changes_at_block(
@@ -241,7 +241,7 @@ def _changes_at_sensors(
     """Return the least relative change at a sensor at each of some DOFs."""
     n_columns = len(part.columns) * (1 + directions.shape[1])
     items = [(x, others, directions, lines) for lines in part.partition(n_columns)]
-    answers, derivatives = zip(*part.each(_receptance_at_others, items), strict=True)
+    answers, derivatives = zip(*part.map_lines(_receptance_at_others, items), strict=True)
     return _least_relative_changes(
         np.concatenate(derivatives, axis=2), np.concatenate(answers, axis=1)
     )

@@ -20,7 +20,7 @@ from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.problem.selection import Selection
-from updyn.updating.problem.tests import problem_of
+from updyn.updating.problem.tests import build_problem
 
 __all__ = [
     "COLLINEAR",
@@ -583,7 +583,7 @@ def _whitened_jacobian(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check_tests(tests, parameters)
-    return linearise_at_start(*problem_of(tests, parameters))[0].R
+    return linearise_at_start(*build_problem(tests, parameters))[0].R
 
 
 def _cosines(R: _Matrix) -> _Matrix:

@@ -27,7 +27,7 @@ from updyn.updating.problem.parameters import (
     Drive,
     Parameter,
     ParameterSet,
-    bounds_pair,
+    check_bounds,
 )
 
 __all__ = [
@@ -106,7 +106,7 @@ def calibration(
         ]
     if not drives:
         raise ParameterError("calibration: no sensor is chosen")
-    limits = bounds_pair(bounds, "calibration: bounds")
+    limits = check_bounds(bounds, "calibration: bounds")
     if name is None:
         items = [Parameter(d.group, d.quantity, 1.0, *limits, prior_std) for d in drives]
         return ParameterSet(tuple(items))

@@ -157,7 +157,7 @@ def _select_by_information(
 
     def compute() -> Record:
         items = [(x, floor, lines) for lines in part.partition()]
-        return (choose(np.concatenate(list(part.each(_information, items)))),)
+        return (choose(np.concatenate(list(part.map_lines(_information, items)))),)
 
     return part.recall("lines", x, compute, kind)[0]
 

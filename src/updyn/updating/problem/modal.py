@@ -23,7 +23,7 @@ from updyn.correlation.shapes import mac, moving, orthonormal
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
-from updyn.modal.sensitivity import RealModes, separated, slopes_of_all
+from updyn.modal.sensitivity import RealModes, differentiate_modes, separate_repeated_modes
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
@@ -243,7 +243,9 @@ class Pairs:
                 f"modal: {len(target.value)} modes were measured; besides rigid-body motions the"
                 f" model has {len(modes.value)}. Give n_modes, or fewer modes"
             )
-        modes = separated(modes, system, unknowns, values, target.at_sensors, target.shapes)
+        modes = separate_repeated_modes(
+            modes, system, unknowns, values, target.at_sensors, target.shapes
+        )
         clusters = target.clusters
         move = np.zeros(len(modes.value), dtype=np.bool_)
         if target.has_shapes:
@@ -400,7 +402,7 @@ class ModalPart:
 
     def recall(self, kind: str, x: _Real, compute: Callable[[], Record]) -> Record:
         """Return the cached result of an evaluation at x, or compute it."""
-        if self.session.memory is None:
+        if self.session.cache is None:
             return compute()
         return self.session.recall(self.key(kind, x), compute)
 
@@ -416,7 +418,7 @@ class ModalPart:
             found = self._compute_rows(x, shapes=shapes, derivatives=derivatives)
             return found.r, found.J, found.kind, found.mode, found.std, found.mac
 
-        if not derivatives and not self.session.knows(self.key(_cache_kind(shapes=shapes), x)):
+        if not derivatives and not self.session.has(self.key(_cache_kind(shapes=shapes), x)):
             few = partial(compute, derivatives=False)
             return ModalRows(*self.recall(f"{_cache_kind(shapes=shapes)} alone", x, few))
         return ModalRows(*self.recall(_cache_kind(shapes=shapes), x, compute))
@@ -482,7 +484,7 @@ class ModalPart:
             for place, loss in zip(at, losses, strict=True):
                 if loss is not None:
                     forces[:, place] = loss.force
-            by_value, by_shape = slopes_of_all(
+            by_value, by_shape = differentiate_modes(
                 pairs.modes,
                 needed,
                 self.system,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EachOf, LineResidual, clear_of_noise
+from updyn.updating.problem.residuals import LineResidual, ResidualSet, noise_weights
 
 __all__ = ["NormalisedDerivatives", "make_normalised_residual"]
 
@@ -59,11 +59,11 @@ class NormalisedDerivatives(LineResidual):
 
 def make_normalised_residual(
     problem: Problem, noises: Sequence[NoiseModel]
-) -> EachOf[NormalisedDerivatives]:
+) -> ResidualSet[NormalisedDerivatives]:
     """Return the rows of all values that are neither rounding error nor of infinite variance."""
     errors = []
     for part, noise in zip(problem.parts, noises, strict=True):
-        without = np.where(np.isfinite(noise.beforehand(part.frf)), 0.0, np.inf)
-        errors.append(NormalisedDerivatives(clear_of_noise(part.frf.values, without, part.frf)))
+        without = np.where(np.isfinite(noise.initial_variance(part.frf)), 0.0, np.inf)
+        errors.append(NormalisedDerivatives(noise_weights(part.frf.values, without, part.frf)))
     modal = tuple(ModalError(part.noise.in_units_of_frequency()) for part in problem.modal)
-    return EachOf(tuple(errors), modal)
+    return ResidualSet(tuple(errors), modal)

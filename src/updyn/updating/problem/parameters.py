@@ -27,8 +27,8 @@ __all__ = [
     "Drive",
     "Parameter",
     "ParameterSet",
-    "bounds_pair",
-    "finite",
+    "check_bounds",
+    "check_finite",
     "link",
     "parameters",
 ]
@@ -70,7 +70,7 @@ class Drive:
             raise ParameterError(
                 f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
             )
-        object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
+        object.__setattr__(self, "power", check_finite(self.power, f"{self.name!r}: power"))
         if self.power == 0.0 or (self.quantity in VALUES and self.power != 1.0):
             expected = "a number other than 0"
             if self.quantity in VALUES:
@@ -128,7 +128,7 @@ class Parameter:
         self._check_drives()
         for what in ("start", "lower", "upper"):
             object.__setattr__(
-                self, what, finite(getattr(self, what), f"unknown {self.name!r}: {what}")
+                self, what, check_finite(getattr(self, what), f"unknown {self.name!r}: {what}")
             )
         if not self.lower < self.upper:
             raise ParameterError(
@@ -150,13 +150,13 @@ class Parameter:
             )
         if not self.is_factor and self.lower < 0:
             raise ParameterError(
-                f"unknown {self.name!r}: a {self._said} below 0 feeds energy in; lower bound"
-                f" {self.lower:g}",
+                f"unknown {self.name!r}: a {self._quantity_text} below 0 feeds energy in; lower"
+                f" bound {self.lower:g}",
                 key=("bounds",),
             )
         if self.prior_std is not None:
             object.__setattr__(
-                self, "prior_std", finite(self.prior_std, f"unknown {self.name!r}: prior_std")
+                self, "prior_std", check_finite(self.prior_std, f"unknown {self.name!r}: prior_std")
             )
             if self.prior_std <= 0:
                 raise ParameterError(
@@ -171,12 +171,12 @@ class Parameter:
             )
         if self.nominal is not None:
             object.__setattr__(
-                self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal")
+                self, "nominal", check_finite(self.nominal, f"unknown {self.name!r}: nominal")
             )
             if not self.is_factor or self.nominal <= 0:
                 expected = "a number above 0"
                 if not self.is_factor:
-                    expected = f"none, as a {self._said} is a value"
+                    expected = f"none, as a {self._quantity_text} is a value"
                 raise ParameterError(
                     f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}",
                     key=("nominal",),
@@ -266,7 +266,7 @@ class Parameter:
         return VALUES.get(self.value_of or "", "")
 
     @property
-    def _said(self) -> str:
+    def _quantity_text(self) -> str:
         return (self.value_of or "factor").replace("_", " ")
 
 
@@ -482,7 +482,7 @@ class ParameterSet(Sequence[Parameter]):
         Model
             `model` itself if every unknown starts at its value in the model.
         """
-        own: dict[str, dict[str, float]] = {}
+        changes: dict[str, dict[str, float]] = {}
         for name, change in self.changes(self.start).items():
             group = model.groups.get(name)
             if group is None:
@@ -490,8 +490,8 @@ class ParameterSet(Sequence[Parameter]):
             for quantity, value in change.items():
                 now = getattr(group, quantity) if quantity in VALUES else 1.0
                 if group.has(quantity) and value != now:
-                    own.setdefault(name, {})[quantity] = value
-        return model.scaled(own) if own else model
+                    changes.setdefault(name, {})[quantity] = value
+        return model.scaled(changes) if changes else model
 
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
         """Return the changes of each group at `values`, as the argument of `Model.scaled`.
@@ -533,7 +533,7 @@ class ParameterSet(Sequence[Parameter]):
         return array
 
 
-def finite(given: Any, what: str) -> float:
+def check_finite(given: Any, what: str) -> float:
     """Return user input as a float; raise for anything but a finite number, naming `what`."""
     is_number = isinstance(given, int | float | np.floating | np.integer)
     if not is_number or isinstance(given, bool) or not np.isfinite(given):
@@ -608,7 +608,9 @@ def parameters(
     """
     wanted = {"mass": mass, "stiffness": stiffness, "loss_factor": loss_factor, "viscous": viscous}
     wanted |= {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
-    chosen = {quantity: _groups(model, quantity, patterns) for quantity, patterns in wanted.items()}
+    chosen = {
+        quantity: _select_groups(model, quantity, patterns) for quantity, patterns in wanted.items()
+    }
     items = []
     for name, group in model.groups.items():
         for quantity in wanted:
@@ -616,20 +618,20 @@ def parameters(
                 low, high = DEFAULT_BOUNDS[quantity]
                 start = group.value(quantity)
                 items.append(Parameter(name, quantity, start, low, max(high, 2 * start)))
-    bounds = _table("bounds", bounds, items)
-    prior_std = _table("prior_std", prior_std, items)
+    bounds = _check_keys("bounds", bounds, items)
+    prior_std = _check_keys("prior_std", prior_std, items)
     out = []
     for p in items:
-        pair = _most_special(bounds, p)
+        pair = _most_specific(bounds, p)
         if pair is not None:
-            low, high = bounds_pair(pair, f"bounds of {p.name!r}")
+            low, high = check_bounds(pair, f"bounds of {p.name!r}")
             start = p.start
             if p.quantity in VALUES and low < high:
                 # The user's bounds have precedence over the value of the group.
                 start = min(max(start, low), high)
             with _start_is_stated(False):
                 p = Parameter(p.group, p.quantity, start, low, high)
-        out.append(replace(p, prior_std=_most_special(prior_std, p)))
+        out.append(replace(p, prior_std=_most_specific(prior_std, p)))
     return ParameterSet(tuple(out))
 
 
@@ -705,7 +707,7 @@ def link(
     powers = drives if isinstance(drives, Mapping) else dict.fromkeys(drives, 1.0)
     acts: list[Drive] = []
     for key, power in powers.items():
-        acts += _drives(model, name, key, power)
+        acts += _find_drives(model, name, key, power)
     if not acts:
         raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty", key=("drives",))
     first, limits = 1.0, _LINKED
@@ -722,9 +724,9 @@ def link(
             )
         first, limits = values[0], DEFAULT_BOUNDS[kinds[0]]
     if bounds is not None:
-        limits = bounds_pair(bounds, f"bounds of {name!r}")
+        limits = check_bounds(bounds, f"bounds of {name!r}")
     if start is not None:
-        first = finite(start, f"unknown {name!r}: start")
+        first = check_finite(start, f"unknown {name!r}: start")
     with _start_is_stated(start is not None):
         unknown = Parameter(stem, quantity, first, *limits, prior_std, tuple(acts), nominal, unit)
     return ParameterSet((unknown,))
@@ -741,22 +743,22 @@ def _start_is_stated(stated: bool) -> Iterator[None]:
         raise
 
 
-def _fitting(names: Iterable[str], pattern: str) -> list[str]:
+def _match_names(names: Iterable[str], pattern: str) -> list[str]:
     """Return the names that match a glob, case-sensitive."""
     return [name for name in names if fnmatch.fnmatchcase(name, pattern)]
 
 
-def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
+def _find_drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     """Return the drives for a key of `link`."""
-    able = []
+    available = []
     for group_name, group in model.groups.items():
-        able += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]
+        available += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]
     found = []
     if isinstance(key, str):
-        found = _fitting(able, key)
+        found = _match_names(available, key)
     if not found:
         raise ParameterError(
-            f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}",
+            f"unknown {name!r}: the model has no {key!r}; {suggest(str(key), available)}",
             key=("drives",),
         )
     drives = []
@@ -766,12 +768,12 @@ def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     return drives
 
 
-def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[str]:
-    able = [name for name, group in model.groups.items() if group.has(quantity)]
+def _select_groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[str]:
+    available = [name for name, group in model.groups.items() if group.has(quantity)]
     if isinstance(patterns, str) and patterns == "all":
-        if not able:
+        if not available:
             raise ParameterError(f"no group of the model has {quantity}")
-        return set(able)
+        return set(available)
     if not isinstance(patterns, Iterable):
         raise ParameterError(
             f"{quantity}: expected group names, globs or 'all', found {patterns!r}"
@@ -782,22 +784,22 @@ def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[s
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
-        fits = _fitting(model.groups, pattern)
-        if not fits:
+        matching = _match_names(model.groups, pattern)
+        if not matching:
             raise ParameterError(
                 f"{quantity}: no group {pattern!r}; {suggest(pattern, model.groups)}"
             )
-        lacking = [f for f in fits if f not in able]
-        if lacking and (pattern in model.groups or len(lacking) == len(fits)):
+        lacking = [f for f in matching if f not in available]
+        if lacking and (pattern in model.groups or len(lacking) == len(matching)):
             raise ParameterError(
                 f"{quantity}: group {lacking[0]!r} has no {GROUP_QUANTITIES[quantity]};"
-                f" {suggest(pattern, able)}"
+                f" {suggest(pattern, available)}"
             )
-        found |= set(fits) & set(able)
+        found |= set(matching) & set(available)
     return found
 
 
-def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:
+def _most_specific(table: Mapping[str, Any], parameter: Parameter) -> Any:
     if parameter.name in table:
         return table[parameter.name]
     for key, value in table.items():
@@ -806,7 +808,7 @@ def _most_special(table: Mapping[str, Any], parameter: Parameter) -> Any:
     return table.get(parameter.quantity)
 
 
-def _table(
+def _check_keys(
     what: str, given: Mapping[str, Any] | None, items: Sequence[Parameter]
 ) -> Mapping[str, Any]:
     """Return `given` after checking that each key matches an unknown."""
@@ -819,7 +821,7 @@ def _table(
     names = [p.name for p in items]
     known = dict.fromkeys([p.quantity for p in items] + names)
     for key in given:
-        if key in known or (isinstance(key, str) and _fitting(names, key)):
+        if key in known or (isinstance(key, str) and _match_names(names, key)):
             continue
         raise ParameterError(
             f"{what}: {key!r} is neither a quantity nor an unknown that is chosen;"
@@ -828,8 +830,8 @@ def _table(
     return given
 
 
-def bounds_pair(given: Any, what: str) -> tuple[float, float]:
+def check_bounds(given: Any, what: str) -> tuple[float, float]:
     """Return user input as two bounds; raise for anything else, naming `what`."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
         raise ParameterError(f"{what}: expected (lower, upper), found {given!r}", key=("bounds",))
-    return finite(given[0], what), finite(given[1], what)
+    return check_finite(given[0], what), check_finite(given[1], what)

@@ -26,10 +26,10 @@ from updyn.variants import Variant, variants_of
 
 __all__ = [
     "SPREAD",
-    "Block",
+    "LineBlock",
     "Part",
     "Problem",
-    "shares_of",
+    "relative_levels",
 ]
 
 _Vector = NDArray[np.float64]
@@ -46,7 +46,7 @@ SPREAD, _LONG = 5e8, 5e10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class LineBlock:
     """Model and measurement at a block of lines, in the measured quantity and signs.
 
     Attributes
@@ -139,7 +139,7 @@ class Part:
         return cls(
             LineSolver.choose(system, tier, backend),
             Unknowns.find(system, parameters),
-            Coordinates(parameters, omega=_middle(frf.freq)),
+            Coordinates(parameters, omega=_middle_frequency(frf.freq)),
             frf,
             rows.index,
             columns.index,
@@ -156,7 +156,7 @@ class Part:
         sign = rows.sign[:, None] * columns.sign
         return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
 
-    def thinned(self, largest: int) -> Part:
+    def thin(self, largest: int) -> Part:
         """Return the part on every k-th line, with at most `largest` lines."""
         stride = -(-len(self.frf.freq) // largest)
         if stride <= 1:
@@ -166,17 +166,17 @@ class Part:
     def without_rounding(self, x: _Vector, share: float) -> Part:
         """Return the part with exact zeros in channels that are rounding error, in model and data.
 
-        These are channels below `share` (`shares_of`), in the data and in the model at x. Symmetry
-        forbids these responses. The model's values there are numerical error, whose derivatives
-        would count as information on the unknowns.
+        These are channels below `share` (`relative_levels`), in the data and in the model at x.
+        Symmetry forbids these responses. The model's values there are numerical error, whose
+        derivatives would count as information on the unknowns.
         """
-        faint = shares_of(self.frf.values, self.frf) <= share
-        if faint.any():
-            faint &= shares_of(self.responses(x), self.frf) <= share
-        if not faint.any():
+        is_rounding = relative_levels(self.frf.values, self.frf) <= share
+        if is_rounding.any():
+            is_rounding &= relative_levels(self.responses(x), self.frf) <= share
+        if not is_rounding.any():
             return self
-        frf = replace(self.frf, values=np.where(faint, 0.0, self.frf.values))
-        return replace(self, frf=frf, sign=np.where(faint, 0.0, self.sign))
+        frf = replace(self.frf, values=np.where(is_rounding, 0.0, self.frf.values))
+        return replace(self, frf=frf, sign=np.where(is_rounding, 0.0, self.sign))
 
     @property
     def n(self) -> int:
@@ -217,12 +217,12 @@ class Part:
         if self.solver.tier == "sparse":
             # Measured on three-dimensional solids of 10k to 300k DOFs.
             solve = 50.0 * n**1.75
-        elif not self._at_once:
+        elif not self._shares_decomposition:
             solve += 8.0 / 3.0 * n**3
         return len(self.frf.freq) * (solve + 4.0 * n_values * self.n**2)
 
     @property
-    def _at_once(self) -> bool:
+    def _shares_decomposition(self) -> bool:
         """Whether one eigendecomposition of a dense model serves all lines."""
         system = self.solver.system
         least = LEAST_REDUCED_LINES if self.solver.tier == "reduced" else LEAST_LINES
@@ -247,13 +247,13 @@ class Part:
         stored = n * n
         if tier == "sparse":
             stored = len(system.indices)
-        elif self._at_once:
+        elif self._shares_decomposition:
             stored = n * n_columns
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
-        allowed = self.solver.block_size(n_columns + self.n * n_values // n)
-        return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
+        largest = self.solver.block_size(n_columns + self.n * n_values // n)
+        return list(line_blocks(len(self.frf.freq), max(1, min(int(size), largest))))
 
-    def each(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
+    def map_lines(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
         """Yield ``function(part, item)`` in order; each item ends with its slice of lines.
 
         The function must be importable from a module, because it may run in another process.
@@ -267,20 +267,20 @@ class Part:
         """Return the cache key of an evaluation at x."""
         if not self._digest:
             frf = self.frf
-            parts = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
-            sought = "\n".join(self.coordinates.parameters.names)
-            self._digest.append(digest((self.name, self.solver.label, sought, *parts)))
+            content = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
+            unknowns = "\n".join(self.coordinates.parameters.names)
+            self._digest.append(digest((self.name, self.solver.label, unknowns, *content)))
         return [kind, self._digest[0], x, *about]
 
     def recall(
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
     ) -> Record:
         """Return the cached result of an evaluation at x with further inputs, or compute it."""
-        if self.session.memory is None:
+        if self.session.cache is None:
             return compute()
         return self.session.recall(self.key(kind, x, *about), compute)
 
-    def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
+    def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the model, times the calibration factors, and the data at a block of lines."""
         freq, rate = self.frf.freq[lines], self.frf.s[lines] ** QUANTITIES[self.frf.quantity]
         H, dH = sensitivity.receptance(
@@ -299,9 +299,9 @@ class Part:
         H = H * (self.sign * rate[:, None, None])
         if self._gains is not None:
             self._gains.apply(x, H, dH)
-        return Block(lines, H, dH, self.frf.values[lines])
+        return LineBlock(lines, H, dH, self.frf.values[lines])
 
-    def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[Block]:
+    def blocks(self, x: _Vector, *, derivatives: bool = True) -> Iterator[LineBlock]:
         """Yield model and data by block of lines, in order and in this process."""
         for lines in self.partition():
             yield self.block(x, lines, derivatives=derivatives)
@@ -311,12 +311,12 @@ class Part:
 
         def compute() -> Record:
             items = [(x, lines) for lines in self.partition()]
-            return (np.concatenate(list(self.each(_responses, items))),)
+            return (np.concatenate(list(self.map_lines(_block_responses, items))),)
 
         return self.recall("responses", x, compute)[0]
 
 
-def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
+def relative_levels(H: _Complex, frf: FRF) -> NDArray[np.float64]:
     """Return the rms of each channel of H relative to the loudest one, shape (n_i, n_j).
 
     Each channel is relative to the rms of its unit. The loudest channel is taken over the data and
@@ -330,15 +330,15 @@ def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
     return np.asarray(level / loudest)
 
 
-def _middle(freq: NDArray[np.float64]) -> float:
+def _middle_frequency(freq: NDArray[np.float64]) -> float:
     """Return the geometric mean of the limits of a band in rad/s."""
-    moving = freq[freq > 0]
-    if not moving.size:
+    positive = freq[freq > 0]
+    if not positive.size:
         return 1.0
-    return float(2.0 * np.pi * np.sqrt(moving.min() * moving.max()))
+    return float(2.0 * np.pi * np.sqrt(positive.min() * positive.max()))
 
 
-def _responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
+def _block_responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
     x, lines = item
     return part.block(x, lines, derivatives=False).H
 
@@ -418,13 +418,13 @@ class Problem:
         return any(part.spreads for part in self.parts)
 
     @property
-    def of_frfs(self) -> Problem:
+    def without_modes(self) -> Problem:
         """The problem without modes."""
         return replace(self, modal=())
 
-    def thinned(self, largest: int) -> Problem:
+    def thin(self, largest: int) -> Problem:
         """Return the problem with at most `largest` lines in each part."""
-        return replace(self, parts=tuple(part.thinned(largest) for part in self.parts))
+        return replace(self, parts=tuple(part.thin(largest) for part in self.parts))
 
     def with_parts(self, parts: Sequence[Part]) -> Problem:
         """Return the problem with other parts of FRFs, in the coordinates of the first."""
@@ -441,11 +441,11 @@ class Problem:
         """Return the problem in other coordinates."""
         parts, modal = [], []
         for part in self.parts:
-            own = part.coordinates is coordinates
-            parts.append(part if own else replace(part, coordinates=coordinates))
+            is_current = part.coordinates is coordinates
+            parts.append(part if is_current else replace(part, coordinates=coordinates))
         for one in self.modal:
-            own = one.coordinates is coordinates
-            modal.append(one if own else replace(one, coordinates=coordinates))
+            is_current = one.coordinates is coordinates
+            modal.append(one if is_current else replace(one, coordinates=coordinates))
         return Problem(tuple(parts), tuple(modal))
 
     def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
@@ -456,7 +456,7 @@ class Problem:
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
     ) -> Record:
         """Return the cached result of an evaluation of all parts at x, or compute it."""
-        if self.session.memory is None:
+        if self.session.cache is None:
             return compute()
         keys = []
         for part in self.all:

@@ -27,19 +27,19 @@ from updyn.updating.problem.session import Record
 
 __all__ = [
     "RESIDUALS",
-    "Each",
-    "EachOf",
     "EquationError",
     "LineResidual",
     "LogError",
     "OutputError",
+    "OutputErrorSet",
     "Residual",
-    "clear_of_noise",
+    "ResidualSet",
+    "add_prior",
     "is_cached",
-    "log_error",
-    "reduced",
-    "solved",
-    "with_prior",
+    "make_log_error",
+    "noise_weights",
+    "reduce_cached",
+    "reduce_residual",
 ]
 
 _Vector = NDArray[np.float64]
@@ -126,7 +126,7 @@ class LineResidual(ABC):
         -------
         Local or None
         """
-        return _local(self, problem, x)
+        return _reduce_all(self, problem, x)
 
     def of(self, part: int) -> Self:
         """Return the residual of one of several tests.
@@ -194,7 +194,7 @@ class LineResidual(ABC):
         """
 
 
-def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
+def noise_weights(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
 
     With the variance E|dH|^2 in squared units of the data, the weight is
@@ -205,10 +205,10 @@ def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     makes little difference. Values that are rounding error have the weight 0.
     """
     size = np.abs(values)
-    own = np.maximum(size**2 - _BIAS * variance, 0.0)
-    clear = np.sqrt(own / (own + variance / _CLEAR**2 + np.finfo(float).tiny))
+    excess = np.maximum(size**2 - _BIAS * variance, 0.0)
+    weight = np.sqrt(excess / (excess + variance / _CLEAR**2 + np.finfo(float).tiny))
     share = size / level_by_unit(frf)
-    return np.where(share > ROUNDING * share.max(axis=(1, 2), keepdims=True), clear, 0.0)
+    return np.where(share > ROUNDING * share.max(axis=(1, 2), keepdims=True), weight, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,7 +221,7 @@ class LogError(LineResidual):
     Parameters
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j), optional
-        Weights from the noise (`clear_of_noise`); by default 1.
+        Weights from the noise (`noise_weights`); by default 1.
     name : str
         Name in the report.
     """
@@ -230,10 +230,10 @@ class LogError(LineResidual):
     name: str = "log"
 
     @classmethod
-    def clear_of_noise(cls, part: Part) -> LogError:
-        """Return the log error of data with variance, weighted by `clear_of_noise`."""
+    def of_noisy_data(cls, part: Part) -> LogError:
+        """Return the log error of data with variance, weighted by `noise_weights`."""
         assert part.frf.variance is not None
-        return cls(clear_of_noise(part.frf.values, part.frf.variance, part.frf))
+        return cls(noise_weights(part.frf.values, part.frf.variance, part.frf))
 
     @property
     def cache_key(self) -> object:
@@ -301,7 +301,7 @@ E = TypeVar("E", bound=LineResidual)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EachOf(Generic[E]):
+class ResidualSet(Generic[E]):
     """Residuals of several tests.
 
     Parameters
@@ -322,19 +322,19 @@ class EachOf(Generic[E]):
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None if the model cannot be solved."""
-        return _local(self, problem, x)
+        return _reduce_all(self, problem, x)
 
     def of(self, part: int) -> E:
         """Return the residual of one of the tests that measured FRFs."""
         return self.errors[part]
 
     @property
-    def of_frfs(self) -> Self:
+    def without_modes(self) -> Self:
         """The residuals of FRFs only."""
         return replace(self, modal=())
 
 
-class Each(EachOf[OutputError]):
+class OutputErrorSet(ResidualSet[OutputError]):
     """Output errors of several tests, each with its weights."""
 
     __slots__ = ()
@@ -347,7 +347,7 @@ class EquationError(LineResidual):
     Every reference must also be measured as a response, so that its unit force acts on a retained
     DOF. Measurement noise biases the estimate, because H_X enters both sides of the equation. If
     translations and rotations were measured, forces and moments are scaled by the levels of the
-    data (`_same_unit`); otherwise the residual is that of the paper.
+    data (`_unit_weights`); otherwise the residual is that of the paper.
     """
 
     name: str = "equation-error"
@@ -356,14 +356,14 @@ class EquationError(LineResidual):
         """Return the reduced problem at x, or None if the model cannot be solved."""
         for part in problem.parts:
             self.check(part)
-        return _local(self, problem, x)
+        return _reduce_all(self, problem, x)
 
     @staticmethod
     def check(part: Part) -> None:
         """Raise if the data lack a drive point, or hold no receptance at 0 Hz."""
-        driven = _drive_points(part).any(axis=0)
-        if not driven.all():
-            missing = part.frf.references[int(np.flatnonzero(~driven)[0])]
+        is_driven = _drive_points(part).any(axis=0)
+        if not is_driven.all():
+            missing = part.frf.references[int(np.flatnonzero(~is_driven)[0])]
             raise DataError(
                 f"equation error: reference {missing} is not among the responses; the force has to"
                 " stand on a retained DOF. Measure the drive point, or use another method"
@@ -377,7 +377,7 @@ class EquationError(LineResidual):
     def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield Z_red h_X - e_j, (n_f, n, m), and its derivatives by x, by block of lines."""
         self.check(part)
-        return part.each(_block, [(self, x, lines) for lines in self.partition(part)])
+        return part.map_lines(_evaluate_block, [(self, x, lines) for lines in self.partition(part)])
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""
@@ -387,7 +387,7 @@ class EquationError(LineResidual):
         """Return the residual and its derivatives at a block of lines."""
         freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
         unit = _drive_points(part)
-        weight = _same_unit(part, unit)
+        weight = _unit_weights(part, unit)
         factor = part.sign / (part.frf.s[lines] ** QUANTITIES[part.frf.quantity])[:, None, None]
         product, derivative = sensitivity.condensed_product(
             part.solver,
@@ -406,7 +406,7 @@ def _drive_points(part: Part) -> _Matrix:
     return np.asarray(part.rows[:, None] == part.columns[None, :], dtype=np.float64)
 
 
-def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
+def _unit_weights(part: Part, unit: _Matrix) -> _Matrix:
     """Return the weights of the equation error, shape (n, m); all 1 for data of one unit.
 
     The residual at a rotation is a moment per force. Multiplied by the level of the motion there
@@ -416,19 +416,19 @@ def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
     return np.asarray(level / (unit * level).sum(axis=0))
 
 
-def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of data with variance, weighted by `clear_of_noise`.
+def make_log_error(problem: Problem) -> ResidualSet[LogError]:
+    """Return the log error of data with variance, weighted by `noise_weights`.
 
     Errors of frequencies are used as logarithms; errors of shapes and damping are weighted less in
     the ratio of their assumed noise.
     """
-    errors = tuple(map(LogError.clear_of_noise, problem.parts))
-    return EachOf(
+    errors = tuple(map(LogError.of_noisy_data, problem.parts))
+    return ResidualSet(
         errors, tuple(ModalError(part.noise.in_units_of_frequency()) for part in problem.modal)
     )
 
 
-def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
+def add_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     """Return the local problem with the priors added as residuals (x - x_0) / std."""
     centre, weight = problem.coordinates.prior
     if not weight.any():
@@ -439,46 +439,48 @@ def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     )
 
 
-def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
+def reduce_cached(residual: LineResidual, part: Part, x: _Vector) -> Local:
     """Return the reduced problem at x, from the cache if possible."""
 
     def compute() -> Record:
-        local = reduced(residual, part, x, part.n)
+        local = reduce_residual(residual, part, x, part.n)
         return np.array(local.cost), local.R, local.q
 
-    cost, R, q = part.recall(_kind(residual), x, compute, residual.cache_key)
+    cost, R, q = part.recall(_cache_kind(residual), x, compute, residual.cache_key)
     return Local(float(cost), R, q)
 
 
-def reduced(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
+def reduce_residual(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
     """Return the reduced problem at x for a residual with n derivatives."""
     items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
-    local = reduce_blocks(part.each(_block_triangle, items), n)
+    local = reduce_blocks(part.map_lines(_reduce_block, items), n)
     if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
         raise SolverError(f"{residual.name}: the model's answer is not finite")
     return local
 
 
-def is_cached(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> bool:
+def is_cached(residual: LineResidual | ResidualSet[Any], problem: Problem, x: _Vector) -> bool:
     """Return whether the reduced problem at x is cached."""
     keys = []
     for i, part in enumerate(problem.parts):
-        own = residual.of(i)
-        keys.append(part.key(_kind(own), x, own.cache_key))
-    if isinstance(residual, EachOf):
+        residual_of_part = residual.of(i)
+        keys.append(part.key(_cache_kind(residual_of_part), x, residual_of_part.cache_key))
+    if isinstance(residual, ResidualSet):
         for modal, error in zip(problem.modal, residual.modal, strict=True):
             keys.append(modal.key(error.kind, x))
-    return all(problem.session.knows(key) for key in keys)
+    return all(problem.session.has(key) for key in keys)
 
 
-def _kind(residual: LineResidual) -> str:
+def _cache_kind(residual: LineResidual) -> str:
     return type(residual).__name__
 
 
-def _local(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> Local | None:
+def _reduce_all(
+    residual: LineResidual | ResidualSet[Any], problem: Problem, x: _Vector
+) -> Local | None:
     try:
-        found = [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)]
-        if isinstance(residual, EachOf):
+        found = [reduce_cached(residual.of(i), part, x) for i, part in enumerate(problem.parts)]
+        if isinstance(residual, ResidualSet):
             for modal, error in zip(problem.modal, residual.modal, strict=True):
                 found.append(error.local(modal, x))
     except SolverError:
@@ -486,14 +488,16 @@ def _local(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -
     return join_locals(found, problem.n)
 
 
-def _block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> tuple[_Complex, _Complex]:
+def _evaluate_block(
+    part: Part, item: tuple[LineResidual, _Vector, slice]
+) -> tuple[_Complex, _Complex]:
     residual, x, lines = item
     return residual.block(part, x, lines)
 
 
 @alone
-def _block_triangle(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
-    r, J = _block(part, item)
+def _reduce_block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
+    r, J = _evaluate_block(part, item)
     # The order of the rows has no effect (eq. 12); this one is that of the memory.
     return qr_triangle(_as_real(J, len(J)), _as_real(r, 1)[0])
 

@@ -84,15 +84,15 @@ class Selection:
         parts = []
         for name, members in self.merged.items():
             parts.append(
-                f"{_listed(members)} were joined into the one unknown {name}, as their effects on"
-                f" the data are nearly parallel (cosine {self.cosines[name]:.4f} or more)."
+                f"{_join_names(members)} were joined into the one unknown {name}, as their effects"
+                f" on the data are nearly parallel (cosine {self.cosines[name]:.4f} or more)."
             )
         if self.left_out:
             were, they = "were", "they stay at their"
             if len(self.left_out) == 1:
                 were, they = "was", "it stays at its"
             parts.append(
-                f"{_listed(list(self.left_out))} {were} left out before the fit: {they} start."
+                f"{_join_names(list(self.left_out))} {were} left out before the fit: {they} start."
             )
         return " ".join(parts)
 
@@ -154,17 +154,17 @@ class Selection:
                     start = getattr(group, d.quantity)
                 if p.start == start:
                     continue
-                own = changes.setdefault(d.group, {})
+                change = changes.setdefault(d.group, {})
                 if p.is_factor:
-                    own[d.quantity] = own.get(d.quantity, 1.0) * p.start**d.power
+                    change[d.quantity] = change.get(d.quantity, 1.0) * p.start**d.power
                 else:
-                    own[d.quantity] = p.start
+                    change[d.quantity] = p.start
         if not changes:
             return model
         return model.scaled(changes)
 
 
-def _listed(names: list[str] | tuple[str, ...]) -> str:
+def _join_names(names: list[str] | tuple[str, ...]) -> str:
     shown = ", ".join(names[:_NAMED])
     if len(names) > _NAMED:
         shown += f" and {len(names) - _NAMED} more"

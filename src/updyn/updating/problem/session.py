@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from updyn.engines import Engine, Serial
 
-__all__ = ["Memory", "Recent", "Record", "Session", "Stopped", "digest"]
+__all__ = ["Cache", "RecentCache", "Record", "Session", "Stopped", "digest"]
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -41,17 +41,17 @@ class Stopped(Exception):  # noqa: N818
     """Raised if the user stops an evaluation under way; never leaves `updyn.updating`."""
 
 
-class Memory(Protocol):
+class Cache(Protocol):
     """A cache of the results of evaluations."""
 
     def get(self, key: bytes) -> Record | None:
         """Return the result for a key, or None."""
 
-    def put(self, key: bytes, record: Record) -> None:
+    def store(self, key: bytes, record: Record) -> None:
         """Store a result."""
 
 
-class Recent:
+class RecentCache:
     """Cache of the most recent results.
 
     Parameters
@@ -63,27 +63,27 @@ class Recent:
     def __init__(self, limit: float = _RECENT_BYTES) -> None:
         self._limit = limit
         self._bytes = 0
-        self._kept: OrderedDict[bytes, Record] = OrderedDict()
+        self._records: OrderedDict[bytes, Record] = OrderedDict()
 
     def get(self, key: bytes) -> Record | None:
         """Return the result for a key, or None."""
-        if key in self._kept:
-            self._kept.move_to_end(key)
-        return self._kept.get(key)
+        if key in self._records:
+            self._records.move_to_end(key)
+        return self._records.get(key)
 
-    def put(self, key: bytes, record: Record) -> None:
+    def store(self, key: bytes, record: Record) -> None:
         """Store a result."""
-        if key in self._kept:
+        if key in self._records:
             return
-        self._kept[key] = record
+        self._records[key] = record
         self._bytes += _size(record)
-        while self._bytes > self._limit and len(self._kept) > 1:
-            self._bytes -= _size(self._kept.popitem(last=False)[1])
+        while self._bytes > self._limit and len(self._records) > 1:
+            self._bytes -= _size(self._records.popitem(last=False)[1])
 
     @property
     def items(self) -> list[tuple[bytes, Record]]:
         """All stored results, the oldest first."""
-        return list(self._kept.items())
+        return list(self._records.items())
 
 
 @dataclass(slots=True, eq=False)
@@ -94,7 +94,7 @@ class Session:
     ----------
     engine : Engine
         Engine for the solution of lines.
-    memory : Memory or None
+    cache : Cache or None
         Cache of evaluations.
     wants_stop : callable or None
         Returns whether to stop; called between blocks of lines.
@@ -105,7 +105,7 @@ class Session:
     """
 
     engine: Engine = _SERIAL
-    memory: Memory | None = None
+    cache: Cache | None = None
     wants_stop: Callable[[], bool] | None = None
     stopped: bool = False
     lines_solved: int = 0
@@ -117,26 +117,26 @@ class Session:
 
     def recall(self, key: Iterable[object], compute: Callable[[], Record]) -> Record:
         """Return the cached result for a key (all its inputs), or compute and store it."""
-        if self.memory is None:
+        if self.cache is None:
             return compute()
         at = digest(key)
-        found = self.memory.get(at)
+        found = self.cache.get(at)
         if found is None:
             found = compute()
             for array in found:
                 array.flags.writeable = False
-            self.memory.put(at, found)
+            self.cache.store(at, found)
         return found
 
-    def knows(self, key: Iterable[object]) -> bool:
+    def has(self, key: Iterable[object]) -> bool:
         """Return whether a result is cached."""
-        return self.memory is not None and self.memory.get(digest(key)) is not None
+        return self.cache is not None and self.cache.get(digest(key)) is not None
 
     def remember(self, found: Iterable[tuple[bytes, Record]]) -> None:
         """Store results that were computed elsewhere."""
-        if self.memory is not None:
+        if self.cache is not None:
             for key, record in found:
-                self.memory.put(key, record)
+                self.cache.store(key, record)
 
     def map(
         self,
@@ -155,14 +155,14 @@ class Session:
         if self.stopped and (long or self._is_late):
             raise Stopped
         # Short evaluations that start after the request are still shown to the user.
-        asked_before = self.stopped
-        if not asked_before and self._is_time_to_ask and self._asked():
+        was_stopped = self.stopped
+        if not was_stopped and self._is_time_to_ask and self._poll_stop():
             raise Stopped
         results = (self.engine if spread else _SERIAL).map(function, shared, items)
         try:
             for i, result in enumerate(results, 1):
                 yield result
-                if i < len(items) and (self._is_late if asked_before else self._asked()):
+                if i < len(items) and (self._is_late if was_stopped else self._poll_stop()):
                     raise Stopped
         finally:
             close = getattr(results, "close", None)
@@ -173,7 +173,7 @@ class Session:
         """Raise if the user wants to stop; with `often`, check at most once a second."""
         if often and not self._is_time_to_ask:
             return
-        if self._asked():
+        if self._poll_stop():
             raise Stopped
 
     @property
@@ -191,7 +191,7 @@ class Session:
             self._stopped_at = now
         return now - self._stopped_at > _STILL_S
 
-    def _asked(self) -> bool:
+    def _poll_stop(self) -> bool:
         self._asked_at = time.monotonic()
         if self.wants_stop is not None and self.wants_stop():
             self.stopped = True
@@ -200,19 +200,19 @@ class Session:
 
 def digest(parts: Iterable[object]) -> bytes:
     """Return a hash of 16 bytes of bytes, texts and arrays (with type and shape), in order."""
-    hashed = blake2b(digest_size=16)
+    hasher = blake2b(digest_size=16)
     for part in parts:
         if isinstance(part, np.ndarray):
-            about = f"{part.dtype.str}{part.shape}"
+            header = f"{part.dtype.str}{part.shape}"
             content: Any = (
                 np.ascontiguousarray(part).reshape(-1).view(np.uint8).data if part.size else b""
             )
         else:
             content = part if isinstance(part, bytes) else str(part).encode()
-            about = str(len(content))
-        hashed.update(about.encode() + b";")
-        hashed.update(content)
-    return hashed.digest()
+            header = str(len(content))
+        hasher.update(header.encode() + b";")
+        hasher.update(content)
+    return hasher.digest()
 
 
 def _size(record: Record) -> int:

@@ -13,10 +13,12 @@ from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 
-__all__ = ["problem_of"]
+__all__ = ["build_problem"]
 
 
-def problem_of(tests: Sequence[Test], parameters: ParameterSet) -> tuple[Problem, list[NoiseModel]]:
+def build_problem(
+    tests: Sequence[Test], parameters: ParameterSet
+) -> tuple[Problem, list[NoiseModel]]:
     """Return the problem of tests, and the noise models of those with FRFs."""
     parts, modal, noises = [], [], []
     for test in tests:

@@ -9,7 +9,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.localise import constitutive_error, localise_error
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 GEARS = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
 
@@ -44,7 +44,7 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     found = localise_error(
         Problem.of([problem]),
         x,
-        Each((OutputError(weight),)),
+        OutputErrorSet((OutputError(weight),)),
         [whitened],
         beyond if stated is None else None,
     )
@@ -131,7 +131,11 @@ def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
     weight = np.sqrt(2.0) / (0.001 * np.abs(H))
     whole = float(np.sum(np.abs(weight * (exact.values - H)) ** 2))
     found = localise_error(
-        Problem.of([problem]), x, Each((OutputError(weight),)), [weight * (exact.values - H)], whole
+        Problem.of([problem]),
+        x,
+        OutputErrorSet((OutputError(weight),)),
+        [weight * (exact.values - H)],
+        whole,
     )
     assert found[0].name == "part2.stiffness"
     assert found[0].change == pytest.approx(np.log(1.002), rel=0.01)
@@ -207,7 +211,7 @@ def test_what_a_short_fit_finds_at_a_bound_explains_nothing(make_chain):
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (values - H)
     found = localise_error(
-        Problem.of([problem]), np.zeros(1), Each((OutputError(weight),)), [whitened], None
+        Problem.of([problem]), np.zeros(1), OutputErrorSet((OutputError(weight),)), [whitened], None
     )
     assert "4:X.calibration" not in [s.name for s in found]
 
@@ -296,7 +300,7 @@ def test_two_tests_point_at_one_group(chain12_true):
         weights.append(np.sqrt(2.0) / (0.01 * np.abs(H)))
         whitened.append(weights[-1] * (frf.values - H))
     task = Problem.of(problems)
-    residual = Each(tuple(OutputError(w) for w in weights))
+    residual = OutputErrorSet(tuple(OutputError(w) for w in weights))
     found = localise_error(
         task, np.zeros(3), residual, whitened, float(sum(np.sum(np.abs(e) ** 2) for e in whitened))
     )
@@ -317,7 +321,7 @@ def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
     found = localise_error(
         Problem.of([problem]),
         x,
-        Each((OutputError(weight),)),
+        OutputErrorSet((OutputError(weight),)),
         [whitened],
         float(np.sum(np.abs(whitened) ** 2)),
     )

@@ -10,7 +10,7 @@ from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.judge.localise import localise_error
 from updyn.updating.judge.nearby import DOFS, ReducedPart
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Session
 
 LAYERS, PARTS = 150, 6
@@ -87,7 +87,7 @@ def wrong_mass(tower):
     H = part.responses(x)
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (part.frf.values - H)
-    return part, x, Each((OutputError(weight),)), [whitened]
+    return part, x, OutputErrorSet((OutputError(weight),)), [whitened]
 
 
 def test_the_wrong_group_of_a_large_model_is_named_at_the_cost_of_few_evaluations(tower):
@@ -123,7 +123,7 @@ def test_short_fits_keep_to_what_they_are_allowed(tower, allowed):
     part = part_of(tower, data_of(tower, 120), stiffness="all", mass="all")
     problem = Problem.of([part])
     number, lines, steps = localise_module._plan_short_fits(problem, allowed, 5)
-    work = number * steps * localise_module._evaluation_work(problem.thinned(lines or 1))
+    work = number * steps * localise_module._evaluation_work(problem.thin(lines or 1))
     assert work <= allowed * 20 / 12
     assert number >= 5 or allowed < 1e12
 

@@ -4,7 +4,7 @@ import numpy as np
 
 import updyn
 from updyn.updating.problem.noise import Approximate, Estimated, Stated
-from updyn.updating.problem.residuals import clear_of_noise
+from updyn.updating.problem.residuals import noise_weights
 
 VALUES = np.array([[[4.0 + 3.0j], [1e-3]], [[10.0], [2e-2j]]])
 SHARE = np.array([[1e-4], [2e-4]])
@@ -16,15 +16,17 @@ def frf() -> updyn.FRF:
 
 def test_the_error_of_the_model_counts_as_a_share_of_the_largest_of_a_line() -> None:
     base = Stated(0.01, 0.0)
-    added = Approximate(base, SHARE).beforehand(frf()) - base.beforehand(frf())
+    added = Approximate(base, SHARE).initial_variance(frf()) - base.initial_variance(frf())
     expected = [[[5e-4**2], [1e-3**2]], [[1e-3**2], [2e-3**2]]]
     np.testing.assert_allclose(added, expected, rtol=1e-9)
 
 
 def test_a_channel_that_is_not_resolved_weighs_little() -> None:
     data = frf()
-    plain = clear_of_noise(VALUES, Stated(0.001, 0.0).beforehand(data), data)
-    rough = clear_of_noise(VALUES, Approximate(Stated(0.001, 0.0), SHARE).beforehand(data), data)
+    plain = noise_weights(VALUES, Stated(0.001, 0.0).initial_variance(data), data)
+    rough = noise_weights(
+        VALUES, Approximate(Stated(0.001, 0.0), SHARE).initial_variance(data), data
+    )
     np.testing.assert_allclose(rough[:, 0], plain[:, 0], rtol=1e-3)
     assert rough[0, 1, 0] == 0.0  # its error is as large as the value
     assert (plain[:, 1] > 0.99).all()

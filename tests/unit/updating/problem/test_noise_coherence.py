@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.errors import OptionError
 from updyn.updating.problem.noise import Coherence, Estimated, Variance, choose_noise
-from updyn.updating.problem.noise.known import steady
+from updyn.updating.problem.noise.known import smooth_variance
 
 RNG = np.random.default_rng
 
@@ -142,7 +142,7 @@ def test_variance_follows_the_models_size_where_the_noise_does(deep):
 def test_steady_of_what_is_steady_changes_nothing(deep):
     size = np.abs(deep.values)
     for v in (np.full(size.shape, 3.0), 0.2 * size**2, 3.0 + 0.2 * size**2):
-        found = steady(v, size, 10_000).at(size)
+        found = smooth_variance(v, size, 10_000).at(size)
         assert found == pytest.approx(v, rel=0.01)
 
 

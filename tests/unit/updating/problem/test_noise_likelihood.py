@@ -52,12 +52,12 @@ def noisy(H, rms):
 def test_stated_noise_is_known_beforehand_from_the_measured_levels(noisy, model):
     level = np.sqrt(np.mean(np.abs(noisy) ** 2))
     expected = (0.05 * np.abs(noisy)) ** 2 + (0.02 * level) ** 2
-    assert model.beforehand(frf(noisy)) == pytest.approx(expected, rel=1e-12)
+    assert model.initial_variance(frf(noisy)) == pytest.approx(expected, rel=1e-12)
 
 
 def test_variance_is_known_beforehand_as_it_came(noisy):
     variance = np.random.default_rng(3).uniform(1e-4, 2e-4, SHAPE)
-    found = Variance().beforehand(frf(noisy, variance=variance))
+    found = Variance().initial_variance(frf(noisy, variance=variance))
     assert found == pytest.approx(variance, rel=1e-12)
 
 
@@ -68,14 +68,14 @@ def test_coherence_is_known_beforehand(H):
     model = choose_noise(None, data)
     assert isinstance(model, Coherence)
     # Smoothed over 48 degrees of freedom, for a mean inverse of one: 48 / 47.
-    assert model.beforehand(data) == pytest.approx(0.01 * np.abs(H) ** 2, rel=0.05)
+    assert model.initial_variance(data) == pytest.approx(0.01 * np.abs(H) ** 2, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", [Estimated, EstimatedByChannel])
 def test_estimated_noise_is_known_beforehand_by_its_floor_alone(H, noisy, rms, kind):
     """What is relative is not told from the shape of resonances between the lines."""
     data = frf(noisy)
-    found = kind.of_data(data).beforehand(data)
+    found = kind.of_data(data).initial_variance(data)
     assert found.shape == SHAPE
     assert np.ptp(found) == pytest.approx(0.0, abs=1e-12 * found.max())
     assert np.sqrt(found[0, 0, 0]) == pytest.approx(0.02 * rms, rel=0.35)
@@ -83,7 +83,7 @@ def test_estimated_noise_is_known_beforehand_by_its_floor_alone(H, noisy, rms, k
 
 @pytest.mark.parametrize("kind", [Estimated, EstimatedByChannel])
 def test_before_any_line_is_seen_nothing_is_known(noisy, kind):
-    found = kind().beforehand(frf(noisy))
+    found = kind().initial_variance(frf(noisy))
     assert np.sqrt(found.max() / np.mean(np.abs(noisy) ** 2)) < 1e-11
     assert (found > 0).all()
 
@@ -92,15 +92,15 @@ def test_floor_known_beforehand_is_in_the_unit_of_each_channel(noisy):
     """A rotation in units a million times larger has a floor a million times larger."""
     values = noisy * np.array([1.0, 1e6])[:, None]
     data = updyn.FRF(FREQ, values, ["1:X", "2:RZ"], ["1:X"], "receptance")
-    found = Estimated.of_data(data).beforehand(data)
+    found = Estimated.of_data(data).initial_variance(data)
     levels = np.mean(np.abs(values) ** 2, axis=0)
     assert found[0, 1, 0] / found[0, 0, 0] == pytest.approx(levels[1, 0] / levels[0, 0])
 
 
-@pytest.mark.parametrize("base", [Stated(0.05, 0.02), Estimated(lowest=0.02)])
+@pytest.mark.parametrize("base", [Stated(0.05, 0.02), Estimated(common_floor=0.02)])
 def test_robust_noise_is_known_beforehand_as_its_bulk_is(noisy, base):
     data = frf(noisy)
-    assert (Robust(base).beforehand(data) == base.beforehand(data)).all()
+    assert (Robust(base).initial_variance(data) == base.initial_variance(data)).all()
 
 
 # -- after a fit -----------------------------------------------------------------------------------

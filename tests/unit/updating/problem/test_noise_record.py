@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.problem.noise import Robust, choose_noise, noise_of_record
+from updyn.updating.problem.noise import Robust, choose_noise, restore_noise
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_the_variance_is_that_of_the_fit(chain12, chain12_true, data, noise):
     H = updyn.response(chain12_true, whole.freq, whole.responses, whole.references).values
     fitted = choose_noise(noise, whole).refit(H, whole, 12)
     record = {"kind": fitted.kind, **fitted.figures()}
-    again = noise_of_record(record, whole)
+    again = restore_noise(record, whole)
     assert isinstance(again, Robust) == isinstance(fitted, Robust)
     seen = again.refit(H, whole, 12)
     assert seen.variance(H, whole) == pytest.approx(fitted.variance(H, whole), rel=0.02)
@@ -58,7 +58,7 @@ def test_a_response_of_which_nothing_is_known(data):
         "floor_by_channel": {"2:+X": 0.0},
     }
     with pytest.raises(OptionError, match="nothing is known of response"):
-        noise_of_record(record, data)
+        restore_noise(record, data)
 
 
 @pytest.mark.parametrize("method", ["log", "output-error"])

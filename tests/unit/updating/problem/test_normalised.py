@@ -84,7 +84,7 @@ def test_rows_are_those_of_the_log_error_and_none_is_longer_than_one(model):
 class Blind(Stated):
     """Noise that hides two lines of a sensor."""
 
-    def beforehand(self, frf: updyn.FRF) -> np.ndarray:
+    def initial_variance(self, frf: updyn.FRF) -> np.ndarray:
         variance = self.variance(frf.values, frf)
         variance[3:5, 1] = np.inf
         return variance

@@ -8,7 +8,7 @@ from updyn.dynamics import fields
 from updyn.errors import DofError, OptionError
 from updyn.frf import FRF
 from updyn.updating.problem.coordinates import Coordinates
-from updyn.updating.problem.problem import Part, shares_of
+from updyn.updating.problem.problem import Part, relative_levels
 
 
 @pytest.fixture
@@ -101,9 +101,9 @@ def test_refusals(chain12, unknowns):
 def test_thinned_keeps_the_first_line_and_an_even_spread(chain12, unknowns):
     data = updyn.response(chain12, np.linspace(1, 20, 20), ["2:X"], ["5:X"])
     problem = Part.build(chain12, data, unknowns)
-    assert problem.thinned(20) is problem
-    assert problem.thinned(7).frf.freq == pytest.approx(data.freq[::3])
-    assert len(problem.thinned(7).frf.freq) <= 7
+    assert problem.thin(20) is problem
+    assert problem.thin(7).frf.freq == pytest.approx(data.freq[::3])
+    assert len(problem.thin(7).frf.freq) <= 7
 
 
 def test_rounding_is_a_share_of_the_louder_of_model_and_data():
@@ -113,8 +113,10 @@ def test_rounding_is_a_share_of_the_louder_of_model_and_data():
     measured = FRF(freq, values, ["1:X", "1:Y"], ["1:X"], "receptance")
     H = np.array([[[30.0], [3e-11]], [[10.0], [1e-11]]], dtype=complex)
     loudest = np.sqrt((30.0**2 + 10.0**2) / 2.0)
-    found = shares_of(H, measured)
+    found = relative_levels(H, measured)
     assert found.ravel() == pytest.approx([1.0, np.sqrt(5.0) * 1e-11 / loudest], rel=1e-12)
-    assert shares_of(measured.values, measured).ravel() == pytest.approx([1.0, 1e-26], rel=1e-12)
-    quiet = shares_of(1e-3 * H, measured)
+    assert relative_levels(measured.values, measured).ravel() == pytest.approx(
+        [1.0, 1e-26], rel=1e-12
+    )
+    quiet = relative_levels(1e-3 * H, measured)
     assert quiet.ravel() == pytest.approx([1e-3 * loudest, np.sqrt(5.0) * 1e-14], rel=1e-12)

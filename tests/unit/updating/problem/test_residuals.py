@@ -17,8 +17,8 @@ from updyn.updating.problem.residuals import (
     EquationError,
     LogError,
     OutputError,
-    clear_of_noise,
-    with_prior,
+    add_prior,
+    noise_weights,
 )
 
 FREQ = np.linspace(1.5, 18.0, 7)
@@ -185,7 +185,7 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
     data = updyn.response(true, FREQ, ["2:X"], ["5:X"])
     problem, x = Part.build(chain12, data, unknowns), np.array([0.1, 0.08, -0.3])
     local = LogError().local(Problem.of([problem]), x)
-    joined = with_prior(local, Problem.of([problem]), x)
+    joined = add_prior(local, Problem.of([problem]), x)
     pull, weight = np.array([0.1, 0.05, -0.3]), 1 / np.array([0.2, 0.2, 2.0])
     assert joined.cost == pytest.approx(local.cost + 0.5 * np.sum((pull * weight) ** 2), rel=1e-12)
     assert joined.gradient == pytest.approx(local.gradient + pull * weight**2, rel=1e-10)
@@ -193,7 +193,7 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
         pytest.approx(local.R.T @ local.R + np.diag(weight**2), rel=1e-10) == joined.R.T @ joined.R
     )
     without = Part.build(chain12, data, bare)
-    assert with_prior(local, Problem.of([without]), x) is local
+    assert add_prior(local, Problem.of([without]), x) is local
 
 
 # -- weights of the log error ----------------------------------------------------------------------
@@ -224,14 +224,14 @@ def with_variance(part, variance):
 def test_weight_by_noise_over_level(problem, share, weight):
     """The square of a level, less nine variances, over that and 100 variances."""
     noisy = with_variance(problem, (share * np.abs(problem.frf.values)) ** 2)
-    found = LogError.clear_of_noise(noisy).weight
+    found = LogError.of_noisy_data(noisy).weight
     assert found == pytest.approx(np.full(found.shape, weight), rel=1e-9)
 
 
 def test_weights_are_those_of_each_value(problem):
     variance = np.random.default_rng(0).uniform(0.0, 4.0, problem.frf.values.shape)
     variance *= np.abs(problem.frf.values[3, 1, 0]) ** 2
-    found = clear_of_noise(problem.frf.values, variance, problem.frf)
+    found = noise_weights(problem.frf.values, variance, problem.frf)
     for at in np.ndindex(found.shape):
         size = abs(problem.frf.values[at])
         own = max(size**2 - _BIAS * variance[at], 0.0)
@@ -245,7 +245,7 @@ def test_rounding_and_zero_weigh_nothing_even_without_noise():
     values[1] = 0.0
     values[2] = [[2e-16, 1e-16], [3e-28, 1e-16]]  # a faint line, all of it real but one value
     frf = updyn.FRF([1.0, 2.0, 3.0], values, ["1:X", "2:X"], ["1:X", "2:X"], "receptance")
-    found = clear_of_noise(values, np.zeros(values.shape), frf)
+    found = noise_weights(values, np.zeros(values.shape), frf)
     expected = [[[1, 0], [1, 0]], [[0, 0], [0, 0]], [[1, 1], [0, 1]]]
     assert found == pytest.approx(np.array(expected, dtype=float), abs=1e-12)
 
@@ -254,7 +254,7 @@ def test_small_units_are_not_rounding():
     """Rotations of 1e-15 rad/N beside translations of 1 m/N are 1 of their own unit."""
     values = np.array([1.0, 1e-15])[None, :, None] * (1.0 + np.arange(4.0))[:, None, None]
     frf = updyn.FRF(1.0 + np.arange(4.0), values, ["1:X", "1:RZ"], ["1:X"], "receptance")
-    found = clear_of_noise(values, np.zeros(values.shape), frf)
+    found = noise_weights(values, np.zeros(values.shape), frf)
     assert found == pytest.approx(np.ones(values.shape))
 
 
@@ -270,7 +270,7 @@ def test_weighted_log_error_by_its_definition_and_central_differences(problem, m
     own = np.maximum(size**2 - _BIAS * (0.05 * level) ** 2, 0.0)
     weight = np.sqrt(own / (own + (0.5 * level) ** 2))
     weight[4, 0, 1] = 0.0
-    error, x, step = LogError.clear_of_noise(part), np.array([0.1, 0.06, -0.2, 0.15]), 1e-6
+    error, x, step = LogError.of_noisy_data(part), np.array([0.1, 0.06, -0.2, 0.15]), 1e-6
 
     def by_hand(x):
         ratio = part.responses(x) / np.where(values == 0.0, 1.0, values)
@@ -293,7 +293,7 @@ def test_noise_below_a_value_changes_little_and_above_it_nearly_all(problem):
     x, costs = np.array([0.1, 0.06, -0.2, 0.15]), []
     for share in (0.0, 0.01, 10.0):
         part = with_variance(problem, (share * np.abs(problem.frf.values)) ** 2)
-        costs.append(LogError.clear_of_noise(part).local(Problem.of([part]), x).cost)
+        costs.append(LogError.of_noisy_data(part).local(Problem.of([part]), x).cost)
     assert costs[0] == pytest.approx(LogError().local(Problem.of([problem]), x).cost, rel=1e-12)
     own = 1.0 - _BIAS * 1e-4
     assert costs[1] == pytest.approx(costs[0] * own / (own + 0.01), rel=1e-10)

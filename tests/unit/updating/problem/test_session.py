@@ -13,7 +13,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem import problem as problem_module
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError, LogError, OutputError
-from updyn.updating.problem.session import Recent, Session, Stopped, digest
+from updyn.updating.problem.session import RecentCache, Session, Stopped, digest
 
 
 def sent(thing):
@@ -81,18 +81,18 @@ def test_digest_tells_type_shape_and_order():
 
 
 def test_recent_forgets_the_oldest_unless_it_was_used():
-    memory = Recent(limit=2.5 * 80)
+    memory = RecentCache(limit=2.5 * 80)
     for name in "abc":
-        memory.put(name.encode(), (np.full(10, 1.0),))
+        memory.store(name.encode(), (np.full(10, 1.0),))
         memory.get(b"a")
     assert memory.get(b"b") is None
     assert memory.get(b"a") is not None
-    memory.put(b"large", (np.zeros(1000),))
+    memory.store(b"large", (np.zeros(1000),))
     assert [key for key, _ in memory.items] == [b"large"]
 
 
 def test_an_evaluation_is_made_once_and_told_apart_by_all_it_follows_from(chain12, data, unknowns):
-    problem = built(chain12, data, unknowns, memory=Recent())
+    problem = built(chain12, data, unknowns, cache=RecentCache())
     x = np.full(12, 0.05)
     first = LogError().local(Problem.of([problem]), x)
     assert LogError().local(Problem.of([problem]), x.copy()).R is first.R
@@ -104,7 +104,7 @@ def test_an_evaluation_is_made_once_and_told_apart_by_all_it_follows_from(chain1
         (problem, light, x),
         (problem, heavy, x),
         (problem, EquationError(), x),
-        (problem.thinned(20), LogError(), x),
+        (problem.thin(20), LogError(), x),
         (problem.with_data(data.select(responses=["2:X"])), LogError(), x),
     ):
         alone = replace(other, session=fresh.session)
@@ -117,7 +117,7 @@ def test_an_evaluation_is_made_once_and_told_apart_by_all_it_follows_from(chain1
 
 
 def test_what_is_remembered_cannot_be_changed(chain12, data, unknowns):
-    problem = built(chain12, data, unknowns, memory=Recent())
+    problem = built(chain12, data, unknowns, cache=RecentCache())
     H = problem.responses(np.full(12, 0.05))
     with pytest.raises(ValueError, match="read-only"):
         H[0] = 0.0
@@ -150,10 +150,10 @@ def test_lines_spread_over_workers_give_the_same_bits(
 def test_a_problem_that_is_sent_leaves_its_session_and_its_factorisations_behind(
     chain12, data, unknowns
 ):
-    problem = built(chain12, data, unknowns, memory=Recent(), engine=Remote())
+    problem = built(chain12, data, unknowns, cache=RecentCache(), engine=Remote())
     problem.responses(np.full(12, 0.05))
     there = sent(problem)
-    assert there.session.memory is None
+    assert there.session.cache is None
     assert there.session.engine.workers == 1
     assert (there.responses(np.zeros(12)) == problem.responses(np.zeros(12))).all()
 
@@ -179,7 +179,7 @@ def test_large_models_are_worth_spreading_and_long(at_once):
     problem = Part.build(model, data, updyn.parameters(model, stiffness="all"))
     assert problem.spreads != at_once
     assert not problem.is_long
-    assert problem.thinned(100).work == pytest.approx(0.1 * problem.work)
+    assert problem.thin(100).work == pytest.approx(0.1 * problem.work)
 
 
 # -- stopping --------------------------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ def test_a_stop_comes_between_blocks(chain12, data, unknowns, in_blocks):
 def test_after_a_stop_short_work_is_done_and_long_work_is_not_begun(
     chain12, data, unknowns, in_blocks, monkeypatch
 ):
-    problem = built(chain12, data, unknowns, memory=Recent())
+    problem = built(chain12, data, unknowns, cache=RecentCache())
     x = np.full(12, 0.05)
     known = LogError().local(Problem.of([problem]), x)
     problem.session.wants_stop = lambda: True
@@ -248,7 +248,7 @@ def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blo
     here = updyn.update(chain12, data, unknowns, method=method)
     there = updyn.update(chain12, data, unknowns, method=method, engine=engine)
     assert outcome(here) == outcome(there)
-    assert set(engine.functions) >= {"_block_triangle", "_responses"}
+    assert set(engine.functions) >= {"_reduce_block", "_block_responses"}
     assert (here.options["engine"], there.options["engine"]) == ("serial", "4 remote")
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import FieldSolver
-from updyn.updating.problem.problem import Block, Part
+from updyn.updating.problem.problem import LineBlock, Part
 
 __all__ = ["Alteration", "AlteredPart", "compute_log_ratio", "replace_system"]
 
@@ -29,7 +29,7 @@ class Alteration(ABC):
         """Key that distinguishes it from all others."""
 
     @abstractmethod
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
 
 
@@ -59,7 +59,7 @@ class AlteredPart(Part):
         """The part with the unaltered model."""
         return Part(*_list_field_values(self))
 
-    def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> Block:
+    def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the altered model and the data at a block of lines."""
         assert self.alteration is not None
         return self.alteration.block(self.unaltered_part, x, lines, derivatives=derivatives)

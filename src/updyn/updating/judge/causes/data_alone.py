@@ -12,6 +12,8 @@ from updyn.errors import SolverError, UpdynError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.rigid_body import RigidBody
+from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
@@ -29,12 +31,13 @@ __all__ = [
 
 def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
     """Return the data with their variance, as far as it is known before a fit."""
-    return replace(frf, variance=noise.beforehand(frf))
+    return replace(frf, variance=noise.initial_variance(frf))
 
 
 def find_data_faults(part: Part, noise: NoiseModel) -> list[Finding]:
     """Return the faults that the data of a test show without a model, the likeliest first."""
-    detections = drop_expected(detect_data_faults(with_variance(part.frf, noise)), part)
+    frf = with_variance(part.frf, noise)
+    detections = drop_expected(detect_data_faults(frf, RigidShapes.of(part)), part)
     return [make_finding(one, part.name) for one in detections]
 
 
@@ -48,10 +51,11 @@ def drop_expected(detections: Sequence[Detection], part: Part) -> list[Detection
     return found
 
 
-def detect_data_faults(frf: FRF) -> list[Detection]:
+def detect_data_faults(frf: FRF, rigid: RigidShapes | None = None) -> list[Detection]:
     """Return the faults that data with variance show without a model, the likeliest first.
 
-    Faults that another one of them can imitate are omitted. Zero data show no fault.
+    Faults that another one of them can imitate are omitted. Zero data show no fault. `rigid` are
+    the rigid-body shapes of a free model.
     """
     if not frf.values.any():
         return []
@@ -60,6 +64,8 @@ def detect_data_faults(frf: FRF) -> list[Detection]:
         cause = CAUSES[kind]
         if issubclass(cause, DataFault):
             found += cause.detect_faults(frf)
+    if rigid is not None:
+        found += RigidBody.detect_in(frf, rigid)
     imitated = {kind for one in found for kind in one.fault.imitated_kinds}
     clear = [one for one in found if one.fault.kind not in imitated]
     return sorted(clear, key=lambda one: -one.log_odds)
@@ -70,6 +76,7 @@ def drop_explained_symptoms(
     frf: FRF,
     findings: Sequence[Finding],
     thin_data: tuple[FRF, FRF],
+    rigid: RigidShapes | None = None,
 ) -> list[Detection]:
     """Return the faults that data show, except symptoms that other findings explain.
 
@@ -81,8 +88,10 @@ def drop_explained_symptoms(
         if finding.written:
             with suppress(UpdynError):  # a repair that leaves too little
                 repaired = finding.repair(repaired)
-    after = {one.fault.kind for one in detect_data_faults(repaired)}
-    before, corrected = ({one.fault.kind for one in detect_data_faults(data)} for data in thin_data)
+    after = {one.fault.kind for one in detect_data_faults(repaired, rigid)}
+    before, corrected = (
+        {one.fault.kind for one in detect_data_faults(data, rigid)} for data in thin_data
+    )
     gone = before - corrected
     symptoms = [one for one in detections if one.fault.is_symptom]
     explained = [one for one in symptoms if one.fault.kind not in after or one.fault.kind in gone]

@@ -47,7 +47,7 @@ class DeadChannel(DataFault):
         SolverError
             If the model is singular at a line.
         """
-        few = part.thinned(_LINES)
+        few = part.thin(_LINES)
         level = np.abs(few.responses(few.coordinates.home)).max(axis=0)
         mask = find_channels(self.channels, part.frf).channel_mask(part.frf)
         return bool(level[mask].max() <= _LEAST_RESPONSE * level.max())

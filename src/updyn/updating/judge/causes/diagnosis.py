@@ -44,6 +44,7 @@ from updyn.updating.judge.causes.ranking import (
     rank_faults,
 )
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
+from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import (
     LARGEST_CORRELATION,
@@ -110,7 +111,7 @@ def find_obstacle(part: Part, noise: NoiseModel) -> str:
     """
     if part.n_lines < _FEWEST:
         return f"causes were not searched for, because {part.n_lines} lines are too few"
-    clear = np.abs(part.frf.values) > NOISE_LIMIT * np.sqrt(noise.beforehand(part.frf))
+    clear = np.abs(part.frf.values) > NOISE_LIMIT * np.sqrt(noise.initial_variance(part.frf))
     n_clear = int(clear.any(axis=(1, 2)).sum())
     if n_clear < _FEWEST:
         lines = f"{part.n_lines - n_clear} of {part.n_lines} lines"
@@ -130,7 +131,8 @@ def find_causes(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> 
         If the model cannot be reduced.
     """
     frf = with_variance(part.frf, noise)
-    detections = drop_expected(detect_data_faults(frf), part)
+    rigid = RigidShapes.of(part)
+    detections = drop_expected(detect_data_faults(frf, rigid), part)
     for one in detections:
         if one.fault.repair_text:
             frf = one.fault.repair(frf)
@@ -138,7 +140,7 @@ def find_causes(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> 
     whole = part.with_data(frf)
     if find_obstacle(whole, noise):
         return stated
-    part, held = free_held_quantities(whole.thinned(_LINES))
+    part, held = free_held_quantities(whole.thin(_LINES))
     trial_models = choose_trial_models(part)
     known = [np.concatenate([x, held]) for x in points]
     explained = _explain_data(part, whole, trial_models, known, stated, noise)
@@ -155,7 +157,9 @@ def find_causes(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> 
         # Model and data differ too much for the likeliest fault to be meaningful.
         return stated + _try_other_units(part, remaining)
     corrected = _restrict_weights(explained.part.frf, part.frf)
-    reported = drop_explained_symptoms(detections, frf, explained.findings, (part.frf, corrected))
+    reported = drop_explained_symptoms(
+        detections, frf, explained.findings, (part.frf, corrected), rigid
+    )
     return [make_finding(one, part.name) for one in reported] + list(explained.findings)
 
 
@@ -219,7 +223,7 @@ def _try_other_units(part: Part, without: Trial) -> list[Finding]:
     begin = raise_loss_factors(part, part.coordinates.home)
     first: list[tuple[float, ModelUnit]] = []
     for fault in ModelUnit.list_mistakes():
-        converted = part.with_data(fault.convert_data(part.frf)).thinned(_FEWEST)
+        converted = part.with_data(fault.convert_data(part.frf)).thin(_FEWEST)
         with suppress(SolverError):
             misfit = compute_log_misfit(converted.responses(begin), converted.frf)[0]
             first.append((float(np.mean(np.abs(misfit) ** 2)), fault))

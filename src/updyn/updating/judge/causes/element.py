@@ -22,7 +22,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.altered import Alteration
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
-from updyn.updating.problem.problem import Block, Part
+from updyn.updating.problem.problem import LineBlock, Part
 
 __all__ = ["AddedElement", "MeasuredDofs", "Receptances"]
 
@@ -71,7 +71,7 @@ class AddedElement(Alteration):
         """Return the dynamic stiffness of an element of size 1, shape (n_f,)."""
         return np.asarray((1.0 + 1j * self.loss) * s ** _POWERS[self.quantity])
 
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the model with the element and the data of a part at a block of lines."""
         frf, s = part.frf, part.frf.s[lines]
         own = part.solver.system.dofs.match(list(self.labels)).index
@@ -98,7 +98,7 @@ class AddedElement(Alteration):
         gains = Gains.find(part.coordinates.parameters, frf) if part.as_read else None
         if gains is not None:
             gains.apply(x, altered, dH)
-        return Block(lines, altered, dH, frf.values[lines])
+        return LineBlock(lines, altered, dH, frf.values[lines])
 
     def _effective_stiffness(self, within: _Complex, s: _Complex) -> _Complex:
         """Return (1 / D + U^T H U)^-1, shape (n_f, k, k)."""

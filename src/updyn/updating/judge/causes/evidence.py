@@ -137,7 +137,9 @@ class Evidence:
         there = part.with_data(blank)
 
         def compute() -> Record:
-            found = list(there.each(_solve_block, [(self.x, lines) for lines in there.partition()]))
+            found = list(
+                there.map_lines(_solve_block, [(self.x, lines) for lines in there.partition()])
+            )
             return tuple(
                 np.concatenate(one, axis=i) for i, one in enumerate(zip(*found, strict=True))
             )

@@ -26,7 +26,7 @@ from updyn.updating.judge.causes.missing_element import list_directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import Block, Part
+from updyn.updating.problem.problem import LineBlock, Part
 
 __all__ = ["LossOverFrequency", "LossPower"]
 
@@ -124,7 +124,7 @@ class LossPower(Alteration):
         )
         return np.asarray((high - low) / (2.0 * _STEP))
 
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
         return self.alter_part(part).block(x, lines, derivatives=derivatives)
 

@@ -47,7 +47,7 @@ def select_variants(
     faults = [WrongAxes(one.variant.groups, 0.0, one, len(others)) for one in others]
     if not faults or _is_needless(without, faults[0].prior):
         return []
-    few = part.thinned(_LINES)
+    few = part.thin(_LINES)
     found: list[tuple[float, WrongAxes]] = []
     for fault, one in zip(faults, others, strict=True):
         part.session.check(often=True)

@@ -14,7 +14,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.sensitivity import Unknowns
 from updyn.updating.judge.causes.altered import Alteration, AlteredPart, replace_system
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import Block, Part
+from updyn.updating.problem.problem import LineBlock, Part
 
 __all__ = [
     "ALL",
@@ -83,7 +83,7 @@ class RayleighIncrement(Alteration):
         larger = replace(system, start=replace(system.start, rate=rate))
         return replace(part, solver=replace_system(part, larger))
 
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
         return self.alter_part(part).block(x, lines, derivatives=derivatives)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.problem.noise.neighbours import scatter
+from updyn.updating.problem.noise.neighbours import estimate_scatter
 
 __all__ = ["Square"]
 
@@ -59,7 +59,7 @@ class Square:
         columns = np.array([references[label] for label in labels], dtype=np.intp)
         sign = np.multiply.outer(frf.responses.signs[rows], frf.references.signs[columns])
         at = np.ix_(np.arange(len(frf.freq)), rows, columns)
-        variance = scatter(frf)[at]
+        variance = estimate_scatter(frf)[at]
         if frf.variance is not None:
             variance = np.maximum(variance, frf.variance[at])
         values, noise = frf.values[at] * sign, np.sqrt(variance)

@@ -49,7 +49,7 @@ __all__ = [
     "average",
     "choose_noise",
     "level_by_unit",
-    "noise_of_record",
+    "restore_noise",
 ]
 
 NoiseChoice: TypeAlias = "str | Mapping[str, float | str] | None"
@@ -89,7 +89,7 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
         If a name or key is not known, a number is not usable, or the data lack the required field.
     """
     if not isinstance(noise, Mapping):
-        return _sourced(noise, frf)
+        return _choose_source(noise, frf)
     for key in noise:
         if key not in _KEYS:
             raise OptionError(
@@ -110,16 +110,16 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
         )
     tails = np.inf if robust is None else FREEDOM
     stated = numbers or not (robust or "source" in noise)
-    made = _stated(numbers) if stated else _sourced(noise.get("source"), frf, tails)
-    return made if robust is None else Robust(made)
+    model = _make_stated(numbers) if stated else _choose_source(noise.get("source"), frf, tails)
+    return model if robust is None else Robust(model)
 
 
-def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
+def _choose_source(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
     if source is None:
         source = "estimated"
-        if Variance.tells(frf):
+        if Variance.is_informative(frf):
             source = "variance"
-        elif Coherence.tells(frf):
+        elif Coherence.is_informative(frf):
             source = "coherence"
     if source not in NOISE_MODELS:
         raise OptionError(
@@ -133,7 +133,7 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
     return model.of_data(frf, tails)
 
 
-def _stated(noise: Mapping[str, Any]) -> Stated:
+def _make_stated(noise: Mapping[str, Any]) -> Stated:
     usable: dict[str, float] = {}
     for key, value in noise.items():
         if not is_number(value) or not 0.0 <= value < np.inf:
@@ -151,19 +151,19 @@ def _stated(noise: Mapping[str, Any]) -> Stated:
     return stated
 
 
-def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
+def restore_noise(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
     """Return the noise model of a result's record with fixed numbers."""
     base: NoiseModel
     if "relative_by_channel" in record:
-        base = _by_channel_of(record, frf)
+        base = _restore_by_channel(record, frf)
     elif record.get("kind") in NOISE_MODELS and "relative" not in record:
-        base = _sourced(record["kind"], frf)
+        base = _choose_source(record["kind"], frf)
     else:
         base = Stated(float(record.get("relative", 0.0)), float(record.get("floor", 0.0)))
     return Robust(base) if record.get("robust") == Robust.name else base
 
 
-def _by_channel_of(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
+def _restore_by_channel(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
     """Return the noise by channel of a record."""
     relative, floor = record["relative_by_channel"], record["floor_by_channel"]
     names = tuple(frf.responses.labels)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.problem.noise.known import NoiseModel, Wrapping
+from updyn.updating.problem.noise.known import NoiseModel, WrappedNoise
 
 __all__ = ["Approximate"]
 
@@ -18,11 +18,11 @@ _Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Approximate(Wrapping):
+class Approximate(WrappedNoise):
     """Noise plus the known error of an approximate model.
 
-    The error is included in the variance before a fit (`beforehand`), which weights a search. The
-    noise itself, which a fit with a better model uses, is unchanged.
+    The error is included in the variance before a fit (`initial_variance`), which weights a search.
+    The noise itself, which a fit with a better model uses, is unchanged.
 
     Parameters
     ----------
@@ -40,10 +40,10 @@ class Approximate(Wrapping):
         """Whether the variance of the noise is known absolutely."""
         return self.base.scale_known
 
-    def beforehand(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> _Real:
         """Return E|dH|^2 of noise and model error before a fit, shape (n_f, n_i, n_j)."""
         level = np.abs(frf.values).max(axis=(1, 2), keepdims=True)
-        return np.asarray(self.base.beforehand(frf) + (self.share * level) ** 2)
+        return np.asarray(self.base.initial_variance(frf) + (self.share * level) ** 2)
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 of the noise, shape (n_f, n_i, n_j)."""

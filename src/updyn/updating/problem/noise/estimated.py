@@ -16,16 +16,16 @@ from updyn.updating.problem.noise.known import (
     NoiseModel,
     Stated,
     level_by_unit,
-    two_part,
+    two_part_variance,
 )
-from updyn.updating.problem.noise.neighbours import WINDOW, scatter
+from updyn.updating.problem.noise.neighbours import WINDOW, estimate_scatter
 
 __all__ = [
     "FEW",
     "Estimated",
     "EstimatedByChannel",
+    "fit_two_numbers",
     "ratio_range",
-    "two_numbers",
 ]
 
 _Real = NDArray[np.float64]
@@ -62,10 +62,10 @@ class Estimated(NoiseModel):
         Relative noise and floor; nan before the first residual.
     tails : float
         Degrees of freedom of Student's distribution for the likelihood; inf: Gaussian.
-    lowest : float
+    common_floor : float
         Floor from the scatter of neighbouring lines, known before any residual.
-    own : tuple of (str, float)
-        Such floors of the responses whose lines contradict `lowest`.
+    own_floors : tuple of (str, float)
+        Such floors of the responses whose lines contradict `common_floor`.
     spare : int, optional
         Degrees of freedom, if there were few.
     """
@@ -73,8 +73,8 @@ class Estimated(NoiseModel):
     relative: float = np.nan
     floor: float = np.nan
     tails: float = np.inf
-    lowest: float = 0.0
-    own: Floors = ()
+    common_floor: float = 0.0
+    own_floors: Floors = ()
     spare: int | None = None
     kind: ClassVar[str] = "estimated from the residual"
     source: ClassVar[str] = "estimated"
@@ -82,27 +82,29 @@ class Estimated(NoiseModel):
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
         """Return the model before the first residual."""
-        lowest = floor_of_lines(frf)
-        return cls(tails=tails, lowest=lowest, own=own_floors(frf, lowest))
+        common_floor = estimate_floor(frf)
+        return cls(
+            tails=tails, common_floor=common_floor, own_floors=find_own_floors(frf, common_floor)
+        )
 
-    def beforehand(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> _Real:
         """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
-        return _seen_beforehand(self.lowest, self.own, frf)
+        return _squared_floors(self.common_floor, self.own_floors, frf)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
-        return two_part(self.relative, self.floor, H, level_by_unit(frf))
+        return two_part_variance(self.relative, self.floor, H, level_by_unit(frf))
 
     def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
         """Return the model estimated from frf - H, or `Assumed` without degrees of freedom."""
-        residual = _Residual.of(H, frf)
+        residual = _NoiseResidual.of(H, frf)
         freedom = 2 * residual.n_values - n_parameters
         if freedom <= 0:
             return Assumed(**ASSUMED)
         if freedom < FEW:
-            relative, floor = residual.one_scale(freedom)
+            relative, floor = residual.fit_scale(freedom)
             return replace(self, relative=relative, floor=floor, spare=freedom)
-        relative, floor = residual.two_numbers(freedom, self.tails)
+        relative, floor = residual.fit_two_numbers(freedom, self.tails)
         return replace(self, relative=relative, floor=floor, spare=None)
 
     def figures(self) -> dict[str, Any]:
@@ -112,14 +114,14 @@ class Estimated(NoiseModel):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Residual:
+class _NoiseResidual:
     """A residual for the estimation of noise; all arrays have the shape (n_f, n_i, n_j).
 
     Parameters
     ----------
     size, level, squared : ndarray of float
-        As for `two_numbers`.
-    seen : ndarray of bool
+        As for `fit_two_numbers`.
+    is_nonzero : ndarray of bool
         Values that are not zero in both the model and the data. A zero response, as of symmetry,
         carries no information on the noise.
     """
@@ -127,36 +129,40 @@ class _Residual:
     size: _Real
     level: _Real
     squared: _Real
-    seen: NDArray[np.bool_]
+    is_nonzero: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, H: NDArray[np.complex128], frf: FRF) -> _Residual:
+    def of(cls, H: NDArray[np.complex128], frf: FRF) -> _NoiseResidual:
         level = np.broadcast_to(level_by_unit(frf), H.shape)
-        seen = np.maximum(np.abs(H), np.abs(frf.values)) > SMALLEST * level
-        return cls(np.abs(H), level, np.abs(frf.values - H) ** 2, seen)
+        is_nonzero = np.maximum(np.abs(H), np.abs(frf.values)) > SMALLEST * level
+        return cls(np.abs(H), level, np.abs(frf.values - H) ** 2, is_nonzero)
 
     @property
     def n_values(self) -> int:
         """Number of values that are used."""
-        return int(np.count_nonzero(self.seen))
+        return int(np.count_nonzero(self.is_nonzero))
 
-    def of_response(self, i: int) -> _Residual:
+    def of_response(self, i: int) -> _NoiseResidual:
         """Return the residual of one response."""
-        return _Residual(self.size[:, i], self.level[:, i], self.squared[:, i], self.seen[:, i])
+        return _NoiseResidual(
+            self.size[:, i], self.level[:, i], self.squared[:, i], self.is_nonzero[:, i]
+        )
 
-    def two_numbers(self, freedom: float, tails: float) -> tuple[float, float]:
+    def fit_two_numbers(self, freedom: float, tails: float) -> tuple[float, float]:
         """Return relative noise and floor for a residual with `freedom` degrees of freedom."""
         if self.n_values == 0:
             return SMALLEST, SMALLEST
-        squared = self.squared[self.seen] * (2 * self.n_values / freedom)
-        return two_numbers(self.size[self.seen], self.level[self.seen], squared, tails)
+        squared = self.squared[self.is_nonzero] * (2 * self.n_values / freedom)
+        return fit_two_numbers(
+            self.size[self.is_nonzero], self.level[self.is_nonzero], squared, tails
+        )
 
-    def one_scale(self, freedom: float) -> tuple[float, float]:
+    def fit_scale(self, freedom: float) -> tuple[float, float]:
         """Return relative noise and floor at the middle of their `ratio_range`."""
         if self.n_values == 0:
             return SMALLEST, SMALLEST
-        size, level = self.size[self.seen], self.level[self.seen]
-        squared = self.squared[self.seen] * (2 * self.n_values / freedom)
+        size, level = self.size[self.is_nonzero], self.level[self.is_nonzero]
+        squared = self.squared[self.is_nonzero] * (2 * self.n_values / freedom)
         ratio = np.exp(np.mean(ratio_range(size, level)))
         shape = (ratio * size) ** 2 + level**2
         floor = np.sqrt(np.mean(squared / shape))
@@ -172,7 +178,7 @@ def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
     return -float(over.max()), -float(over.min())
 
 
-def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
+def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
     """Return the relative noise and floor of maximum likelihood; relative noise is at most 1.
 
     `size` is |H| of the model, `level` that to which the floor is relative, and `squared` the
@@ -187,21 +193,20 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
     stride = max(1, size.size // _SAMPLES)
     size, level = size.ravel()[::stride], level.ravel()[::stride]
     squared = squared.ravel()[::stride]
-    found = _gaussian(size, level, squared)
+    found = _fit_gaussian(size, level, squared)
     if np.isfinite(tails):
 
-        def unlikely(logs: NDArray[Any]) -> float:
+        def cost(logs: NDArray[Any]) -> float:
             v = _variance(logs, size, level)
-            return float(np.mean(_surprise(squared, v, tails)))
+            return float(np.mean(_student_cost(squared, v, tails)))
 
         # Outliers bias the Gaussian estimate; start also from an estimate with the smaller half of
         # the residuals.
-        kept = squared <= np.median(squared / level**2) * level**2
-        tries = [found, _gaussian(size[kept], level[kept], squared[kept])]
+        is_small = squared <= np.median(squared / level**2) * level**2
+        tries = [found, _fit_gaussian(size[is_small], level[is_small], squared[is_small])]
         options = {"xatol": 1e-3, "fatol": 1e-6}
         minima = [
-            minimize(unlikely, np.log(start), method="Nelder-Mead", options=options)
-            for start in tries
+            minimize(cost, np.log(start), method="Nelder-Mead", options=options) for start in tries
         ]
         found = np.exp(min(minima, key=lambda minimum: float(minimum.fun)).x)
     a, b = np.clip(found, *np.exp(_RANGE))
@@ -214,7 +219,7 @@ def _variance(logs: NDArray[Any], size: _Real, level: _Real) -> _Real:
     return np.asarray((a * size) ** 2 + (b * level) ** 2)
 
 
-def _surprise(squared: _Real, variance: _Real, tails: float) -> _Real:
+def _student_cost(squared: _Real, variance: _Real, tails: float) -> _Real:
     """Return the negative logarithm of Student's density of each value, up to a constant."""
     far = np.log1p(2.0 / tails * squared / variance)
     return np.asarray(np.log(variance) + (0.5 * tails + 1.0) * far)
@@ -230,7 +235,7 @@ _SHRUNK = 0.84129
 _FEWEST_LINES = 20
 
 
-def floor_of_lines(frf: FRF) -> float:
+def estimate_floor(frf: FRF) -> float:
     """Return the noise floor, as a share of the rms of its unit, from neighbouring lines.
 
     The scatter about a local polynomial is noise if lines are dense; otherwise it also contains the
@@ -240,11 +245,11 @@ def floor_of_lines(frf: FRF) -> float:
     """
     if len(frf.freq) < _FEWEST_LINES:
         return 0.0
-    squared = scatter(frf)
+    squared = estimate_scatter(frf)
     level = np.broadcast_to(level_by_unit(frf), squared.shape)
     if not squared.any():
         return 0.0
-    return two_numbers(np.abs(frf.values), level, squared, _WILD)[1] / _SHRUNK
+    return fit_two_numbers(np.abs(frf.values), level, squared, _WILD)[1] / _SHRUNK
 
 
 #: Largest number of values of a response in the estimate of its floor; log of the odds against the
@@ -252,7 +257,7 @@ def floor_of_lines(frf: FRF) -> float:
 _SAMPLES_OF_ONE, _CONTRADICTS = 2_000, float(np.log(100.0))
 
 
-def own_floors(frf: FRF, common: float) -> Floors:
+def find_own_floors(frf: FRF, common: float) -> Floors:
     """Return the floors of the responses whose lines contradict the common floor.
 
     Sensors of another type or range have another floor. A response has its own floor if its lines
@@ -261,44 +266,46 @@ def own_floors(frf: FRF, common: float) -> Floors:
     """
     if len(frf.freq) < _FEWEST_LINES or len(frf.responses) < 2:
         return ()
-    squared = scatter(frf)
+    squared = estimate_scatter(frf)
     level = np.broadcast_to(level_by_unit(frf), squared.shape)
     found = []
     for i, label in enumerate(frf.responses.labels):
         n_values = squared[:, i].size
         stride = max(1, n_values // _SAMPLES_OF_ONE)
-        size, share, own = (
+        size, share, squared_of_response = (
             one[:, i].ravel()[::stride] for one in (np.abs(frf.values), level, squared)
         )
-        if not own.any():
+        if not squared_of_response.any():
             continue
-        floor, gain = _own_floor(size, share, own, common * _SHRUNK)
+        floor, gain = _estimate_own_floor(size, share, squared_of_response, common * _SHRUNK)
         if gain * n_values / WINDOW > _CONTRADICTS:
             found.append((label, floor / _SHRUNK))
     return tuple(found)
 
 
-def _own_floor(size: _Real, level: _Real, squared: _Real, common: float) -> tuple[float, float]:
+def _estimate_own_floor(
+    size: _Real, level: _Real, squared: _Real, common: float
+) -> tuple[float, float]:
     """Return the floor of a response and its mean gain in log-likelihood per value."""
     from scipy.optimize import minimize_scalar
 
-    def unlikely(log_relative: float, floor: float) -> float:
+    def cost(log_relative: float, floor: float) -> float:
         logs = np.array([log_relative, np.log(max(floor, SMALLEST))])
-        return float(np.mean(_surprise(squared, _variance(logs, size, level), _WILD)))
+        return float(np.mean(_student_cost(squared, _variance(logs, size, level), _WILD)))
 
-    relative, floor = two_numbers(size, level, squared, _WILD)
-    best = minimize_scalar(unlikely, bounds=_RANGE, method="bounded", args=(common,))
-    return floor, float(best.fun) - unlikely(np.log(relative), floor)
+    relative, floor = fit_two_numbers(size, level, squared, _WILD)
+    best = minimize_scalar(cost, bounds=_RANGE, method="bounded", args=(common,))
+    return floor, float(best.fun) - cost(np.log(relative), floor)
 
 
-def _seen_beforehand(lowest: float, own: Floors, frf: FRF) -> _Real:
+def _squared_floors(common_floor: float, own_floors: Floors, frf: FRF) -> _Real:
     """Return the squared floors of the responses, shape (n_f, n_i, n_j)."""
-    known = dict(own)
-    floors = np.array([known.get(label, lowest) for label in frf.responses.labels])
-    return two_part(0.0, floors[:, None], frf.values, level_by_unit(frf))
+    known = dict(own_floors)
+    floors = np.array([known.get(label, common_floor) for label in frf.responses.labels])
+    return two_part_variance(0.0, floors[:, None], frf.values, level_by_unit(frf))
 
 
-def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
+def _fit_gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
     """Return relative noise and floor of maximum Gaussian likelihood, shape (2,)."""
     from scipy.optimize import minimize_scalar
 
@@ -306,7 +313,7 @@ def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
         shape = (np.exp(log_ratio) * size) ** 2 + level**2
         return shape, max(float(np.mean(squared / shape)), SMALLEST**2)
 
-    def unlikely(log_ratio: float) -> float:
+    def cost(log_ratio: float) -> float:
         shape, floor = scale(log_ratio)
         return float(np.mean(np.log(shape)) + np.log(floor))
 
@@ -316,10 +323,10 @@ def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
     # value to a floor of a thousandth of the relative part at the smallest value.
     low, high = ratio_range(size, level)
     grid = np.linspace(low - _FAR, high + _FAR, _RATIOS)
-    best = int(np.argmin([unlikely(ratio) for ratio in grid]))
-    between = grid[max(best - 1, 0)], grid[min(best + 1, _RATIOS - 1)]
+    best = int(np.argmin([cost(ratio) for ratio in grid]))
+    bracket = grid[max(best - 1, 0)], grid[min(best + 1, _RATIOS - 1)]
     options = {"xatol": 1e-4}
-    ratio = float(minimize_scalar(unlikely, bounds=between, method="bounded", options=options).x)
+    ratio = float(minimize_scalar(cost, bounds=bracket, method="bounded", options=options).x)
     floor = np.sqrt(scale(ratio)[1])
     return np.asarray(np.clip([np.exp(ratio) * floor, floor], *np.exp(_RANGE)))
 
@@ -343,10 +350,10 @@ class EstimatedByChannel(NoiseModel):
         Labels of these responses.
     held : bool
         Whether the numbers are fixed.
-    lowest : float
+    common_floor : float
         Common floor from the scatter of neighbouring lines, known before any residual.
-    own : tuple of (str, float)
-        Such floors of the responses whose lines contradict `lowest`.
+    own_floors : tuple of (str, float)
+        Such floors of the responses whose lines contradict `common_floor`.
     """
 
     tails: float = np.inf
@@ -354,26 +361,28 @@ class EstimatedByChannel(NoiseModel):
     floor: _Real | None = None
     names: tuple[str, ...] = ()
     held: bool = False
-    lowest: float = 0.0
-    own: Floors = ()
+    common_floor: float = 0.0
+    own_floors: Floors = ()
     kind: ClassVar[str] = "estimated from the residual, channel by channel"
     source: ClassVar[str] = "estimated"
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
         """Return the model before the first residual."""
-        lowest = floor_of_lines(frf)
-        return cls(tails=tails, lowest=lowest, own=own_floors(frf, lowest))
+        common_floor = estimate_floor(frf)
+        return cls(
+            tails=tails, common_floor=common_floor, own_floors=find_own_floors(frf, common_floor)
+        )
 
-    def beforehand(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> _Real:
         """Return the square of the floor of neighbouring lines, shape (n_f, n_i, n_j)."""
-        return _seen_beforehand(self.lowest, self.own, frf)
+        return _squared_floors(self.common_floor, self.own_floors, frf)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         if self.relative is None or self.floor is None:
             return Stated(**ASSUMED).variance(H, frf)
-        return two_part(self.relative[:, None], self.floor[:, None], H, level_by_unit(frf))
+        return two_part_variance(self.relative[:, None], self.floor[:, None], H, level_by_unit(frf))
 
     def refit(
         self, H: NDArray[np.complex128], frf: FRF, n_parameters: int
@@ -381,13 +390,15 @@ class EstimatedByChannel(NoiseModel):
         """Return the model estimated by response, or with common numbers if values are few."""
         if self.held:
             return self
-        residual = _Residual.of(H, frf)
+        residual = _NoiseResidual.of(H, frf)
         freedom = 2 * residual.n_values - n_parameters
         if freedom <= 0 or H[:, 0].size < _ENOUGH:
             return Estimated(tails=self.tails).refit(H, frf, n_parameters)
         share = freedom / residual.n_values
         channels = [residual.of_response(i) for i in range(H.shape[1])]
-        found = np.array([one.two_numbers(share * one.n_values, self.tails) for one in channels])
+        found = np.array(
+            [one.fit_two_numbers(share * one.n_values, self.tails) for one in channels]
+        )
         return replace(
             self, relative=found[:, 0], floor=found[:, 1], names=tuple(frf.responses.labels)
         )

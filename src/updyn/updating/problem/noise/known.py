@@ -19,14 +19,14 @@ __all__ = [
     "Assumed",
     "Coherence",
     "NoiseModel",
+    "SmoothVariance",
     "Stated",
-    "Steady",
     "Variance",
-    "Wrapping",
+    "WrappedNoise",
     "level_by_unit",
     "level_of_units",
-    "steady",
-    "two_part",
+    "smooth_variance",
+    "two_part_variance",
     "unit_kinds",
 ]
 
@@ -114,7 +114,7 @@ class NoiseModel(ABC):
             The data.
         """
 
-    def beforehand(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> _Real:
         """Return E|dH|^2 as far as it is known before a fit, shape (n_f, n_i, n_j)."""
         return self.variance(frf.values, frf)
 
@@ -164,7 +164,7 @@ class NoiseModel(ABC):
         return {}
 
 
-class Wrapping(NoiseModel):
+class WrappedNoise(NoiseModel):
     """Base class of the noise models that modify another noise model.
 
     Attributes
@@ -192,9 +192,9 @@ class Wrapping(NoiseModel):
         """Whether the base model gives less weight to outliers."""
         return self.base.heavy_tails
 
-    def beforehand(self, frf: FRF) -> _Real:
+    def initial_variance(self, frf: FRF) -> _Real:
         """Return the base model's E|dH|^2 before a fit, shape (n_f, n_i, n_j)."""
-        return self.base.beforehand(frf)
+        return self.base.initial_variance(frf)
 
 
 def level_by_unit(frf: FRF) -> _Real:
@@ -218,7 +218,9 @@ def level_of_units(squared: _Real, responses: DofSet, references: DofSet) -> _Re
     return np.asarray(np.maximum(level, np.finfo(float).tiny ** 0.25))
 
 
-def two_part(relative: float | _Real, floor: float | _Real, H: _Complex, level: _Real) -> _Real:
+def two_part_variance(
+    relative: float | _Real, floor: float | _Real, H: _Complex, level: _Real
+) -> _Real:
     """Return (relative |H|)^2 + (floor level)^2, shape (n_f, n_i, n_j)."""
     return np.asarray((relative * np.abs(H)) ** 2 + (np.maximum(floor, SMALLEST) * level) ** 2)
 
@@ -242,7 +244,7 @@ class Stated(NoiseModel):
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
-        return two_part(self.relative, self.floor, H, level_by_unit(frf))
+        return two_part_variance(self.relative, self.floor, H, level_by_unit(frf))
 
     def figures(self) -> dict[str, Any]:
         """Return the relative noise and the floor."""
@@ -268,14 +270,14 @@ class Variance(NoiseModel):
     needs: ClassVar[str] = "variance"
 
     @classmethod
-    def tells(cls, frf: FRF) -> bool:
+    def is_informative(cls, frf: FRF) -> bool:
         """Return whether the data have a variance other than zero."""
         return frf.variance is not None and bool(frf.variance.any())
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Variance:
         """Return the noise model for the data of a fit; raise if the variance is zero."""
-        if not cls.tells(frf):
+        if not cls.is_informative(frf):
             raise OptionError(
                 "noise 'variance': that of the data is zero everywhere; it says nothing",
                 key=("noise",),
@@ -303,26 +305,26 @@ class Coherence(NoiseModel):
     itself is biased (Carter, Knapp & Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337), and
     independently of the error of H_X. With the model's |H| instead of |H_X|, the variance would be
     nearly zero at an antiresonance, where |H_X| and hence gamma^2 consist mostly of noise. The
-    estimate has n - 1 degrees of freedom, too few for a weight; `steady` smooths it.
+    estimate has n - 1 degrees of freedom, too few for a weight; `smooth_variance` smooths it.
 
     Parameters
     ----------
     scale_known : bool
         Whether the number of averages is known.
     freq : ndarray of float, shape (n_f,), optional
-        Lines of `learnt` in Hz.
-    learnt : Steady, optional
+        Lines of `smoothed` in Hz.
+    smoothed : SmoothVariance, optional
         Smoothed variance at these lines. If None, it is computed from the data of each call.
     """
 
     scale_known: bool
     freq: NDArray[np.float64] | None = None
-    learnt: Steady | None = None
+    smoothed: SmoothVariance | None = None
     kind: ClassVar[str] = "coherence"
     needs: ClassVar[str] = "coherence"
 
     @classmethod
-    def tells(cls, frf: FRF) -> bool:
+    def is_informative(cls, frf: FRF) -> bool:
         """Return whether the data have a coherence that carries information on the noise.
 
         The coherence of a single average is 1 for any noise; so is a constant that was filled in.
@@ -334,34 +336,34 @@ class Coherence(NoiseModel):
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Coherence:
         """Return the model with the variance of all lines of `frf`, for these or some of them."""
-        if not cls.tells(frf):
+        if not cls.is_informative(frf):
             single = "of a single average" if frf.averages == 1 else "of the data"
             raise OptionError(
                 f"noise 'coherence': that {single} is 1 whatever the noise; it says nothing",
                 key=("noise",),
             )
-        return cls(frf.averages is not None, frf.freq, _learn(frf))
+        return cls(frf.averages is not None, frf.freq, _smooth_coherence(frf))
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         if (
             self.freq is not None
-            and self.learnt is not None
-            and self.learnt.floor.shape[1:] == H.shape[1:]
+            and self.smoothed is not None
+            and self.smoothed.floor.shape[1:] == H.shape[1:]
         ):
             at = np.searchsorted(self.freq, frf.freq)
             if at[-1] < len(self.freq) and (self.freq[at] == frf.freq).all():
-                return self.learnt.at(np.abs(H), at)
-        return _learn(frf).at(np.abs(H))
+                return self.smoothed.at(np.abs(H), at)
+        return _smooth_coherence(frf).at(np.abs(H))
 
 
-def _learn(frf: FRF) -> Steady:
+def _smooth_coherence(frf: FRF) -> SmoothVariance:
     assert frf.coherence is not None
     gamma2 = np.clip(frf.coherence, 1e-6, 1.0)
     size = np.abs(frf.values)
     share = (1.0 - gamma2) / (gamma2 * max((frf.averages or 2) - 1, 1))
     least = (1e-4 * size) ** 2 + (1e-6 * level_by_unit(frf)) ** 2
-    return steady(size**2 * share + least, size, max((frf.averages or _USUAL) - 1, 1))
+    return smooth_variance(size**2 * share + least, size, max((frf.averages or _USUAL) - 1, 1))
 
 
 #: Degrees of freedom of a smoothed variance.
@@ -377,7 +379,7 @@ _KNOTS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Steady:
+class SmoothVariance:
     """A smooth variance, floor + relative |H|^2.
 
     Attributes
@@ -396,7 +398,7 @@ class Steady:
         return np.asarray(self.floor[lines] + self.relative[lines] * size**2)
 
 
-def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
+def smooth_variance(variance: _Real, size: _Real, freedom: int) -> SmoothVariance:
     """Smooth variance estimates with a chi-square distribution along the lines.
 
     `variance` and `size` = |H_X| have the shape (n_f, ...). The estimates are above 0, independent
@@ -416,18 +418,18 @@ def steady(variance: _Real, size: _Real, freedom: int) -> Steady:
     from scipy.ndimage import uniform_filter1d
 
     width = min(-(-_FREEDOM // freedom), len(variance) // 4) // 2 * 2 + 1
-    floor, relative = _parts(variance, size, freedom, max(width, 7))
+    floor, relative = _fit_two_parts(variance, size, freedom, max(width, 7))
     ratio = variance / (floor + relative * size**2)
-    usual = _usual(ratio, max(width, 7))
-    share = uniform_filter1d(usual.astype(float), width, axis=0, mode="reflect")
-    total = uniform_filter1d(np.where(usual, ratio, 0.0), width, axis=0, mode="reflect")
-    smooth = np.where(usual, total / np.maximum(share, 1e-9), ratio)
-    rests_on = np.where(usual, np.maximum(share * width, 1.0), 1.0) * freedom
-    smooth *= rests_on / np.maximum(rests_on - 1.0, 0.5)
-    return Steady(floor * smooth, relative * smooth)
+    is_usual = _is_near_median(ratio, max(width, 7))
+    share = uniform_filter1d(is_usual.astype(float), width, axis=0, mode="reflect")
+    total = uniform_filter1d(np.where(is_usual, ratio, 0.0), width, axis=0, mode="reflect")
+    smooth = np.where(is_usual, total / np.maximum(share, 1e-9), ratio)
+    n_values = np.where(is_usual, np.maximum(share * width, 1.0), 1.0) * freedom
+    smooth *= n_values / np.maximum(n_values - 1.0, 0.5)
+    return SmoothVariance(floor * smooth, relative * smooth)
 
 
-def _usual(ratio: _Real, width: int) -> NDArray[np.bool_]:
+def _is_near_median(ratio: _Real, width: int) -> NDArray[np.bool_]:
     """Return which ratios, shape (n_f, ...), are not far above the median of nearby lines."""
     from scipy.ndimage import median_filter
 
@@ -435,20 +437,20 @@ def _usual(ratio: _Real, width: int) -> NDArray[np.bool_]:
     return np.asarray(ratio <= _APART * around)
 
 
-def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Real, _Real]:
+def _fit_two_parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Real, _Real]:
     """Return the floor and the relative part of the variance, both of shape (n_f, ...)."""
     n_f, channels = len(variance), variance.shape[1:]
     knots = int(np.clip(n_f * freedom // _FREEDOM, 1, _KNOTS))
-    hats = _hats(n_f, knots)
+    hats = _hat_functions(n_f, knots)
     v = variance.reshape(n_f, int(np.prod(channels)))
     s = np.maximum(size.reshape(v.shape), np.finfo(float).tiny ** 0.25) ** 2
     level = s.mean(axis=0)
     s = s / level
     floor = np.tile(np.median(v, axis=0), (knots, 1))
     relative = np.tile(np.median(v / s, axis=0), (knots, 1))
-    usual = _usual(v / (floor[0] + relative[0] * s), width)
-    every = slice(None, None, -(-n_f // _SAMPLES))
-    v, s, hat, counts = v[every], s[every], hats[every], usual[every].astype(float)
+    is_usual = _is_near_median(v / (floor[0] + relative[0] * s), width)
+    sample = slice(None, None, -(-n_f // _SAMPLES))
+    v, s, hat, counts = v[sample], s[sample], hats[sample], is_usual[sample].astype(float)
     for _ in range(_STEPS):
         model = hat @ floor + (hat @ relative) * s
         excess, inverse = counts * v / model**2, counts / model
@@ -459,7 +461,7 @@ def _parts(variance: _Real, size: _Real, freedom: int, width: int) -> tuple[_Rea
     )
 
 
-def _hats(n_f: int, knots: int) -> _Real:
+def _hat_functions(n_f: int, knots: int) -> _Real:
     """Return piecewise linear functions of the lines with the sum 1, shape (n_f, knots)."""
     if knots == 1:
         return np.ones((n_f, 1))

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 
-__all__ = ["WINDOW", "scatter"]
+__all__ = ["WINDOW", "estimate_scatter"]
 
 #: Lines of a window, and degree of the fitted polynomial.
 WINDOW = 5
 _DEGREE = 2
 
 
-def scatter(frf: FRF) -> NDArray[np.float64]:
+def estimate_scatter(frf: FRF) -> NDArray[np.float64]:
     """Return the scatter of data about a parabola through five neighbouring lines.
 
     It is an estimate of E|dH|^2 with 2 complex degrees of freedom, shape (n_f, n_i, n_j), in
@@ -30,8 +30,8 @@ def scatter(frf: FRF) -> NDArray[np.float64]:
     at = lines - lines[:, WINDOW // 2, None]
     at /= np.abs(at).max(axis=1, keepdims=True)
     basis = np.linalg.qr(at[:, :, None] ** np.arange(_DEGREE + 1))[0]
-    seen = sliding_window_view(values, WINDOW, axis=0).transpose(0, 2, 1)
-    left = seen - basis @ (basis.transpose(0, 2, 1) @ seen)
-    squared = np.sum(np.abs(left) ** 2, axis=1) / (WINDOW - _DEGREE - 1)
+    windows = sliding_window_view(values, WINDOW, axis=0).transpose(0, 2, 1)
+    residual = windows - basis @ (basis.transpose(0, 2, 1) @ windows)
+    squared = np.sum(np.abs(residual) ** 2, axis=1) / (WINDOW - _DEGREE - 1)
     edge = WINDOW // 2
     return np.pad(squared, ((edge, edge), (0, 0)), mode="edge").reshape(frf.values.shape)

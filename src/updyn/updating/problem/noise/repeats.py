@@ -10,7 +10,7 @@ import numpy as np
 from updyn.dofs import DofSet
 from updyn.errors import DataError
 from updyn.frf import FRF
-from updyn.updating.problem.noise.known import level_by_unit, steady
+from updyn.updating.problem.noise.known import level_by_unit, smooth_variance
 
 __all__ = ["average"]
 
@@ -76,7 +76,7 @@ def average(repeats: Iterable[FRF]) -> FRF:
     mean, m = np.asarray(values.mean(axis=0), dtype=np.complex128), len(listed)
     least = (1e-9 * np.abs(mean)) ** 2 + (1e-9 * level_by_unit(replace(first, values=mean))) ** 2
     spread = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
-    variance = steady(spread + least, np.abs(mean), m - 1).at(np.abs(mean))
+    variance = smooth_variance(spread + least, np.abs(mean), m - 1).at(np.abs(mean))
     return replace(
         first,
         values=mean,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.problem.noise.known import NoiseModel, Wrapping
+from updyn.updating.problem.noise.known import NoiseModel, WrappedNoise
 
 __all__ = ["FREEDOM", "Robust"]
 
@@ -24,7 +24,7 @@ _SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Robust(Wrapping):
+class Robust(WrappedNoise):
     """Noise model with Student's t distribution instead of the Gaussian one.
 
     A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v
@@ -43,14 +43,14 @@ class Robust(Wrapping):
         Factor on the variance of `base` if its level is not known.
     weight : ndarray of float, shape (n_f, n_i, n_j), optional
         Divisor of the variance; None before the first residual.
-    seen : dict
+    outliers : dict
         Down-weighted values, for the record.
     """
 
     base: NoiseModel
     factor: float = 1.0
     weight: _Real | None = None
-    seen: dict[str, Any] = field(default_factory=dict)
+    outliers: dict[str, Any] = field(default_factory=dict)
     name: ClassVar[str] = "student-t"
 
     @property
@@ -90,8 +90,8 @@ class Robust(Wrapping):
         squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
         power = squared / base.variance(H, frf)  # |r|^2 / v
         bulk = float(np.median(power) / np.log(2.0))
-        follows = not base.scale_known or base.source == "estimated"
-        factor = bulk if follows and bulk > 0.0 else 1.0
+        is_estimated = not base.scale_known or base.source == "estimated"
+        factor = bulk if is_estimated and bulk > 0.0 else 1.0
         power = power / factor
         weight = (FREEDOM + 2.0) / (FREEDOM + 2.0 * power)
         # Slope of psi: the mean over the real and the imaginary part.
@@ -102,14 +102,14 @@ class Robust(Wrapping):
         channels = []
         for i, j in np.argwhere(small.mean(axis=0) >= 0.5):
             channels.append(f"{frf.responses[i]} / {frf.references[j]}")
-        seen = {
+        outliers = {
             "robust": self.name,
-            "chi_square": 1.0 if follows else bulk,
+            "chi_square": 1.0 if is_estimated else bulk,
             "down_weighted": float(np.mean(small)),
             "down_weighted_lines": frf.freq[small.mean(axis=(1, 2)) >= 0.5].tolist(),
             "down_weighted_channels": channels,
         }
-        return replace(self, base=base, factor=factor, weight=weight / level, seen=seen)
+        return replace(self, base=base, factor=factor, weight=weight / level, outliers=outliers)
 
     def figures(self) -> dict[str, Any]:
         """Return the numbers of the noise without outliers, and the down-weighted values."""
@@ -122,4 +122,4 @@ class Robust(Wrapping):
         for key in ("relative_by_channel", "floor_by_channel"):
             if key in plain:
                 level[key] = {name: value * scale for name, value in plain[key].items()}
-        return {**plain, **level, **self.seen}
+        return {**plain, **level, **self.outliers}

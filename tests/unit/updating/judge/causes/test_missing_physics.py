@@ -289,7 +289,7 @@ def test_damping_in_place_of_a_window_shares_the_odds_of_its_kind(chain12, unkno
 def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unknowns, add_noise):
     element = AddedElement("stiffness", ("2:X", "10:X"), True, 900.0, 0.02)
     frf = measured(with_element(chain12_true, element), add_noise)
-    frf = replace(frf, variance=choose_noise(None, frf).beforehand(frf))
+    frf = replace(frf, variance=choose_noise(None, frf).initial_variance(frf))
     part = Part.build(chain12_true, frf, unknowns)
     every = [
         AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.list_places(part.frf)

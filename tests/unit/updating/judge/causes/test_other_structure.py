@@ -306,7 +306,7 @@ def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(
     ready = prepare(job)
     (test,) = ready.tests
     noise = choose_noise(None, test.frf)
-    part = Part.build(test.model, with_variance(test.frf, noise), ready.parameters).thinned(60)
+    part = Part.build(test.model, with_variance(test.frf, noise), ready.parameters).thin(60)
     part, _ = free_held_quantities(part)
     fit = run_trial(part, None, [raise_loss_factors(part, part.coordinates.home)])
     found = [

@@ -15,7 +15,7 @@ from updyn.updating.judge.causes.trial import Trial, raise_loss_factors
 from updyn.updating.judge.counterparts import find_counterparts
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
-from updyn.updating.problem.session import Recent, Session
+from updyn.updating.problem.session import RecentCache, Session
 
 GROUPS = ("left", "girder", "right")
 #: What the start of an update is off by: stiffness and mass of each group.
@@ -142,7 +142,7 @@ def test_a_reduced_variant_answers_as_the_variant_does(frf):
     places = [f"{n}:X" for n in (5, 12, 20)] + ["36:Z", "40:Z"]
     data = updyn.response(true, np.linspace(20.0, 400.0, 40), places, ["12:X", "40:Z"])
     data = with_variance(data, choose_noise({"relative": 0.01}, data))
-    part = Part.build(wrong, data, unknowns(wrong), session=Session(memory=Recent()))
+    part = Part.build(wrong, data, unknowns(wrong), session=Session(cache=RecentCache()))
     assert part.solver.system.n > 100
     other = next(one for one in list_other_models(part) if one.variant.groups == ("girder",))
     home = part.coordinates.home

@@ -1,0 +1,233 @@
+"""Comparison of measured motions with rigid-body motion, at lines below the elastic modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof
+from updyn.frf import FRF
+from updyn.updating.judge.causes.labels import list_unsigned_labels
+from updyn.updating.judge.causes.rigid_shapes import RigidShapes
+from updyn.updating.problem.noise.neighbours import estimate_scatter
+
+__all__ = ["AS_LIKELY", "RANK", "RigidMotion", "RowMask"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+RowMask: TypeAlias = NDArray[np.bool_]
+
+#: Lowest and highest line as shares of the lowest elastic mode of the model: the first band without
+#: resonances of a suspension or elastic modes, else the best. If all stiffnesses are three times
+#: too large, 0.3 is half of the true lowest elastic mode.
+_BANDS = ((0.0, 0.3), (0.15, 0.3), (0.0, 0.15), (0.075, 0.15), (0.0, 0.075))
+#: Smallest number of lines.
+_FEWEST = 4
+#: Standard deviation of sensors of sound tests: as a share of the motion of their node for
+#: sensitivity (3 %) and direction (2 degrees), and of the rms motion for positions.
+_USUAL, _POSITION = 0.04, 0.02
+#: Deviation in standard deviations above which a sensor does not follow the others: 14 % of the
+#: motion of its node, and odds of 100 to 1 if one sensor in 100 is wrong.
+BEYOND = 3.6
+#: Difference of squared deviations up to which two explanations are as likely: odds of 20 to 1.
+AS_LIKELY = 3.0
+#: The same for each further wrong sensor: odds of 1 to 1000.
+_COST = 7.0
+#: Largest number of wrong sensors, and number of sensors whose combinations are examined.
+_MOST, _EXAMINED = 3, 12
+#: Smallest share of its deviation that the fit to all sensors leaves, to judge a sensor.
+_JUDGED = 0.05
+#: Relative size of singular values of the rigid-body shapes that are zero.
+RANK = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidMotion:
+    """Accelerances of the sensors without elastic deformation, and the rigid-body shapes there.
+
+    Of a free structure, also on soft springs, the accelerance is R q(omega) + omega^2 e(omega),
+    with e nearly constant below the elastic modes. The intercept of a straight line over omega^2 is
+    therefore in the span of R, for any mass, stiffness and damping.
+
+    Attributes
+    ----------
+    data : FRF
+        Accelerances at the lines in use.
+    rigid : RigidShapes
+        Rigid-body shapes of the model.
+    sensors : tuple of Dof
+        DOFs of the sensors without signs.
+    shapes : ndarray of float, shape (n, r)
+        R at the sensors.
+    around : ndarray of float, shape (n, 3, r)
+        R in the three directions of their nodes; 0 where the model has none.
+    values : ndarray of complex, shape (n, m)
+        Intercepts, by sensor and reference.
+    noise : ndarray of float, shape (n, m)
+        Their variance by the noise of the lines.
+    remainder : ndarray of complex, shape (n_f, n, m)
+        Residual of the straight lines.
+    white : ndarray of float, shape (n, m)
+        Mean square of it that is noise.
+    """
+
+    data: FRF
+    rigid: RigidShapes
+    sensors: tuple[Dof, ...]
+    shapes: _Real
+    around: _Real
+    values: _Complex
+    noise: _Real
+    remainder: _Complex
+    white: _Real
+
+    @classmethod
+    def of(cls, frf: FRF, rigid: RigidShapes) -> RigidMotion | None:
+        """Return the motion; None with too few lines or too few sensors."""
+        bands = [[share * rigid.elastic for share in band] for band in _BANDS]
+        found = [cls._within(low, high, frf, rigid) for low, high in bands]
+        usable = [one for one in found if one is not None]
+        smooth = [one for one in usable if one.uncertainty <= _POSITION]
+        return smooth[0] if smooth else min(usable, key=lambda one: one.uncertainty, default=None)
+
+    @classmethod
+    def _within(cls, low: float, high: float, frf: FRF, rigid: RigidShapes) -> RigidMotion | None:
+        freq = frf.freq[(frf.freq > low) & (frf.freq <= high)]
+        if len(freq) < _FEWEST:
+            return None
+        data = frf.select(lines=freq).converted("accelerance")
+        at = tuple(Dof.parse(label) for label in list_unsigned_labels(data.responses))
+        sign = data.responses.signs[:, None]
+        variance = estimate_scatter(data)
+        if data.variance is not None:
+            variance = np.maximum(variance, data.variance)
+        X = np.stack([np.ones(len(freq)), (freq / freq[-1]) ** 2], axis=1)
+        lines = np.linalg.pinv(X)
+        fitted = np.tensordot(lines, data.values, axes=1)
+        curved = (data.values - np.tensordot(X, fitted, axes=1)) * sign
+        noise = np.tensordot(lines[0] ** 2, variance, axes=1)
+        R = rigid.at(at)
+        if len(at) <= np.linalg.matrix_rank(R):
+            return None
+        values, white = fitted[0] * sign, variance.mean(axis=0)
+        return cls(data, rigid, at, R, rigid.around(at), values, noise, curved, white)
+
+    def deviations(self, rows: RowMask) -> _Real:
+        """Return the largest deviation of each of some sensors in standard deviations, shape (n,).
+
+        It is the part of the value that the others do not share, and 0 for a sensor that cannot be
+        compared with the others.
+        """
+        return self._compare(rows)[0]
+
+    def _compare(self, rows: RowMask) -> tuple[_Real, float]:
+        """Return the deviations, and the sum of squares for the worst reference."""
+        out, found = np.zeros(len(self.sensors)), np.zeros(int(rows.sum()))
+        power = 0.0
+        for j, std in enumerate(self.standard_deviation(rows).T):
+            P = _outside(self.shapes[rows] / std[rows, None])
+            own = np.sqrt(np.maximum(np.diag(P), 0.0))
+            size = np.abs(P @ (self.values[rows, j] / std[rows]))
+            judged = own**2 > _JUDGED
+            found[judged] = np.maximum(found[judged], size[judged] / own[judged])
+            power = max(power, float(size @ size))
+        out[rows] = found
+        return out, power
+
+    def find_wrong(self) -> list[tuple[int, ...]]:
+        """Return the likeliest sets of sensors without which the others follow rigid-body motion.
+
+        There are several if the data do not distinguish them. Empty if no sensor is wrong, or more
+        than three or than half of the redundant ones are.
+        """
+        deviations = self.deviations(self.leave_out([]))
+        if deviations.max() <= BEYOND:
+            return []
+        order = np.argsort(-deviations)[:_EXAMINED].tolist()
+        spare = len(self.sensors) - int(np.linalg.matrix_rank(self.shapes))
+        costs: dict[tuple[int, ...], float] = {}
+        for size in range(1, min(_MOST, max(spare // 2, 1)) + 1):
+            if size == _MOST and costs:
+                break
+            for one in combinations(order, size):
+                misfit = self._misfit(one)
+                if misfit is not None:
+                    costs[one] = misfit + size * _COST
+        least = min(costs.values(), default=0.0)
+        return [one for one, cost in costs.items() if cost <= least + AS_LIKELY]
+
+    def _misfit(self, left_out: Sequence[int]) -> float | None:
+        """Return the sum of squares of the other sensors; None if one does not follow the rest."""
+        deviations, power = self._compare(self.leave_out(left_out))
+        return power if deviations.max() <= BEYOND else None
+
+    def leave_out(self, left_out: Sequence[int]) -> RowMask:
+        """Return which sensors are left, shape (n,)."""
+        rows = np.ones(len(self.sensors), dtype=np.bool_)
+        rows[list(left_out)] = False
+        return rows
+
+    def list_unchecked(self) -> list[str]:
+        """Return the sensors that cannot be compared with the others."""
+        own = np.diag(_outside(self.shapes / self._level(self.leave_out([]))[:, :1]))
+        return [str(dof) for dof, share in zip(self.sensors, own, strict=True) if share <= _JUDGED]
+
+    def measure_difference(self, i: int, wrong: Sequence[int]) -> float:
+        """Return the largest difference of a sensor from the motion of the others over the rms."""
+        rows = self.leave_out(wrong)
+        level = self._level(rows)[i]
+        R = self.shapes[rows]
+        motion = self.shapes[i] @ np.linalg.pinv(R, rcond=RANK) @ self.values[rows]
+        return float(np.max(np.abs(self.values[i] - motion) / level))
+
+    def _level(self, rows: RowMask) -> _Real:
+        """Return the rms over those of some sensors with the same unit, shape (n, m)."""
+        turning = np.array([dof.direction.startswith("R") for dof in self.sensors])
+        level = np.zeros(self.values.shape)
+        for unit in (turning, ~turning):
+            if (unit & rows).any():
+                level[unit] = np.sqrt(np.mean(np.abs(self.values[unit & rows]) ** 2, axis=0))
+        return level + 1e-9 * level.max() + np.finfo(float).tiny ** 0.5
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard deviation by noise and elastic motion, relative to the rms of the values."""
+        every = self.leave_out([])
+        power = np.mean(
+            (self.noise + self._measure_elastic(every)) / self._level(every) ** 2, axis=0
+        )
+        return float(np.sqrt(np.max(power)))
+
+    def standard_deviation(self, rows: RowMask) -> _Real:
+        """Return the standard deviation of the values if the sensors are sound, shape (n, m)."""
+        level = self._level(rows)
+        local = np.zeros(level.shape)
+        for j, scale in enumerate(level.T):
+            fit = np.linalg.pinv(self.shapes[rows] / scale[rows, None], rcond=RANK)
+            moved = self.around @ (fit @ (self.values[rows, j] / scale[rows]))
+            local[:, j] = np.linalg.norm(moved, axis=1)
+        usual = (_USUAL * local) ** 2 + (_POSITION * level) ** 2
+        return np.sqrt(usual + self.noise + self._measure_elastic(rows))
+
+    def _measure_elastic(self, rows: RowMask) -> _Real:
+        """Return the mean square of what is neither straight, rigid nor noise, shape (n, m)."""
+        level, n = self._level(rows), len(self.remainder)
+        out = np.zeros(level.shape)
+        for j, scale in enumerate(level[rows].T):
+            P = _outside(self.shapes[rows] / scale[:, None])
+            left = (P @ (self.remainder[:, rows, j] / scale).T) * scale[:, None]
+            share = np.maximum(np.diag(P), _JUDGED) * (n - 2) / n
+            out[rows, j] = np.mean(np.abs(left) ** 2, axis=1) / share
+        return np.maximum(out - self.white, 0.0)
+
+
+def _outside(R: _Real) -> _Real:
+    """Return the projection onto the complement of the columns of R, shape (n, n)."""
+    U, s, _ = np.linalg.svd(R, full_matrices=False)
+    Q = U[:, s > RANK * s[0]] if len(s) and s[0] > 0.0 else U[:, :0]
+    return np.asarray(np.eye(len(R)) - Q @ Q.T)
