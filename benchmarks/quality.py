@@ -372,10 +372,10 @@ def overloads(records: Records) -> int:
     found = 0
     for row, name in enumerate(NAMES):
         channels = records.values[:, row]
-        found += len(list(hits.clipped_alike(channels, name)))
+        found += len(list(hits.find_equal_peaks(channels, name)))
         for number, channel in enumerate(channels, 1):
-            found += len(list(hits.clipped_run(channel, name, number)))
-            found += len(list(hits.clipped_pair(channel, name, number)))
+            found += len(list(hits.find_clipped_run(channel, name, number)))
+            found += len(list(hits.find_clipped_pair(channel, name, number)))
     return found
 
 

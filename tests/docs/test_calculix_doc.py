@@ -28,7 +28,7 @@ def test_options_and_units_are_named() -> None:
     assert said is not None
     assert re.findall(r"`(\w+)`", said[1]) == options
     for unit in UNITS.values():
-        assert f'`"{unit.name}"` ({unit.described.split(",")[0]}' in SECTION
+        assert f'`"{unit.name}"` ({unit.description.split(",")[0]}' in SECTION
 
 
 def test_elements_are_those_that_are_read() -> None:

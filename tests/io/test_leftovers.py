@@ -131,7 +131,7 @@ def test_what_is_not_certain_stays(tmp_path, monkeypatch):
     kept = [
         f".frf-{other}-{ended.pid:x}-{start}-{token}.npz",
         f".frf-{where}-{number}-{start}-{token}.npz",
-        f".frf-{where}-1-{start}-{token}.npz".replace(start, f"{leftovers._state(1)[1]:x}"),
+        f".frf-{where}-1-{start}-{token}.npz".replace(start, f"{leftovers._process_state(1)[1]:x}"),
         f".frf-{where}-{ended.pid:x}-{start}-{token}.csv",
         f".frf-{where}-{ended.pid:x}-{start}.npz",
         ".frf-0123456789ab.npz",
@@ -143,7 +143,7 @@ def test_what_is_not_certain_stays(tmp_path, monkeypatch):
     ]
     for name in (*kept, *gone):
         (tmp_path / name).write_bytes(b"x")
-    monkeypatch.setattr(leftovers, "_where", lambda: None)
+    monkeypatch.setattr(leftovers, "_machine_digest", lambda: None)
     write_bytes(path, b"whole")
     assert names(tmp_path) == sorted([*kept, *gone, "frf.npz"])
     monkeypatch.undo()

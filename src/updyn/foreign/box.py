@@ -71,7 +71,7 @@ def load(
         "beside": others,
         "arguments": arguments,
     }
-    found = _ask(request, limits, f"cannot be read: its reader ({reader})")
+    found = _run_request(request, limits, f"cannot be read: its reader ({reader})")
     if "value" in found:
         return found["value"]
     if "error" in found:
@@ -96,7 +96,7 @@ def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> An
         raise damaged(path, what, reason_of(error)) from error
 
 
-def _ask(request: Mapping[str, Any], limits: ReadLimits, blame: str) -> Mapping[str, Any]:
+def _run_request(request: Mapping[str, Any], limits: ReadLimits, blame: str) -> Mapping[str, Any]:
     """Return the answer of a child process after it has ended."""
     path = limits.path
     received = bytearray()

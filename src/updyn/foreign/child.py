@@ -79,26 +79,26 @@ def answer(request: Mapping[str, Any], descriptor: int) -> None:
     """
     path = request["path"]
     with os.fdopen(os.dup(descriptor), "wb") as out:
-        _silence()
-        found = _attempt(lambda: load_object(request["load"]))
+        _discard_output()
+        found = _run_guarded(lambda: load_object(request["load"]))
         out.write(READY)
         out.flush()
         if "value" in found:
             load = found["value"]
-            _limit(limits_of(path, request["beside"]))
-            found = _attempt(lambda: load(path, *request["arguments"]))
+            _set_limits(limits_of(path, request["beside"]))
+            found = _run_guarded(lambda: load(path, *request["arguments"]))
         for part in encode(found):
             out.write(part)
 
 
-def _silence() -> None:
+def _discard_output() -> None:
     """Discard the output of readers, in Python or in C, and close their input."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
 
 
-def _attempt(act: Callable[[], Any]) -> dict[str, Any]:
+def _run_guarded(act: Callable[[], Any]) -> dict[str, Any]:
     """Return the result of a function as ``value``, else its error or the reason of the failure."""
     try:
         return {"value": act()}
@@ -112,7 +112,7 @@ def _attempt(act: Callable[[], Any]) -> dict[str, Any]:
         return {"failed": reason_of(error)}
 
 
-def _limit(limits: ReadLimits) -> None:
+def _set_limits(limits: ReadLimits) -> None:
     """Set the limits in the operating system, if supported."""
     try:
         import resource

@@ -38,7 +38,7 @@ def load(path: str) -> dict[str, Any]:
         If the file is damaged, or not an Exodus II file.
     """
     if h5py.is_hdf5(path):
-        return _of_hdf5(path)
+        return _load_hdf5(path)
     with Path(path).open("rb") as file:
         start = file.read(4)
     if start == b"CDF\x05":
@@ -47,10 +47,10 @@ def load(path: str) -> dict[str, Any]:
             " nccopy -k netCDF-4 IN OUT",
             path,
         )
-    return _of_classic(path)
+    return _load_classic(path)
 
 
-def _of_hdf5(path: str) -> dict[str, Any]:
+def _load_hdf5(path: str) -> dict[str, Any]:
     content = HDF5Content(path, False)
     with h5py.File(path, "r") as file:
         members = content.members(file)
@@ -67,7 +67,7 @@ def _of_hdf5(path: str) -> dict[str, Any]:
         return {"variables": variables, "types": types}
 
 
-def _of_classic(path: str) -> dict[str, Any]:
+def _load_classic(path: str) -> dict[str, Any]:
     limits = limits_of(path)
     with netcdf_file(path, "r", mmap=False) as file:
         _check(file._attributes, file.variables, path)

@@ -113,19 +113,19 @@ def read_frf(
     >>> updyn.read_frf("chain.csv", responses=["12:X"]).responses.labels
     ['12:X']
     """
-    reader, name = _function(path, "read_frf", format)
+    reader, name = _find_function(path, "read_frf", format)
     wanted = {
         k: v for k, v in (("responses", responses), ("references", references)) if v is not None
     }
-    early = wanted if {"responses", "references"} <= _options(reader) else {}
+    early = wanted if {"responses", "references"} <= _reader_options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
-    known = _known(reader, name, given, ("responses", "references"))
+    known = _check_option_names(reader, name, given, ("responses", "references"))
     if quantity is not None:  # an invalid quantity is an error in itself
         with locate_errors(path), key_path("quantity"):
             check_quantity(quantity)
     with guard_reader(path, name):
         frf: FRF = reader(path, **known)
-        return frf if early else _part(frf, wanted, path)
+        return frf if early else _select_part(frf, wanted, path)
 
 
 def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
@@ -154,7 +154,7 @@ def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
     >>> updyn.read_frf("chain.uff").quantity
     'accelerance'
     """
-    _function(path, "write_frf", format)[0](frf, path)
+    _find_function(path, "write_frf", format)[0](frf, path)
 
 
 def read_geometry(path: str | Path, *, format: str | None = None, **options: Any) -> Geometry:
@@ -342,7 +342,7 @@ def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) 
     >>> updyn.read_modes("modes.uff").frequency
     array([12., 31.])
     """
-    _function(path, "write_modes", format)[0](modes, path)
+    _find_function(path, "write_modes", format)[0](modes, path)
 
 
 def read_model(path: str | Path, *, format: str | None = None, **options: Any) -> Model:
@@ -405,7 +405,7 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
     >>> updyn.read_model("chain.npz").groups.keys() == chain.build().groups.keys()
     True
     """
-    _function(path, "write_model", format)[0](model, path)
+    _find_function(path, "write_model", format)[0](model, path)
 
 
 def write_properties(
@@ -458,36 +458,38 @@ def write_properties(
         changes = {group: dict(change) for group, change in result.items()}
     else:
         changes = dict(result.parameters.changes(list(result.values.values())))
-    writer, name = _function(deck, "write_properties", format)
+    writer, name = _find_function(deck, "write_properties", format)
     with guard_reader(deck, name):
         writer(changes, source, target)
 
 
 def _run_reader(path: str | Path, verb: str, format: str | None, options: dict[str, Any]) -> Any:
     """Read a file with the function `verb` of its format."""
-    reader, name = _function(path, verb, format)
-    known = _known(reader, name, options, ("format",))
+    reader, name = _find_function(path, verb, format)
+    known = _check_option_names(reader, name, options, ("format",))
     with guard_reader(path, name):
         return reader(path, **known)
 
 
-def _function(path: str | Path, verb: str, format: str | None) -> tuple[Callable[..., Any], str]:
+def _find_function(
+    path: str | Path, verb: str, format: str | None
+) -> tuple[Callable[..., Any], str]:
     """Return the function `verb` of the format of the file, and the name of the format."""
     chosen = find_format(path, verb, format)
     return getattr(load(chosen), verb), chosen.name
 
 
-def _options(reader: Callable[..., Any]) -> set[str]:
+def _reader_options(reader: Callable[..., Any]) -> set[str]:
     return {
         p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY
     }
 
 
-def _known(
+def _check_option_names(
     reader: Callable[..., Any], kind: str, options: dict[str, Any], others: Iterable[str] = ()
 ) -> dict[str, Any]:
     """Return the options after checking their names; `others` are names for messages only."""
-    known = _options(reader)
+    known = _reader_options(reader)
     for name in options:
         if name not in known:
             raise OptionError(
@@ -498,7 +500,7 @@ def _known(
     return options
 
 
-def _part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:
+def _select_part(frf: FRF, wanted: Mapping[str, Iterable[str | Dof]], path: str | Path) -> FRF:
     """Select responses and references of FRFs, for formats without a selection while reading."""
     if "responses" in wanted:
         with locate_errors(path, "responses"):

@@ -54,7 +54,7 @@ def unpack(
         stated |= {key: _view_unsigned(stated[key]) for key in stated if key not in _LINEAR}
     out = values
     if any(key in stated for key in _LINEAR):
-        scale, offset = (_one(stated, key, name, path) for key in _LINEAR)
+        scale, offset = (_single_number(stated, key, name, path) for key in _LINEAR)
         out = values * (1.0 if scale is None else scale) + (0.0 if offset is None else offset)
     missing = _is_missing(values, stated) | _is_outside(values, out, stated)
     if missing.any():
@@ -66,7 +66,7 @@ def _numbers(given: Any, where: str, path: str | Path) -> NDArray[Any]:
     """Return an attribute as a one-dimensional array of numbers."""
     found = np.atleast_1d(np.asarray(given)).ravel()
     if found.dtype.kind not in "iufc":
-        raise FormatError(f"{where} is {_shown(given)!r}; expected numbers", path)
+        raise FormatError(f"{where} is {_format_value(given)!r}; expected numbers", path)
     return found
 
 
@@ -77,14 +77,16 @@ def _view_unsigned(values: NDArray[Any]) -> NDArray[Any]:
     return values.astype(f"u{values.dtype.itemsize}")
 
 
-def _one(stated: Mapping[str, NDArray[Any]], key: str, name: str, path: str | Path) -> float | None:
+def _single_number(
+    stated: Mapping[str, NDArray[Any]], key: str, name: str, path: str | Path
+) -> float | None:
     """Return an attribute that has to be one finite real number; None if it is absent."""
     if key not in stated:
         return None
     found = stated[key]
     if found.size != 1 or found.dtype.kind == "c" or not np.isfinite(found).all():
         raise FormatError(
-            f"{name}: attribute {key!r} is {_shown(found)!r}; expected one number", path
+            f"{name}: attribute {key!r} is {_format_value(found)!r}; expected one number", path
         )
     return float(found[0])
 
@@ -116,7 +118,7 @@ def _is_outside(
     return out
 
 
-def _shown(given: Any) -> Any:
+def _format_value(given: Any) -> Any:
     return given.tolist() if isinstance(given, np.ndarray) else given
 
 
@@ -145,5 +147,7 @@ def _label(given: Any, key: str, name: str, path: str | Path) -> str:
     if isinstance(given, bytes):
         given = given.decode("utf-8", "replace")
     if not isinstance(given, str):
-        raise FormatError(f"{name}: attribute {key!r} is {_shown(given)!r}; expected a text", path)
+        raise FormatError(
+            f"{name}: attribute {key!r} is {_format_value(given)!r}; expected a text", path
+        )
     return given.strip()

@@ -34,14 +34,14 @@ class UnitSystem:
         Unit of length, in m.
     energy : float
         Unit of energy (force times length), in J.
-    described : str
+    description : str
         Units of length, force and mass, as text.
     """
 
     name: str
     length: float
     energy: float
-    described: str
+    description: str
 
     def to_si(self, matrix: Matrix, dofs: DofSet) -> Matrix:
         """Return a matrix of stiffness, damping or mass, given in this system, in SI."""
@@ -81,7 +81,7 @@ UNITS = {
 def find_units(name: str) -> UnitSystem:
     """Return a system of units by its unit of length; raise an OptionError if it is unknown."""
     if name not in UNITS:
-        known = "; ".join(f"{s.name!r} ({s.described})" for s in UNITS.values())
+        known = "; ".join(f"{s.name!r} ({s.description})" for s in UNITS.values())
         raise OptionError(
             f"unit {name!r}; {suggest(str(name), UNITS)} Consistent units: {known}, all with s"
         )
@@ -114,11 +114,13 @@ def check_materials(
         For the first implausible material, with a system of units that would fit.
     """
     for name, modulus, density in materials:
-        if _plausible(modulus, density, chosen):
+        if _is_plausible(modulus, density, chosen):
             continue
-        others = [s for s in UNITS.values() if s is not chosen and _plausible(modulus, density, s)]
+        others = [
+            s for s in UNITS.values() if s is not chosen and _is_plausible(modulus, density, s)
+        ]
         hint = (
-            f"they fit unit = {others[0].name!r} ({others[0].described})"
+            f"they fit unit = {others[0].name!r} ({others[0].description})"
             if others
             else "they fit none of "
             + ", ".join(repr(s) for s in UNITS)
@@ -134,14 +136,14 @@ def check_materials(
         )
         warnings.warn(
             f"{path}: material {name!r}: {values} is not plausible in unit = {chosen.name!r}"
-            f" ({chosen.described}); {hint}",
+            f" ({chosen.description}); {hint}",
             UpdynWarning,
             stacklevel=2,
         )
         return
 
 
-def _plausible(modulus: float | None, density: float | None, chosen: UnitSystem) -> bool:
+def _is_plausible(modulus: float | None, density: float | None, chosen: UnitSystem) -> bool:
     E = None if not modulus else modulus * chosen.pressure
     rho = None if not density else density * chosen.density
     fits = [

@@ -142,10 +142,10 @@ def read_frf(
             path,
             number,
         )
-    header = _header(names, path, number)
+    header = _parse_header(names, path, number)
     unit = _unit(head, path)
-    table = _table(lines[1:], header, path)
-    rows, references = _sides(header.columns, path, number)
+    table = _parse_table(lines[1:], header, path)
+    rows, references = _responses_and_references(header.columns, path, number)
     _check_complete(header.columns, rows, references, real_valued, path, number)
     units = _units(header.columns, unit, path, number)
     arrays = _arrays(header.columns, units, table[:, 1:], rows, references, path)
@@ -188,7 +188,7 @@ def _split_head(text: str, path: str | Path) -> tuple[_Head, list[tuple[int, str
     return head, lines
 
 
-def _header(header: str, path: str | Path, line: int) -> _Header:
+def _parse_header(header: str, path: str | Path, line: int) -> _Header:
     """Parse the names of the columns."""
     separator = next((sign for sign in (";", "\t") if sign in header), ",")
     # A name such as H(3:Z,1:X) may contain the separator, so commas in brackets do not separate.
@@ -207,14 +207,14 @@ def _header(header: str, path: str | Path, line: int) -> _Header:
         )
     columns: dict[tuple[_Pair, str], _FRFColumn] = {}
     for cell in cells[1:]:
-        column = _column(cell, path, line)
+        column = _parse_column(cell, path, line)
         if (column.pair, column.kind) in columns:
             raise FormatError(f"header: column {cell!r} occurs twice", path, line)
         columns[column.pair, column.kind] = column
     return _Header(separator, unit.factor, list(columns.values()))
 
 
-def _column(cell: str, path: str | Path, line: int) -> _FRFColumn:
+def _parse_column(cell: str, path: str | Path, line: int) -> _FRFColumn:
     """Return a column from its cell in the header."""
     found = _COLUMN.fullmatch(cell)
     if found is None:
@@ -287,7 +287,7 @@ _Units = dict[tuple[_Pair, str], _Ratio | None]
 
 def _unit(head: _Head, path: str | Path) -> _Ratio | None:
     """Return the unit of all values in a comment, or None."""
-    label = _one(head, "unit", path)
+    label = _single_comment(head, "unit", path)
     return None if label is None else _Ratio.of(label, "", path, head["unit"][0][0])
 
 
@@ -298,7 +298,7 @@ def _units(
     out: _Units = {}
     quantities: dict[str, str] = {}
     for column in columns:
-        column_unit = _own_unit(column, path, line)
+        column_unit = _column_unit(column, path, line)
         if column_unit is not None and general is not None and not column_unit.agrees(general):
             raise FormatError(
                 f"header: column {column.name!r}: {column.unit!r} contradicts the comment, which"
@@ -317,7 +317,7 @@ def _units(
     return out
 
 
-def _own_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | None:
+def _column_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | None:
     """Return the unit that a column states; None if it states none, or its kind defines it."""
     where, label = f"header: column {column.name!r}: ", column.unit
     if not label:
@@ -339,7 +339,9 @@ def _own_unit(column: _FRFColumn, path: str | Path, line: int) -> _Ratio | None:
     return _Ratio.of(square[1], where, path, line)
 
 
-def _sides(columns: Sequence[_FRFColumn], path: str | Path, line: int) -> tuple[DofSet, DofSet]:
+def _responses_and_references(
+    columns: Sequence[_FRFColumn], path: str | Path, line: int
+) -> tuple[DofSet, DofSet]:
     """Return the responses and the references, each in the order of the columns."""
     responses = {column.pair[0]: None for column in columns}
     references = {column.pair[1]: None for column in columns}
@@ -349,7 +351,7 @@ def _sides(columns: Sequence[_FRFColumn], path: str | Path, line: int) -> tuple[
         raise FormatError(f"header: {error}", path, line) from error
 
 
-def _table(
+def _parse_table(
     lines: Sequence[tuple[int, str]], header: _Header, path: str | Path
 ) -> NDArray[np.float64]:
     """Return the numbers, with the first column in Hz."""
@@ -405,7 +407,7 @@ def _check_complete(
             held = kinds.get((response, reference), set())
             found = [kind for kind in _WHAT[:4] if kind in held]
             if found not in forms:
-                raise _incomplete(f"H({response}/{reference})", found, path, line)
+                raise _incomplete_error(f"H({response}/{reference})", found, path, line)
             for kind in optional:
                 if kind not in held:
                     raise FormatError(
@@ -415,7 +417,7 @@ def _check_complete(
                     )
 
 
-def _incomplete(name: str, found: Sequence[str], path: str | Path, line: int) -> FormatError:
+def _incomplete_error(name: str, found: Sequence[str], path: str | Path, line: int) -> FormatError:
     """Return the error for a pair whose columns do not form an FRF."""
     is_real = list(found) == ["re"]
     hint = ""
@@ -478,7 +480,7 @@ def _polar(
     return np.asarray(size * np.exp(1j * np.deg2rad(degrees)))
 
 
-def _one(head: _Head, name: str, path: str | Path) -> str | None:
+def _single_comment(head: _Head, name: str, path: str | Path) -> str | None:
     found = {value.strip(): None for _, value in head.get(name, [])}
     if len(found) > 1:
         raise FormatError(f"{name} is stated twice: {' and '.join(sorted(found))}", path)
@@ -487,7 +489,7 @@ def _one(head: _Head, name: str, path: str | Path) -> str | None:
 
 def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -> str:
     """Return the quantity stated by the file, its units or the user."""
-    comment_value = _one(head, "quantity", path)
+    comment_value = _single_comment(head, "quantity", path)
     unit = next((unit for unit in units.values() if unit is not None), None)
     by_unit = None if unit is None else unit.motion.kind
     if comment_value is not None and given is not None and comment_value != given:
@@ -514,7 +516,7 @@ def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -
 
 
 def _averages(head: _Head, path: str | Path) -> int | None:
-    stated = _one(head, "averages", path)
+    stated = _single_comment(head, "averages", path)
     if stated is None:
         return None
     if not re.fullmatch(r"[0-9]+", stated):
@@ -523,7 +525,7 @@ def _averages(head: _Head, path: str | Path) -> int | None:
 
 
 def _decay(head: _Head, path: str | Path) -> float:
-    stated = _one(head, "decay", path)
+    stated = _single_comment(head, "decay", path)
     if stated is None:
         return 0.0
     try:

@@ -93,7 +93,7 @@ def read_modes(
     table = _numbers(lines, len(first), separator, path)
     if table.shape[1] == 1:
         table = table.T
-    return _tests(table, test, modes, path)
+    return _select_test(table, test, modes, path)
 
 
 def holds_frequencies(line: str) -> bool:
@@ -166,7 +166,7 @@ def _modes_by_line(
         return ModeSet(source=Path(path).name, **chosen)
 
 
-def _tests(
+def _select_test(
     table: _Real, test: int | None, modes: Sequence[int] | None, path: str | Path
 ) -> ModeSet:
     """Return the modes of one test, or the means over all tests."""

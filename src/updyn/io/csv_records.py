@@ -83,10 +83,10 @@ def read_records(
         If there are both times and a rate, or neither.
     """
     text = read_windows_text(require_file(path))
-    first, header, body = _split(text, path)
+    first, header, body = _split_header(text, path)
     separator = next((sign for sign in ("\t", ";") if sign in header), ",")
-    columns = _columns(header, separator, path, first)
-    columns, body = _with_units_below(columns, body, separator, path, first + 1)
+    columns = _parse_columns(header, separator, path, first)
+    columns, body = _read_units_below(columns, body, separator, path, first + 1)
     body = plain_numbers(body, separator)
     rows = parse_rows(
         body.encode(),
@@ -99,7 +99,7 @@ def read_records(
     if not len(rows):
         raise FormatError("a header without lines of numbers", path, first)
     numbers = {column.name: values for column, values in zip(columns, rows.T, strict=True)}
-    spans = _spans(numbers.pop(_RECORD, np.ones(len(rows))), path)
+    spans = _split_records(numbers.pop(_RECORD, np.ones(len(rows))), path)
     clock = _time_column(columns, time, rate, path, first)
     if clock is None:
         step = 1.0 / float(rate or 0.0)
@@ -116,7 +116,7 @@ def read_records(
         return Records.of(values, step, list(numbers), units, Path(path).name)
 
 
-def _split(text: str, path: str | Path) -> tuple[int, str, str]:
+def _split_header(text: str, path: str | Path) -> tuple[int, str, str]:
     """Return the line of the header, the header, and the remaining lines with comments blanked."""
     lines = text.split("\n")
     comments = [(n, line) for n, line in enumerate(lines, 1) if line.lstrip().startswith("#")]
@@ -129,11 +129,11 @@ def _split(text: str, path: str | Path) -> tuple[int, str, str]:
     raise FormatError("no header: expected names such as 'time,hammer [N],3:Z [g]'", path)
 
 
-def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_RecordColumn]:
+def _parse_columns(header: str, separator: str, path: str | Path, line: int) -> list[_RecordColumn]:
     """Return the columns; refuse repeated names."""
     found: dict[str, _RecordColumn] = {}
     for number, cell in enumerate(header.split(separator), 1):
-        column = _column(cell.strip().strip('"').strip())
+        column = _parse_column(cell.strip().strip('"').strip())
         if not column.name:
             raise FormatError(
                 f"header: column {number} is {cell.strip()[:40]!r}; expected a name, optionally"
@@ -147,7 +147,7 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_
     return list(found.values())
 
 
-def _column(cell: str) -> _RecordColumn:
+def _parse_column(cell: str) -> _RecordColumn:
     """Return a column from its cell in the header, with an empty name if the cell is not valid."""
     axis = split_axis(cell, _TIMES, "time")
     if axis is not None:
@@ -168,7 +168,7 @@ def _known_unit(label: str) -> Unit | None:
     return find_unit(label, "time", *CHANNEL)
 
 
-def _with_units_below(
+def _read_units_below(
     columns: list[_RecordColumn], body: str, separator: str, path: str | Path, line: int
 ) -> tuple[list[_RecordColumn], str]:
     """Return the columns with units from the line below their names, and the rows without it.
@@ -242,7 +242,7 @@ def _factor(clock: _RecordColumn, path: str | Path, line: int) -> float:
     return unit.factor
 
 
-def _spans(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
+def _split_records(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
     """Return the rows of each record."""
     edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
     spans = [slice(a, b) for a, b in pairwise(edges)]

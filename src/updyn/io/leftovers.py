@@ -43,10 +43,10 @@ def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
         Includes the identification of this process, if available.
     """
     token = secrets.token_hex(6)
-    where = _where()
+    where = _machine_digest()
     if where is not None:
         number = os.getpid()
-        token = f"{where}-{number:x}-{_state(number)[1]:x}-{token[:6]}"
+        token = f"{where}-{number:x}-{_process_state(number)[1]:x}-{token[:6]}"
     return f"{_stem(path, prefix)}{token}{suffix}"
 
 
@@ -61,7 +61,7 @@ def remove_leftovers(path: Path, prefix: str = ".", suffix: str = "") -> None:
         As for `new_name`.
     """
     start = _stem(path, prefix)
-    where = _where()
+    where = _machine_digest()
     if where is None:
         return
     with suppress(OSError), os.scandir(path.parent) as entries:
@@ -86,7 +86,7 @@ def _stem(path: Path, prefix: str) -> str:
     return f"{prefix}{path.stem[:_LONGEST]}-"
 
 
-def _where() -> str | None:
+def _machine_digest() -> str | None:
     """Return a digest of machine, boot and process namespace, or None if unknown."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_bytes()
@@ -94,14 +94,14 @@ def _where() -> str | None:
         # Process numbers differ between namespaces.
         if str(Path("/proc/self").readlink()) != str(os.getpid()):
             return None
-        _state(os.getpid())
+        _process_state(os.getpid())
     except (OSError, ValueError, IndexError):
         return None
     identity = b"\n".join([boot, str(space).encode(), socket.gethostname().encode()])
     return blake2b(identity, digest_size=8).hexdigest()
 
 
-def _state(number: int) -> tuple[str, int]:
+def _process_state(number: int) -> tuple[str, int]:
     """Return the state of a process, and its start in ticks since the boot of the machine.
 
     Raises
@@ -122,7 +122,7 @@ def _has_ended(number: int, started: int) -> bool:
     except (OSError, OverflowError):  # a process of another user
         return False
     try:
-        state, since = _state(number)
+        state, since = _process_state(number)
     except (OSError, ValueError, IndexError):
         return False
     return state in _ENDED or since != started

@@ -78,8 +78,10 @@ def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) 
         If `variables` contains other names than items of a model.
     """
     if variables is not None:
-        return build_model(stated_items(_inner(_variables(path), path), variables, path), path)
-    with _plain(path, MODEL_ITEMS) as found:
+        return build_model(
+            stated_items(_unwrap_struct(_variables(path), path), variables, path), path
+        )
+    with _iterate_usable(path, MODEL_ITEMS) as found:
         return build_model(found, path)
 
 
@@ -117,7 +119,7 @@ def read_frf(
     FormatError
         If the file is damaged, or a variable is missing, unknown or not valid.
     """
-    with _plain(path, FRF_ITEMS) as found:
+    with _iterate_usable(path, FRF_ITEMS) as found:
         return build_frf(
             found,
             path,
@@ -176,13 +178,13 @@ def read_records(
 
 
 @contextmanager
-def _plain(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, Any]]:
+def _iterate_usable(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, Any]]:
     """Yield the usable variables of a file in which they have the names of the items.
 
     After the block, unusable variables with other names are reported in a warning. If the block
     fails, they are reported as the likely reason.
     """
-    found, unread = _usable(_inner(_variables(path), path))
+    found, unread = _select_usable(_unwrap_struct(_variables(path), path))
     for name, reason in unread.items():
         if name.partition(".")[0] in items:
             raise FormatError(reason, path)
@@ -200,7 +202,9 @@ def _plain(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, An
         )
 
 
-def _usable(items: Mapping[str, Any], before: str = "") -> tuple[dict[str, Any], dict[str, str]]:
+def _select_usable(
+    items: Mapping[str, Any], before: str = ""
+) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the usable items, and the reasons for the others by dotted name."""
     found: dict[str, Any] = {}
     unread: dict[str, str] = {}
@@ -208,14 +212,14 @@ def _usable(items: Mapping[str, Any], before: str = "") -> tuple[dict[str, Any],
         if isinstance(item, Unread):
             unread[before + name] = item.reason
         elif isinstance(item, Mapping):
-            found[name], within = _usable(item, f"{before}{name}.")
+            found[name], within = _select_usable(item, f"{before}{name}.")
             unread |= within
         else:
             found[name] = item
     return found, unread
 
 
-def _inner(variables: Mapping[str, Any], path: str | Path) -> Mapping[str, Any]:
+def _unwrap_struct(variables: Mapping[str, Any], path: str | Path) -> Mapping[str, Any]:
     """Return the variables, or the fields of a single struct."""
     if not variables:
         raise FormatError("holds no variable", path)
@@ -281,7 +285,7 @@ def _save(items: Mapping[str, Any], path: str | Path, last: str) -> None:
         with atomic_path(path) as temporary:
             savemat(
                 temporary,
-                _storable(ordered),
+                _to_storable(ordered),
                 appendmat=False,
                 do_compression=True,
                 long_field_names=True,
@@ -293,11 +297,11 @@ def _save(items: Mapping[str, Any], path: str | Path, last: str) -> None:
         ) from error
 
 
-def _storable(items: Mapping[str, Any]) -> dict[str, Any]:
+def _to_storable(items: Mapping[str, Any]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, value in items.items():
         if isinstance(value, Mapping):
-            out[name] = _storable(value)
+            out[name] = _to_storable(value)
         elif isinstance(value, list):
             out[name] = np.array(value, dtype=object)[:, None]
         elif sp.issparse(value):
@@ -319,7 +323,7 @@ def read_variables(path: str | Path) -> dict[str, Any]:
     FormatError
         If the file is damaged or a variable is of a class that cannot be used.
     """
-    found, unread = _usable(_variables(path))
+    found, unread = _select_usable(_variables(path))
     for reason in unread.values():
         raise FormatError(reason, path)
     return found

@@ -115,7 +115,7 @@ def _refuse_matrix(path: Path) -> None:
 def _model(table: ModelFile) -> Model:
     """Build the model of a TOML file that refers to Matrix Market files."""
     path, content = table.path, table.content
-    table.only_known(content, GENERAL)
+    table.check_keys(content, GENERAL)
     if "group" not in content:
         raise FormatError(
             f"no [[group]]; a model needs at least one, with {', '.join(_GROUP)}", path
@@ -146,7 +146,7 @@ def _model(table: ModelFile) -> Model:
 
 
 def _group(table: ModelFile, parts: Mapping[str, Any], number: int, n: int) -> tuple[str, Group]:
-    table.only_known(parts, _GROUP, "group", number)
+    table.check_keys(parts, _GROUP, "group", number)
     name = table.group_name(parts, number)
     matrices = {}
     for what in _MATRICES:

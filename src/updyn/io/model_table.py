@@ -111,7 +111,7 @@ class ModelFile:
                 self.path,
                 self.line("geometry"),
             )
-        self.only_known(table, ("nodes", *_DRAWN), "geometry")
+        self.check_keys(table, ("nodes", *_DRAWN), "geometry")
         drawn = [self.file(table, key, "geometry") if key in table else None for key in _DRAWN]
         return read_geometry(self.file(table, "nodes", "geometry"), *drawn)
 
@@ -143,7 +143,7 @@ class ModelFile:
                 return at
         return header
 
-    def only_known(
+    def check_keys(
         self, table: Mapping[str, Any], known: tuple[str, ...], name: str = "", number: int = 0
     ) -> None:
         """Refuse unknown keys of a table, with the nearest known one."""

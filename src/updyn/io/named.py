@@ -372,7 +372,7 @@ def _order_axes(
     if array.ndim == 2 and shape[2] == 1 and order is None:
         array = array[:, :, None]
     if array.shape != shape:
-        advice = f" in the order {tuple(order)!r}" if order else _advice(found, shape)
+        advice = f" in the order {tuple(order)!r}" if order else _format_advice(found, shape)
         raise FormatError(
             f"{name}: found shape {found}, expected (lines, responses, references) ="
             f" {shape}{advice}",
@@ -381,7 +381,7 @@ def _order_axes(
     return array
 
 
-def _advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
+def _format_advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
     if len(found) != 3:
         return ""
     fits = []
@@ -509,14 +509,14 @@ def with_groups(items: Items, path: str | Path) -> Items:
         for name, part in out.pop(key).items():
             groups.setdefault(name, {})[key] = part
     for key in DAMPING:
-        for name, value in _by_part(out, key, path).items():
+        for name, value in _items_by_part(out, key, path).items():
             if name not in groups:
                 raise FormatError(f"{key}: no part {name!r} in {', '.join(split)}", path)
             groups[name][key] = value
     return {**out, "groups": groups}
 
 
-def _by_part(out: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
+def _items_by_part(out: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
     given = out.pop(key, {})
     if not isinstance(given, Mapping):
         found = "one table" if key == "loss_table" else f"{as_number(given, key, path):g}"

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 #: Name of the array returned by `updyn.read_records`.
 _RECORDS = "records"
 
-__all__ = ["Loaded", "load_netcdf", "read_frf", "read_records", "write_frf"]
+__all__ = ["NetCDFContent", "load_netcdf", "read_frf", "read_records", "write_frf"]
 
 
 def read_frf(
@@ -179,7 +179,7 @@ def _datasets(
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded:
+class NetCDFContent:
     """A loaded netCDF-4 file.
 
     Parameters
@@ -225,7 +225,7 @@ def load_netcdf(
     *,
     wanted: Sequence[str] = (),
     groups: Sequence[str] = (),
-) -> Loaded:
+) -> NetCDFContent:
     """Load a netCDF-4 file.
 
     Parameters
@@ -244,7 +244,7 @@ def load_netcdf(
 
     Returns
     -------
-    Loaded
+    NetCDFContent
 
     Raises
     ------
@@ -257,7 +257,7 @@ def load_netcdf(
     members: dict[str, Any] = dict.fromkeys(found["names"])
     for name, group in found["groups"].items():
         members[name] = Folder.of(f"/{name}", group)
-    return Loaded(Folder("/", found["attributes"], members), found["variables"], path)
+    return NetCDFContent(Folder("/", found["attributes"], members), found["variables"], path)
 
 
 def _combine_parts(data: xr.Dataset, path: str | Path) -> xr.Dataset:

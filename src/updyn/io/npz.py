@@ -231,9 +231,9 @@ def _nest_items(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, 
     for name, array in arrays.items():
         group, dot, part = name.partition(".")
         if dot:
-            groups.setdefault(group, {})[part] = _plain(array, name, path)
+            groups.setdefault(group, {})[part] = _to_plain(array, name, path)
         else:
-            top[name] = _plain(array, name, path)
+            top[name] = _to_plain(array, name, path)
     if not groups and "groups" not in top:
         return top
     names = top.pop("groups", list(groups))
@@ -249,10 +249,10 @@ def _nest_items(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, 
         if unpaired in names:
             state = f"contains {unpaired!r}, which has no array"
         raise FormatError(f"groups: {state}; found: {format_names(groups)}", path)
-    return {**top, "groups": {name: _with_sparse(groups[name], name, path) for name in names}}
+    return {**top, "groups": {name: _join_sparse(groups[name], name, path) for name in names}}
 
 
-def _with_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str, Any]:
+def _join_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str, Any]:
     out: dict[str, Any] = {}
     triples: dict[str, dict[str, Any]] = {}
     for key, value in parts.items():
@@ -276,7 +276,7 @@ def _with_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str
     return out
 
 
-def _plain(array: NDArray[Any], name: str, path: str | Path) -> Any:
+def _to_plain(array: NDArray[Any], name: str, path: str | Path) -> Any:
     if array.dtype.kind not in "US":
         return array
     if array.ndim > 1:

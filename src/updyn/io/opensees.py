@@ -130,7 +130,7 @@ def from_opensees(
         )
     _check_free(ops)
     assembly = _OpenSeesAssembly(ops)
-    dofs = _labels(ops, assembly.size)
+    dofs = _equation_dofs(ops, assembly.size)
     parts = _split_groups(ops, assembly, dofs, elements, at_nodes, rayleigh)
     out: dict[str, Group] = {}
     for name, found in parts.items():
@@ -228,7 +228,7 @@ def _check_free(ops: Any) -> None:
         raise ModelError("OpenSees has no equation to solve: every degree of freedom is fixed")
 
 
-def _labels(ops: Any, size: int) -> DofSet:
+def _equation_dofs(ops: Any, size: int) -> DofSet:
     """Return the degree of freedom of each equation."""
     nodes = np.zeros(size, dtype=np.int64)
     axes = np.full(size, -1, dtype=np.int64)
@@ -347,18 +347,23 @@ def _split_groups(
         points = {}
         for name, nodes in at_nodes.items():
             put_back(nodes)
-            points[name] = {"mass": _clean(assembly.form(1.0, 0.0, 0.0, "mass") - total.mass, M)}
+            points[name] = {
+                "mass": _remove_rounding(assembly.form(1.0, 0.0, 0.0, "mass") - total.mass, M)
+            }
             put_back(nodes, 0.0)
     try:
         ops.rayleigh(0.0, 0.0, 0.0, 0.0)
         total = _Totals(K, total.mass, assembly.form(0.0, 1.0, 0.0, "damping"))
-        parts = {name: _part(ops, assembly, total, tags) for name, tags in elements.items()}
+        parts = {
+            name: _element_contribution(ops, assembly, total, tags)
+            for name, tags in elements.items()
+        }
         for what, whole in (("stiffness", K), ("mass", total.mass)):
             covered = sum(part[what] for part in parts.values())
-            difference = _clean(whole - covered, whole, _TOLERANCE)
+            difference = _remove_rounding(whole - covered, whole, _TOLERANCE)
             if difference.any():
                 name = _undamped_group(ops, assembly, total, elements, what, difference, dofs)
-                parts[name][what] = _clean(parts[name][what] + whole - covered, whole)
+                parts[name][what] = _remove_rounding(parts[name][what] + whole - covered, whole)
     finally:
         ops.rayleigh(*map(float, rayleigh))
     return {**parts, **points, "damping": {"viscous": C}}
@@ -385,7 +390,7 @@ def _without_masses(ops: Any, at_nodes: Mapping[str, list[int]]) -> Iterator[Cal
         set_masses(before)
 
 
-def _part(
+def _element_contribution(
     ops: Any, assembly: _OpenSeesAssembly, total: _Totals, tags: Iterable[int]
 ) -> dict[str, _Array]:
     """Return the contribution of elements to K and M, by means of their Rayleigh damping."""
@@ -394,7 +399,7 @@ def _part(
         for tag in tags:
             ops.setElementRayleighDampingFactors(tag, *factors, 0.0, 0.0)
         grown = assembly.form(0.0, 1.0, 0.0, what) - total.dashpots
-        out[what] = _clean(grown, getattr(total, what))
+        out[what] = _remove_rounding(grown, getattr(total, what))
         for tag in tags:
             ops.setElementRayleighDampingFactors(tag, 0.0, 0.0, 0.0, 0.0)
     return out
@@ -422,7 +427,10 @@ def _undamped_group(
         for tag in tags:
             by_type.setdefault(str(ops.eleType(tag)), []).append(tag)
         for same_type in by_type.values():
-            if not any(matrix.any() for matrix in _part(ops, assembly, total, same_type).values()):
+            if not any(
+                matrix.any()
+                for matrix in _element_contribution(ops, assembly, total, same_type).values()
+            ):
                 quiet.setdefault(name, []).extend(same_type)
     if len(quiet) == 1:
         return next(iter(quiet))
@@ -439,7 +447,7 @@ def _undamped_group(
     )
 
 
-def _clean(matrix: _Array, whole: _Array, share: float = _ROUNDING) -> _Array:
+def _remove_rounding(matrix: _Array, whole: _Array, share: float = _ROUNDING) -> _Array:
     """Return a difference without entries below a fraction of the largest of row and column."""
     scale = np.abs(whole).max(axis=1)
     is_rounding = np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :])

@@ -68,7 +68,7 @@ def build_records(
     OptionError
         If options are missing or contradict one another.
     """
-    arrays = _flat(items)
+    arrays = _flatten(items)
     if values is None:
         raise OptionError(
             f"{path}: select the arrays of records with values = {{ CHANNEL = ARRAY }}; the file"
@@ -81,7 +81,7 @@ def build_records(
         labels = [units.get(values, "")] * len(names)
     else:
         named = _arrays_by_channel(values)
-        names, array = _by_channel(arrays, named, channels, order, path)
+        names, array = _arrays_of_channels(arrays, named, channels, order, path)
         labels = [units.get(name, "") for name in named.values()]
     step = _step(arrays, time, rate, units, array.shape[2], path)
     with locate_errors(path):
@@ -117,7 +117,7 @@ def _one_array(
     return list(channels), whole
 
 
-def _by_channel(
+def _arrays_of_channels(
     arrays: Mapping[str, Any],
     named: Mapping[str, str],
     channels: Sequence[str] | None,
@@ -222,13 +222,13 @@ def _step(
     if isinstance(rate, str):
         if rate not in arrays:
             raise FormatError(f"no number {rate!r}; {suggest(rate, sorted(arrays))}", path)
-        rate = as_number(arrays[rate], rate, path) * _hertz(units.get(rate, ""), rate, path)
+        rate = as_number(arrays[rate], rate, path) * _rate_factor(units.get(rate, ""), rate, path)
     if not (isinstance(rate, int | float) and np.isfinite(rate) and rate > 0.0):
         raise OptionError(f"rate {rate!r}: expected samples per second, above 0", key=("rate",))
     return 1.0 / float(rate)
 
 
-def _hertz(label: str, name: str, path: str | Path) -> float:
+def _rate_factor(label: str, name: str, path: str | Path) -> float:
     """Return the unit of a rate in Hz; 1 without a label."""
     unit = find_unit(label or "Hz", "frequency")
     if unit is None:
@@ -236,12 +236,12 @@ def _hertz(label: str, name: str, path: str | Path) -> float:
     return unit.factor
 
 
-def _flat(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+def _flatten(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Return nested items by their dotted names."""
     out: dict[str, Any] = {}
     for name, item in items.items():
         if isinstance(item, Mapping):
-            out |= _flat(item, f"{before}{name}.")
+            out |= _flatten(item, f"{before}{name}.")
         else:
             out[f"{before}{name}"] = item
     return out

@@ -182,8 +182,8 @@ def check_last_line(
     last = raw[max(raw.rfind(b"\n"), raw.rfind(b"\r")) + 1 :]
     if harmless is None or harmless.fullmatch(last.strip()) is None:
         raise FormatError(
-            f"the last line, {_shown(last)}, does not end: the file may be truncated; if it is"
-            " complete, add a line break",
+            f"the last line, {_format_text(last)}, does not end: the file may be truncated; if it"
+            " is complete, add a line break",
             path,
             first_line + raw.count(b"\n"),
         )
@@ -226,8 +226,8 @@ def _row_error(
 ) -> FormatError:
     line = body[at:].split(b"\n", 1)[0]
     number = first_line + body.count(b"\n", 0, at)
-    return FormatError(f"found {_shown(line)}; expected {expected}", path, number)
+    return FormatError(f"found {_format_text(line)}; expected {expected}", path, number)
 
 
-def _shown(line: bytes) -> str:
+def _format_text(line: bytes) -> str:
     return repr(line.decode("ascii", "backslashreplace").strip()[:_SHOWN])

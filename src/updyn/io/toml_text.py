@@ -40,9 +40,9 @@ def parse_toml(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError:
         raise
     except RecursionError as error:
-        raise _too_deep() from error
+        raise _depth_error() from error
     except ValueError as error:  # an integer of more digits than Python converts
-        raise _too_large(text) from error
+        raise _size_error(text) from error
     _check(document, text)
     return document
 
@@ -58,18 +58,18 @@ def _check(document: dict[str, Any], text: str) -> None:
             elif isinstance(value, list):
                 below += value
             elif isinstance(value, int) and abs(value) > _LARGEST:
-                raise _too_large(text)
+                raise _size_error(text)
         if not below:
             return
         level = below
-    raise _too_deep()
+    raise _depth_error()
 
 
-def _too_deep() -> tomllib.TOMLDecodeError:
+def _depth_error() -> tomllib.TOMLDecodeError:
     return tomllib.TOMLDecodeError(f"tables or arrays are nested more than {_DEEPEST} deep")
 
 
-def _too_large(text: str) -> tomllib.TOMLDecodeError:
+def _size_error(text: str) -> tomllib.TOMLDecodeError:
     found = _LONG.search(text)
     place = "" if found is None else _place(text, found.start())
     return tomllib.TOMLDecodeError(f"a whole number does not fit 64 bits{place}")

@@ -13,7 +13,7 @@ from scipy.signal import get_window
 from updyn.dofs import Dof
 from updyn.errors import DataError, DofError, OptionError, key_path, suggest
 from updyn.frf import FRF, check_band
-from updyn.modal.continuation import continued
+from updyn.modal.continuation import remove_decay
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.quality.pulse import time_of_energy
 from updyn.signals.records import Records, records_of
@@ -164,7 +164,7 @@ class _Setting:
             source=source,
             decay=self.decay,
         )
-        return continued(frf)
+        return remove_decay(frf)
 
 
 def estimate_frf(
@@ -336,18 +336,20 @@ def frf_estimate(
         given, others if responses is None else responses, "responses"
     )
     rows = force_rows + response_rows
-    kept = _kept_numbers(given, reject or {})
+    kept = _find_kept_records(given, reject or {})
     quantity, scales = _scales(given, forces, labels, units or {})
     values = given.values[np.array(kept) - 1][:, rows] * scales[:, None]
     if is_local:
-        _check_lasting(values[:, : len(forces)], given.step, tuple(forces), estimator)
-    pieces, decay, shape = _pieces(values, len(forces), given.step, window, segment, overlap)
+        _check_no_pulses(values[:, : len(forces)], given.step, tuple(forces), estimator)
+    pieces, decay, shape = _window_segments(
+        values, len(forces), given.step, window, segment, overlap
+    )
     shared = overlap if segment is not None else 0.0
     freq = np.asarray(np.fft.rfftfreq(pieces.shape[2], given.step), dtype=np.float64)
-    chosen = _in_band(freq, band)
+    chosen = _band_mask(freq, band)
     F = np.fft.rfft(pieces, axis=2)[:, :, chosen].transpose(0, 2, 1)
     n = len(forces)
-    spectra = Spectra.of(F[:, :, :n], F[:, :, n:], _independent(len(pieces), shape, shared))
+    spectra = Spectra.of(F[:, :, :n], F[:, :, n:], _count_independent(len(pieces), shape, shared))
     each = len(pieces) // len(kept)
     setting = _Setting(
         freq[chosen],
@@ -357,7 +359,7 @@ def frf_estimate(
         estimator,
         decay,
         each,
-        _independent(each, shape, shared),
+        _count_independent(each, shape, shared),
     )
     frf = setting.frf(spectra, _source(given, reject or {}))
     if is_local:
@@ -379,7 +381,7 @@ def _check_unwindowed(
             )
 
 
-def _check_lasting(forces: _Real, step: float, names: tuple[str, ...], estimator: str) -> None:
+def _check_no_pulses(forces: _Real, step: float, names: tuple[str, ...], estimator: str) -> None:
     """Raise DataError for forces that are pulses, with spectra as smooth as those of transients."""
     duration = forces.shape[2] * step
     for name, force in zip(names, np.swapaxes(forces, 0, 1), strict=True):
@@ -419,7 +421,7 @@ def _check_label(name: str, label: str) -> None:
         raise DataError(f"channel {name!r}: {error}{hint}") from error
 
 
-def _kept_numbers(records: Records, reject: Mapping[int, str]) -> tuple[int, ...]:
+def _find_kept_records(records: Records, reject: Mapping[int, str]) -> tuple[int, ...]:
     """Return the numbers of the records that are not rejected."""
     n = len(records.values)
     for number in reject:
@@ -489,7 +491,7 @@ def _check_angular(name: str, label: str, unit: Unit, key: str) -> None:
         raise DataError(f"channel {name!r} at {label}: its unit is that of {what}", key=(key, name))
 
 
-def _in_band(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]:
+def _band_mask(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]:
     """Return a mask of the lines in the band, without 0 Hz."""
     chosen = freq > 0.0
     if band is not None:
@@ -501,7 +503,7 @@ def _in_band(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]
     return chosen
 
 
-def _pieces(
+def _window_segments(
     values: _Real,
     n_forces: int,
     step: float,
@@ -514,7 +516,7 @@ def _pieces(
     if segment is None:
         values = values - np.median(values, axis=2, keepdims=True)
         if isinstance(window, ImpactWindow):
-            return _hits(values, n_forces, step, window)
+            return _window_hits(values, n_forces, step, window)
         shape = np.ones(n_samples) if window is None else _window(window, n_samples)
         return values * shape, 0.0, shape
     if isinstance(window, ImpactWindow):
@@ -532,10 +534,10 @@ def _pieces(
     return (cut - cut.mean(axis=2, keepdims=True)) * shape, 0.0, shape
 
 
-def _hits(
+def _window_hits(
     values: _Real, n_forces: int, step: float, window: ImpactWindow
 ) -> tuple[_Real, float, _Real]:
-    """Return records of hits with their windows applied, as `_pieces`."""
+    """Return records of hits with their windows applied, as `_window_segments`."""
     n_samples = values.shape[2]
     decay = window.decay(n_samples * step)
     values = values.copy()
@@ -558,7 +560,7 @@ def _window(name: str, size: int) -> _Real:
         ) from error
 
 
-def _independent(n: int, shape: _Real, overlap: float) -> float:
+def _count_independent(n: int, shape: _Real, overlap: float) -> float:
     """Return the number of independent segments: Welch (1967), below equation 12."""
     size = len(shape)
     every = max(1, size - int(overlap * size))

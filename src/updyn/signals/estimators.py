@@ -54,7 +54,7 @@ class Estimator:
     is_local: bool = False
 
 
-def _of_averages(values_of: Callable[[Spectra], _Complex]) -> Estimator:
+def _estimate_from_averages(values_of: Callable[[Spectra], _Complex]) -> Estimator:
     """Return an estimator from averaged spectra, with the variance from the coherence."""
 
     def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> EstimatedFRF:
@@ -75,7 +75,7 @@ def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
     return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * freedom))
 
 
-def _local(
+def _estimate_locally(
     values_of: Callable[[Spectra, _Real, Sequence[str]], tuple[_Complex, _Real]],
 ) -> Estimator:
     """Return an estimator from local models, with variance and without coherence."""
@@ -146,9 +146,9 @@ def _hv(spectra: Spectra) -> _Complex:
 
 
 ESTIMATORS = {
-    "H1": _of_averages(_h1),
-    "H2": _of_averages(_h2),
-    "Hv": _of_averages(_hv),
-    "LRM": _local(local_rational),
-    "H1-LRM": _local(without_transients),
+    "H1": _estimate_from_averages(_h1),
+    "H2": _estimate_from_averages(_h2),
+    "Hv": _estimate_from_averages(_hv),
+    "LRM": _estimate_locally(local_rational),
+    "H1-LRM": _estimate_locally(without_transients),
 }

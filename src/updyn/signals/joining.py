@@ -69,13 +69,13 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
         return frfs[0]
     first = frfs[0]
     for other, name in zip(frfs[1:], names[1:], strict=True):
-        _check_alike(first, other, names[0], name)
+        _check_same_lines(first, other, names[0], name)
     responses = _merge_dofs([frf.responses for frf in frfs])
     references = _merge_dofs([frf.references for frf in frfs])
-    places = _places(frfs, names)
+    places = _index_pairs(frfs, names)
     shape = (len(first.freq), len(responses), len(references))
     values = np.empty(shape, dtype=np.complex128)
-    extras = {name: np.empty(shape) for name in _common(frfs, names)}
+    extras = {name: np.empty(shape) for name in _find_common(frfs, names)}
     for i, response in enumerate(responses):
         for j, reference in enumerate(references):
             place = places.get((_unsigned_dof(response), _unsigned_dof(reference)))
@@ -103,7 +103,7 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
     )
 
 
-def _check_alike(first: FRF, other: FRF, name: str, its: str) -> None:
+def _check_same_lines(first: FRF, other: FRF, name: str, its: str) -> None:
     """Raise DataError for setups with different quantities or lines."""
     if other.decay != first.decay:
         raise DataError(
@@ -124,7 +124,7 @@ def _check_alike(first: FRF, other: FRF, name: str, its: str) -> None:
         )
 
 
-def _common(frfs: Sequence[FRF], names: Sequence[str]) -> list[str]:
+def _find_common(frfs: Sequence[FRF], names: Sequence[str]) -> list[str]:
     """Return which of coherence and variance all setups have; warn if only some have one."""
     found = []
     for what in ("coherence", "variance"):
@@ -189,7 +189,7 @@ def _merge_dofs(sets: Sequence[DofSet]) -> DofSet:
     return DofSet(found.values())
 
 
-def _places(
+def _index_pairs(
     frfs: Sequence[FRF], names: Sequence[str]
 ) -> dict[tuple[_Unsigned, _Unsigned], _PairPosition]:
     """Return the setup and indices of each pair, which must be unique."""
@@ -211,8 +211,10 @@ def _places(
 
 def _missing_pair(response: Dof, reference: Dof, frfs: Sequence[FRF], names: Sequence[str]) -> str:
     """Return a message on the pair that was not measured, and the setups of its DOFs."""
-    with_response = [n for n, f in zip(names, frfs, strict=True) if _has(f.responses, response)]
-    with_reference = [n for n, f in zip(names, frfs, strict=True) if _has(f.references, reference)]
+    with_response = [n for n, f in zip(names, frfs, strict=True) if _has_all(f.responses, response)]
+    with_reference = [
+        n for n, f in zip(names, frfs, strict=True) if _has_all(f.references, reference)
+    ]
     return (
         f"response {response} to reference {reference} was not measured: {response} is in"
         f" {', '.join(with_response)}, {reference} in {', '.join(with_reference)}; FRFs are a"
@@ -220,5 +222,5 @@ def _missing_pair(response: Dof, reference: Dof, frfs: Sequence[FRF], names: Seq
     )
 
 
-def _has(dofs: DofSet, dof: Dof) -> bool:
+def _has_all(dofs: DofSet, dof: Dof) -> bool:
     return any(_unsigned_dof(dof) == _unsigned_dof(other) for other in dofs)

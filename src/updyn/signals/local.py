@@ -99,11 +99,11 @@ def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalV
         raise DataError(_too_few(lines, records, forces), key=("band",))
     levels = [np.sqrt(np.mean(np.abs(values) ** 2, axis=(0, 1))) for values in (F, X)]
     level_F, level_X = (np.where(level > 0.0, level, 1.0) for level in levels)
-    best = _over_lines(F / level_F, X / level_X, models[0])
-    least, separable = _left_out(best), best.separable
+    best = _values_at_lines(F / level_F, X / level_X, models[0])
+    least, separable = _omission_errors(best), best.separable
     for model in models[1:]:
-        found = _over_lines(F / level_F, X / level_X, model)
-        error = _left_out(found)
+        found = _values_at_lines(F / level_F, X / level_X, model)
+        error = _omission_errors(found)
         best, least = best.better(error < least, found), np.minimum(error, least)
         separable = np.maximum(found.separable, separable)
     _check_separable(separable, freq, names)
@@ -126,12 +126,12 @@ def _too_few(lines: int, records: int, forces: int) -> str:
     )
 
 
-def _left_out(found: LocalValues) -> _Real:
+def _omission_errors(found: LocalValues) -> _Real:
     """Return the mean logarithm of the error at omitted lines, shape (n_f,).
 
     Infinite at lines at which the forces cannot be distinguished from transients.
     """
-    smooth = uniform_filter1d(found.left_out, _COMPARED, axis=0, mode="nearest")
+    smooth = uniform_filter1d(found.omission_error, _COMPARED, axis=0, mode="nearest")
     error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)
     return np.where((found.separable >= _SEPARABLE).all(axis=1), error, np.inf)
 
@@ -153,7 +153,7 @@ def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> Non
     )
 
 
-def _over_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalValues:
+def _values_at_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalValues:
     """Return the values of one model at all lines, in batches of windows."""
     records, lines, forces = force.shape
     served = max(1, model.half // _SERVED)

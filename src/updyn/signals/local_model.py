@@ -81,7 +81,7 @@ class LocalValues:
     variance: _Real
     noise: _Real
     unexplained: _Complex
-    left_out: _Real
+    omission_error: _Real
     separable: _Real
 
     def better(self, closer: NDArray[np.bool_], other: LocalValues) -> LocalValues:
@@ -186,8 +186,8 @@ class _FittedModels:
         denominator = np.einsum("fwm,fm->fw", powers[..., 1 : model.poles + 1], poles)
         inverse = 1.0 / (1.0 + denominator)
         transient = np.linalg.qr(powers[..., : model.degree + 1] * inverse[..., None])[0]
-        force = _stack_records(_without(transient, windows.force * inverse[:, None, :, None]))
-        motion = _stack_records(_without(transient, windows.motion))
+        force = _stack_records(_project_off(transient, windows.force * inverse[:, None, :, None]))
+        motion = _stack_records(_project_off(transient, windows.motion))
         Q, R = np.linalg.qr(force)
         along = _herm(Q) @ motion
         return cls(windows, poles, inverse, transient, Q, R, along, motion - Q @ along)
@@ -235,7 +235,7 @@ class _FittedModels:
         poles = self.windows.model.poles
         bent = self.windows.powers[..., 1 : poles + 1] * self.inverse[..., None]
         J = (bent[:, None, :, :, None] * motion[:, :, :, None]).reshape(n, records, width, -1)
-        J = _stack_records(_without(self.transient, J))
+        J = _stack_records(_project_off(self.transient, J))
         along = _herm(self.Q) @ J
         shape = (n, -1, poles, responses)
         return (J - self.Q @ along).reshape(shape), along.reshape(shape)
@@ -340,7 +340,7 @@ class _Solution:
             self._variance,
             np.broadcast_to(noise, (n, lines, noise.shape[2])),
             np.einsum("fnoi,fnor->foir", residual, force.conj()),
-            self._left_out,
+            self._omission_error,
             np.broadcast_to(separable[:, None], (n, lines, separable.shape[1])),
         )
 
@@ -366,7 +366,7 @@ class _Solution:
         return np.asarray(self._noise[:, None, :, None] * noise_factor + shared)
 
     @property
-    def _left_out(self) -> _Real:
+    def _omission_error(self) -> _Real:
         """Mean square error at omitted lines, by the leverage (Allen, 1974)."""
         rest = np.maximum(1.0 - self.leverage, _LEAST_REST)
         error = (self.fit.residual / rest).reshape(self.fit.windows.motion.shape)
@@ -382,7 +382,7 @@ def _stack_records(x: _Complex) -> _Complex:
     return x.reshape(len(x), -1, x.shape[-1])
 
 
-def _without(Q: _Complex, x: _Complex) -> _Complex:
+def _project_off(Q: _Complex, x: _Complex) -> _Complex:
     """Return x, shape (n, records, width, ...), projected off Q, shape (n, width, ...)."""
     return x - Q[:, None] @ (_herm(Q)[:, None] @ x)
 

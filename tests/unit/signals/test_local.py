@@ -89,7 +89,9 @@ def test_polynomials_are_least_squares(forces):
         assert found.variance[0, 0, i] == pytest.approx(covariance[at, at].real, rel=1e-9)
         # Fitted once more without the centre of both records, one record at a time.
         errors = (rest / (1.0 - np.diag(hat))).reshape(2, -1)[:, model.half]
-        assert found.left_out[0, 0, i] == pytest.approx(np.mean(np.abs(errors) ** 2), rel=1e-9)
+        assert found.omission_error[0, 0, i] == pytest.approx(
+            np.mean(np.abs(errors) ** 2), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("offset", [0, 2])

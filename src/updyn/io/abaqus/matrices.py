@@ -403,9 +403,9 @@ def assemble(
     inner = np.zeros(len(known), dtype=np.bool_)
     if labels is not None:
         inner = labels.internal
-    keep = _free(matrices, known, held, path)
+    keep = _find_free_dofs(matrices, known, held, path)
     if internal == "condense" and (inner & keep).any():
-        matrices = [_restrict(part_matrices, keep) for part_matrices in matrices]
+        matrices = [_restrict_matrices(part_matrices, keep) for part_matrices in matrices]
         known = known[np.flatnonzero(keep)]
         inner = inner[keep]
         _condense(matrices, parts, known, inner, path)
@@ -417,9 +417,9 @@ def assemble(
     for part, part_matrices in zip(parts, matrices, strict=True):
         if part.name in groups:
             raise FormatError(f"group name {part.name!r} occurs twice", path)
-        kept = _restrict(part_matrices, keep)
+        kept = _restrict_matrices(part_matrices, keep)
         si = {what: units.to_si(A, known) for what, A in kept.items()}
-        groups[part.name] = _group(part, si, path)
+        groups[part.name] = _build_group(part, si, path)
     with locate_errors(path):
         return Model.from_groups(groups, known, geometry=geometry, title=title)
 
@@ -439,7 +439,7 @@ def _warn_of_masses(
             return
 
 
-def _restrict(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
+def _restrict_matrices(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
     return {what: A[keep][:, keep] for what, A in matrices.items()}
 
 
@@ -474,7 +474,7 @@ def _labels(
     return labels, labels.dofs
 
 
-def _free(
+def _find_free_dofs(
     matrices: Sequence[Mapping[str, Matrix]],
     dofs: DofSet,
     supports: NDArray[np.int64] | None,
@@ -506,7 +506,7 @@ def _free(
     return free
 
 
-def _group(part: AbaqusGroup, matrices: Mapping[str, Matrix], path: Path) -> Group:
+def _build_group(part: AbaqusGroup, matrices: Mapping[str, Matrix], path: Path) -> Group:
     K = matrices.get("stiffness")
     D = matrices.get("structural")
     gamma = part.loss_factor or 0.0
@@ -516,12 +516,12 @@ def _group(part: AbaqusGroup, matrices: Mapping[str, Matrix], path: Path) -> Gro
                 f"group {part.name!r}: a loss factor and a structural matrix; give one of them",
                 path,
             )
-        gamma = _ratio(D, K, part, path)
+        gamma = _find_loss_factor(D, K, part, path)
     with locate_errors(path, f"group {part.name!r}"):
         return Group(K, matrices.get("mass"), loss_factor=gamma, viscous=matrices.get("viscous"))
 
 
-def _ratio(D: Matrix, K: Matrix | None, part: AbaqusGroup, path: Path) -> float:
+def _find_loss_factor(D: Matrix, K: Matrix | None, part: AbaqusGroup, path: Path) -> float:
     if K is None or not abs(K).max() > 0.0:
         raise FormatError(f"group {part.name!r}: structural damping without stiffness", path)
     gamma = float((D.multiply(K)).sum() / (K.multiply(K)).sum())
@@ -577,7 +577,7 @@ def _condense(
         if i.size:
             # The structural matrix is checked for proportionality before the condensation.
             gamma = (
-                _ratio(part_matrices["structural"], K, part, path)
+                _find_loss_factor(part_matrices["structural"], K, part, path)
                 if "structural" in part_matrices
                 else None
             )

@@ -197,7 +197,7 @@ def generated_parts(facts: DeckFacts, job: str) -> list[AbaqusGroup]:
         files = _read_step(facts, card, job, at)
         elset = card.get("ELSET")
         if "ELEMENT BY ELEMENT" in card.parameters:
-            parts += _by_material(facts, card, files)
+            parts += _split_by_material(facts, card, files)
         elif elset:
             # A set of an instance is named "instance.set"; group names have no dots.
             parts.append(AbaqusGroup(elset.rpartition(".")[2], files))
@@ -248,7 +248,7 @@ def _read_step(
     return files
 
 
-def _by_material(
+def _split_by_material(
     facts: DeckFacts, card: KeywordCard, files: Mapping[str, AbaqusEntries]
 ) -> list[AbaqusGroup]:
     if not facts.is_flat:
@@ -341,7 +341,7 @@ def assembled_parts(facts: DeckFacts) -> list[AbaqusGroup]:
                 raise card.error(
                     f"*MATRIX ASSEMBLE: no matrix {name!r}; {suggest(name.upper(), known)}"
                 )
-            files[what] = _input(known[name.upper()], facts.path.parent)
+            files[what] = _read_matrix_input(known[name.upper()], facts.path.parent)
         if not files:
             raise card.error("*MATRIX ASSEMBLE refers to no matrix")
         parts.append(AbaqusGroup(_group_name(card), files))
@@ -358,7 +358,7 @@ def _group_name(card: KeywordCard) -> str:
     return name
 
 
-def _input(card: KeywordCard, folder: Path) -> AbaqusEntries:
+def _read_matrix_input(card: KeywordCard, folder: Path) -> AbaqusEntries:
     card.check_parameters("NAME", "INPUT", "SCALE FACTOR", "TYPE", "MATRIX")
     if (card.get("TYPE") or "SYMMETRIC").upper() != "SYMMETRIC":
         raise card.error("*MATRIX INPUT, TYPE=UNSYMMETRIC: expected a symmetric matrix")

@@ -67,7 +67,7 @@ def read_table(table: ModelFile) -> Model:
     """
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
-    table.only_known(content, _TOP)
+    table.check_keys(content, _TOP)
     units = find_units(table.optional("unit", "m"))
     facts = None
     if "deck" in content:
@@ -89,7 +89,7 @@ def read_table(table: ModelFile) -> Model:
 def _part(
     table: ModelFile, group: Mapping[str, Any], number: int, facts: DeckFacts | None
 ) -> AbaqusGroup:
-    table.only_known(group, _GROUP, "group", number)
+    table.check_keys(group, _GROUP, "group", number)
     name = table.group_name(group, number)
     files = {}
     for what in MATRICES:

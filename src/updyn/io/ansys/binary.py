@@ -197,7 +197,7 @@ class BinaryFile:
         if stated is not None and find_units(unit).name != stated:
             raise FormatError(
                 f"unit {unit!r} contradicts the header, which states {name}"
-                f" ({UNITS[stated].described})",
+                f" ({UNITS[stated].description})",
                 self.path,
             )
         return find_units(unit)

@@ -5,7 +5,7 @@ A command that is not listed may be a macro, which can have any effect.
 
 from __future__ import annotations
 
-__all__ = ["FORMATTED", "MATERIAL", "REAL", "is_harmless", "reason_against"]
+__all__ = ["FORMATTED", "MATERIAL", "REAL", "find_affected_kinds", "is_harmless"]
 
 MATERIAL, REAL = "material", "real"
 _BOTH = (MATERIAL, REAL)
@@ -95,11 +95,11 @@ _WHOLE_NAMES = ("MPLIST", "MPPLOT", "MPWRITE")
 def is_harmless(name: str) -> bool:
     """Return whether a command (upper case) never changes properties."""
     if name.startswith("/"):  # built-in: macros have no such names
-        return reason_against(name) is None
-    return name in _WHOLE_NAMES or (name[:4] in _HARMLESS and reason_against(name) is None)
+        return find_affected_kinds(name) is None
+    return name in _WHOLE_NAMES or (name[:4] in _HARMLESS and find_affected_kinds(name) is None)
 
 
-def reason_against(name: str) -> tuple[tuple[str, ...], str] | None:
+def find_affected_kinds(name: str) -> tuple[tuple[str, ...], str] | None:
     """Return the kinds of property that an uninterpreted command changes, and the reason, or None.
 
     Only the first four letters of a command are significant.

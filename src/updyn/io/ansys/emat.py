@@ -112,7 +112,7 @@ def read_model(
     known = _attributes(path, attributes)
     names = groups_of(file.elements, known, by, groups, path)
     dofs = _all_dofs(file, known)
-    sums = _sums(file, names, dofs)
+    sums = _sum_matrices(file, names, dofs)
     whole: dict[str, dict[str, Matrix]] = {}
     for name, matrices in sums.items():
         whole[name] = {what: units.to_si(matrix, dofs) for what, matrix in matrices.items()}
@@ -128,7 +128,9 @@ def read_model(
     geometry = None if known is None else known.geometry(units.length)
     with locate_errors(path):
         built = {
-            name: _group(matrices, loss_factor) for name, matrices in parts.items() if matrices
+            name: _build_group(matrices, loss_factor)
+            for name, matrices in parts.items()
+            if matrices
         }
         return Model.from_groups(built, kept, geometry=geometry)
 
@@ -185,7 +187,7 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     return labels_of(nodes, numbers, path)
 
 
-def _sums(
+def _sum_matrices(
     file: ElementFile, names: NDArray[np.object_], dofs: DofSet
 ) -> dict[str, dict[str, Matrix]]:
     """Return K, M, C and stress stiffness of each group, shape (N, N), in units of the deck."""
@@ -202,14 +204,14 @@ def _sums(
             if matrix.any():
                 sums.setdefault(group, {}).setdefault(kind, _ElementSum(len(dofs))).add(at, matrix)
     # In the order of their names, numbers by value: "material 2" before "material 10".
-    order = sorted(sums, key=lambda n: (n == _STRESS, n == "remaining", *_by_number(n)))
+    order = sorted(sums, key=lambda n: (n == _STRESS, n == "remaining", *_by_dof_number(n)))
     out = {}
     for name in order:
         out[name] = {what: total.matrix() for what, total in sums[name].items()}
     return out
 
 
-def _by_number(name: str) -> tuple[str, int]:
+def _by_dof_number(name: str) -> tuple[str, int]:
     word, _, number = name.rpartition(" ")
     return (word, int(number)) if number.isdigit() else (name, 0)
 
@@ -257,7 +259,7 @@ def _select_stress_stiffness(
         del parts[_STRESS]
 
 
-def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group:
+def _build_group(parts: Mapping[str, Matrix], loss_factor: float) -> Group:
     stiffness = parts.get("stiffness")
     if stiffness is None:
         loss_factor = 0.0

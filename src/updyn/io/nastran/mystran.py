@@ -93,12 +93,12 @@ def adapt_cards(deck: NastranDeck, cards: Iterable[NastranCard]) -> list[Nastran
         card = _with_points(card)
         changed = card
         if card.name in _ENDS:
-            changed, ground = _ground_spring(deck, card, grounds + 1)
+            changed, ground = _ground_free_end(deck, card, grounds + 1)
         elif card.name == "CBUSH" and not card.text(3):
-            ground = _ground(deck, card, card.integer(2), grounds + 1)
+            ground = _ground_grid(deck, card, card.integer(2), grounds + 1)
             changed = card.with_fields({3: str(grounds + 1)})
         elif card.name == "RBAR":
-            changed = _bar(card)
+            changed = _convert_rigid_bar(card)
         if ground is not None:
             grounds += 1
             out.append(ground)
@@ -116,7 +116,7 @@ def _with_points(card: NastranCard) -> NastranCard:
     return card.with_fields(new) if new else card
 
 
-def _ground_spring(
+def _ground_free_end(
     deck: NastranDeck, card: NastranCard, number: int
 ) -> tuple[NastranCard, NastranCard | None]:
     """Return a spring or mass, and the fixed grid for its free end, if it has one."""
@@ -130,13 +130,13 @@ def _ground_spring(
     ground = None
     is_mass = card.name in ("CMASS1", "CMASS2")  # may have only one end
     if not is_mass and card.text(two[0]) in ("", "0"):
-        ground = _ground(deck, card, card.integer(one[0]), number)
+        ground = _ground_grid(deck, card, card.integer(one[0]), number)
         new[two[0]] = str(number)
         new[two[1]] = new.get(one[1], card.text(one[1]))
     return card.with_fields(new), ground
 
 
-def _bar(card: NastranCard) -> NastranCard:
+def _convert_rigid_bar(card: NastranCard) -> NastranCard:
     """Return a rigid bar as an RBE2; all its independent components have to be at one end."""
     first_components = card.text(3)
     other = card.text(4)
@@ -153,7 +153,7 @@ def _bar(card: NastranCard) -> NastranCard:
     return NastranCard("RBE2", fields, card.lines)
 
 
-def _ground(deck: NastranDeck, card: NastranCard, node: int, number: int) -> NastranCard:
+def _ground_grid(deck: NastranDeck, card: NastranCard, node: int, number: int) -> NastranCard:
     """Return a fixed grid at the position and in the displacement system of grid `node`."""
     if node not in deck.grids:
         return NastranCard("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)

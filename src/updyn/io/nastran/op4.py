@@ -324,7 +324,7 @@ def _columns(matrix: Any) -> Iterator[tuple[int, Any, Any]]:
             yield j + 1, matrix.indices[some], matrix.data[some]
 
 
-def _full(rows: Any, values: Any, number: Any = np.float64) -> NDArray[Any]:
+def _dense_column(rows: Any, values: Any, number: Any = np.float64) -> NDArray[Any]:
     """Return the dense column from its first to its last entry."""
     full = np.zeros(rows[-1] - rows[0] + 1, number)
     full[rows - rows[0]] = values
@@ -497,7 +497,7 @@ def _text_column(
     column: int, rows: Any, values: Any, layout: Layout, single: bool
 ) -> Iterator[str]:
     if layout == "dense":
-        full = _full(rows, values)
+        full = _dense_column(rows, values)
         yield f"{column:8}{rows[0] + 1:8}{len(full):8}\n"
         yield _cells(full, single)
         return
@@ -677,7 +677,7 @@ def _binary_column(
     column: int, rows: Any, values: Any, layout: Layout, order: str, number: Any
 ) -> bytes:
     if layout == "dense":
-        data = _full(rows, values, number).tobytes()
+        data = _dense_column(rows, values, number).tobytes()
         return struct.pack(f"{order}3i", column, rows[0] + 1, len(data) // 4) + data
     parts = []
     for start, end in runs(rows):

@@ -140,8 +140,8 @@ def read_frf(
         raise AbsentError(_describe_absence(functions, collector, others), path)
     _warn_of_others(functions, path)
     found = _quantity(measured, quantity, path)
-    measured = [_in_hertz(f, path) for f in measured]
-    coherences = [_in_hertz(f, path) for f in coherences]
+    measured = [_to_hertz(f, path) for f in measured]
+    coherences = [_to_hertz(f, path) for f in coherences]
     for function in measured:
         _check_values(function, real_valued, path)
     geometry = collector.geometry()
@@ -258,7 +258,7 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
             check_quantity(given)
     stated: dict[str, int] = {}
     for function in measured:
-        name = _one_quantity(function, path)
+        name = _find_quantity(function, path)
         if name is not None:
             stated.setdefault(name, function.line)
     if len(stated) > 1:
@@ -277,7 +277,7 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
     if given is not None:
         return given
     for function in measured:
-        if _one_quantity(function, path) is None:
+        if _find_quantity(function, path) is None:
             above, below = function.numerator, function.denominator
             raise FormatError(
                 f"records 9 and 10 do not define the measured quantity (data types {above.kind}"
@@ -289,7 +289,7 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
     return next(iter(stated))
 
 
-def _one_quantity(function: Function, path: str | Path) -> str | None:
+def _find_quantity(function: Function, path: str | Path) -> str | None:
     """Return the quantity stated in records 9 and 10; None if one of them is unknown."""
     above, below = function.numerator.kind, function.denominator.kind
     line = function.numerator.line
@@ -310,7 +310,7 @@ def _one_quantity(function: Function, path: str | Path) -> str | None:
     return None
 
 
-def _in_hertz(function: Function, path: str | Path) -> Function:
+def _to_hertz(function: Function, path: str | Path) -> Function:
     return replace(function, unit_of_x=abscissa_factor(function.abscissa, "frequency", path))
 
 
@@ -563,24 +563,24 @@ def assemble(
     columns = _ChannelSide("reference", path)
     found = [_place(f, directions, factor) for f in measured]
     for item in found:
-        rows.meet(item.response)
-        columns.meet(item.reference)
-    rows.keep(responses)
-    columns.keep(references)
-    frfs = _by_pair(found, rows, columns)
-    cohs = _by_pair([_place(f, directions) for f in coherences], rows, columns)
-    _complete(frfs, rows, columns, path)
+        rows.add(item.response)
+        columns.add(item.reference)
+    rows.select(responses)
+    columns.select(references)
+    frfs = _group_by_pair(found, rows, columns)
+    cohs = _group_by_pair([_place(f, directions) for f in coherences], rows, columns)
+    _check_complete(frfs, rows, columns, path)
     if not average:
         _check_unique([*frfs.values(), *cohs.values()], path)
     freq = next(iter(frfs.values()))[0].function.x
     for items in (*frfs.values(), *cohs.values()):
         for item in items:
             _check_lines(item, freq, path)
-    shape = (len(freq), len(rows.kept), len(columns.kept))
+    shape = (len(freq), len(rows.selected), len(columns.selected))
     values = np.empty(shape, dtype=np.complex128)
     coherence = np.empty(shape) if _coherence_is_complete(frfs, cohs, path) else None
-    for i, r in enumerate(rows.kept):
-        for j, c in enumerate(columns.kept):
+    for i, r in enumerate(rows.selected):
+        for j, c in enumerate(columns.selected):
             key = (_name(r), _name(c))
             sense = r.sign * c.sign
             gamma = [_coherence(item, path) for item in cohs.get(key, ())]
@@ -590,7 +590,7 @@ def assemble(
     for array in (values, coherence):
         if array is not None:
             array.flags.writeable = False  # FRF does not copy read-only arrays
-    return FRFArrays(freq, values, coherence, rows.kept, columns.kept)
+    return FRFArrays(freq, values, coherence, rows.selected, columns.selected)
 
 
 def _place(
@@ -615,31 +615,31 @@ class _ChannelSide:
     def __init__(self, what: str, path: str | Path) -> None:
         self.what = what
         self.path = path
-        self.met: dict[tuple[int, str], Dof] = {}
-        self.kept = DofSet([])
+        self.dofs_by_name: dict[tuple[int, str], Dof] = {}
+        self.selected = DofSet([])
 
-    def meet(self, dof: Dof) -> None:
-        self.met.setdefault(_name(dof), dof)
+    def add(self, dof: Dof) -> None:
+        self.dofs_by_name.setdefault(_name(dof), dof)
 
-    def keep(self, wanted: Iterable[str | Dof] | None) -> None:
-        held = DofSet(self.met.values())
+    def select(self, wanted: Iterable[str | Dof] | None) -> None:
+        held = DofSet(self.dofs_by_name.values())
         if wanted is None:
-            self.kept = held
+            self.selected = held
             return
-        self.kept = parse_selection(wanted, f"{self.what}s", self.path)
+        self.selected = parse_selection(wanted, f"{self.what}s", self.path)
         with locate_errors(self.path, f"{self.what}s"), key_path(f"{self.what}s"):
-            held.match(self.kept, self.what)
+            held.match(self.selected, self.what)
 
     def __contains__(self, dof: Dof) -> bool:
-        return dof in self.kept
+        return dof in self.selected
 
 
-def _by_pair(
+def _group_by_pair(
     items: Sequence[_MeasuredFunction], rows: _ChannelSide, columns: _ChannelSide
 ) -> dict[_Pair, list[_MeasuredFunction]]:
     out: dict[_Pair, list[_MeasuredFunction]] = {}
-    keep_rows = set(map(_name, rows.kept))
-    keep_columns = set(map(_name, columns.kept))
+    keep_rows = set(map(_name, rows.selected))
+    keep_columns = set(map(_name, columns.selected))
     for item in items:
         response, reference = item.key
         if response in keep_rows and reference in keep_columns:
@@ -647,15 +647,15 @@ def _by_pair(
     return out
 
 
-def _complete(
+def _check_complete(
     frfs: Mapping[_Pair, list[_MeasuredFunction]],
     rows: _ChannelSide,
     columns: _ChannelSide,
     path: str | Path,
 ) -> None:
     missing = []
-    for c in columns.kept:
-        for r in rows.kept:
+    for c in columns.selected:
+        for r in rows.selected:
             if (_name(r), _name(c)) not in frfs:
                 missing.append(f"{r} / {c}")
     if missing:
@@ -663,8 +663,8 @@ def _complete(
         if len(missing) > 6:
             shown += ", ..."
         raise FormatError(
-            f"{len(missing)} of {len(rows.kept) * len(columns.kept)} pairs of response / reference"
-            f" are missing: {shown}. Select a complete part with responses=[...] and"
+            f"{len(missing)} of {len(rows.selected) * len(columns.selected)} pairs of response /"
+            f" reference are missing: {shown}. Select a complete part with responses=[...] and"
             " references=[...]",
             path,
         )

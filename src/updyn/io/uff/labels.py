@@ -136,7 +136,7 @@ def abscissa_factor(axis: Record8, kind: str, path: str | Path) -> float:
             path,
             axis.line,
         )
-    named = _in_brackets(axis.name)
+    named = _text_in_brackets(axis.name)
     other = named and find_unit(named, *_ABSCISSAE)
     if other and other != unit:
         raise FormatError(
@@ -247,7 +247,7 @@ def _name(unit: Unit) -> str:
 def _check_name(side: _AxisUnit, factor: float, ratio: float | None = None) -> None:
     """Refuse an axis name with a unit that differs from the unit of the values."""
     axis = side.axis
-    named = _in_brackets(axis.name)
+    named = _text_in_brackets(axis.name)
     unit = find_unit(named)
     pair = split_ratio(named)
     agrees = True
@@ -260,7 +260,7 @@ def _check_name(side: _AxisUnit, factor: float, ratio: float | None = None) -> N
         raise side.error(f"the axis name {axis.name!r} has the unit {named!r}, but {stated}")
 
 
-def _in_brackets(name: str) -> str:
+def _text_in_brackets(name: str) -> str:
     """Return the text in brackets at the end of a name; empty without brackets."""
     found = _AT_THE_END.search(name)
     return found[1].strip() if found else ""

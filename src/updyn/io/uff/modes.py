@@ -371,7 +371,11 @@ def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) 
     numbers = _numbers([(at + 7, texts[7])], min(n_real, 6), "record 8", path)
     numbers = np.append(numbers, np.zeros(6 - len(numbers)))
     place = _place(texts, _55, 8, path, at)
-    return _normal(numbers[:4], place) if analysis == _NORMAL else _complex(numbers, place)
+    return (
+        _normal_mode_properties(numbers[:4], place)
+        if analysis == _NORMAL
+        else _complex_mode_properties(numbers, place)
+    )
 
 
 def _head_of_2414(
@@ -382,11 +386,11 @@ def _head_of_2414(
     place = _place(texts, _2414, 12, path, at)
     if analysis == _NORMAL:
         _check_eigenvalue(fields[1], fields[2], place)
-        return _normal(fields[[1, 3, 4, 5]], place)
+        return _normal_mode_properties(fields[[1, 3, 4, 5]], place)
     numbers = _numbers([(at + 12, texts[12])], 6, "record 13", path)
     if analysis == _SECOND_ORDER:
         numbers[2:] = 0.0  # modal A, or a modal mass
-    head = _complex(numbers, _place(texts, _2414, 13, path, at))
+    head = _complex_mode_properties(numbers, _place(texts, _2414, 13, path, at))
     _check_fields(fields, complex(numbers[0], numbers[1]), place)
     return head
 
@@ -425,7 +429,7 @@ def _check_fields(fields: NDArray[np.float64], s: complex, place: _ModePlace) ->
         )
 
 
-def _normal(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
+def _normal_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
     """Return the properties of a normal mode from frequency, modal mass and damping ratios."""
     f, mass, viscous, hysteretic = numbers.tolist()
     if f < 0 or mass < 0:
@@ -441,7 +445,7 @@ def _normal(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
             f"damping ratios {viscous:g} (viscous) and {hysteretic:g} (hysteretic) are at or above"
             " critical damping; expected fractions of 1, not per cent"
         )
-    for line, stated in _contradictory(f, place):
+    for line, stated in _find_contradictory_frequency(f, place):
         is_angular = _is_near(f, _TURN * stated, _ALIKE)
         relation = "it is in rad/s" if is_angular else "it was divided by 2 pi"
         raise place.error(
@@ -451,7 +455,7 @@ def _normal(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
     return _ModeProperties(f, loss or np.nan, False, factor)
 
 
-def _complex(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
+def _complex_mode_properties(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties:
     """Return the properties of a complex mode from eigenvalue, modal A and modal B."""
     s, a, b = (complex(*pair) for pair in numbers.reshape(3, 2).tolist())
     if s.imag == 0.0:
@@ -460,13 +464,13 @@ def _complex(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties
         )
     # Modal B is -s A, and modal A of a shape of unit modal mass is 2 i omega.
     if a and _is_near(abs(b), _TURN * abs(s * a), _SAME):
-        raise _in_hertz(place, s, f"modal B {b:g} and modal A {a:g}")
+        raise _to_hertz(place, s, f"modal B {b:g} and modal A {a:g}")
     if _is_near(abs(a), 2.0 * _TURN * abs(s.imag), _SAME):
-        raise _in_hertz(place, s, f"modal A {a:g} belongs to a frequency of {abs(s.imag):g} Hz")
+        raise _to_hertz(place, s, f"modal A {a:g} belongs to a frequency of {abs(s.imag):g} Hz")
     f = abs(s) / _TURN
-    for line, stated in _contradictory(f, place):
+    for line, stated in _find_contradictory_frequency(f, place):
         if stated > f:
-            raise _in_hertz(place, s, f"line {line} states {stated:g} Hz")
+            raise _to_hertz(place, s, f"line {line} states {stated:g} Hz")
     if s.real > _UNDAMPED * abs(s):
         raise place.error(
             f"eigenvalue {s:g} 1/s: unstable; expected a negative real part (some programs"
@@ -477,11 +481,11 @@ def _complex(numbers: NDArray[np.float64], place: _ModePlace) -> _ModeProperties
     return _ModeProperties(f, -2.0 * s.real / abs(s), s.imag < 0, factor, is_contradictory)
 
 
-def _in_hertz(place: _ModePlace, s: complex, why: str) -> FormatError:
+def _to_hertz(place: _ModePlace, s: complex, why: str) -> FormatError:
     return place.error(f"eigenvalue {s:g} is in Hz; expected rad/s ({why})")
 
 
-def _contradictory(frequency: float, place: _ModePlace) -> list[tuple[int, float]]:
+def _find_contradictory_frequency(frequency: float, place: _ModePlace) -> list[tuple[int, float]]:
     """Return line and value of stated frequencies that differ by a factor of 2 pi."""
     if any(_is_near(frequency, stated, _ALIKE) for _, stated in place.stated):
         return []

@@ -78,7 +78,7 @@ def read_records(path: str | Path) -> Records:
             UpdynWarning,
             stacklevel=2,
         )
-    chosen = [_in_seconds(f, path) for f in chosen]
+    chosen = [_to_seconds(f, path) for f in chosen]
     line, expected = chosen[0].line, chosen[0].x
     for function in chosen:
         _check(function, line, expected, path)
@@ -102,7 +102,7 @@ def read_records(path: str | Path) -> Records:
         return Records.of(values, _step(expected), list(channels), units, Path(path).name)
 
 
-def _in_seconds(function: Function, path: str | Path) -> Function:
+def _to_seconds(function: Function, path: str | Path) -> Function:
     return replace(function, unit_of_x=abscissa_factor(function.abscissa, "time", path))
 
 

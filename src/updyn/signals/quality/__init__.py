@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 
 from updyn.errors import DataError, key_path
 from updyn.frf import check_band
-from updyn.signals.quality.background import drift, mains, noise_floor
+from updyn.signals.quality.background import find_drift, find_mains, find_noise_floor
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.hits import (
     REACH,
-    about_the_hit,
-    clipped_alike,
-    clipped_pair,
-    clipped_run,
-    cut_off,
-    ringing_before,
-    second_hits,
-    short_force,
-    start_of_hit,
+    find_clipped_pair,
+    find_clipped_run,
+    find_cut_off,
+    find_equal_peaks,
+    find_hit_start,
+    find_ringing_before,
+    find_second_hits,
+    find_short_force,
+    hit_mask,
 )
-from updyn.signals.quality.pulse import no_pulse
-from updyn.signals.quality.together import leakage, level_dependence
+from updyn.signals.quality.pulse import check_pulse
+from updyn.signals.quality.together import find_leakage, find_level_dependence
 from updyn.signals.records import Records, records_of
 
 if TYPE_CHECKING:
@@ -107,34 +107,34 @@ def check_records(
     others = [row for row in range(len(given.channels)) if row not in rows]
     if segment is None:
         for row in rows:
-            wrong = no_pulse(given.values, given.step, given.channels, row, others)
+            wrong = check_pulse(given.values, given.step, given.channels, row, others)
             if wrong is not None:
                 return (wrong,)  # all other findings depend on the force
     found: list[RecordFinding] = []
     equal_peaks: list[RecordFinding] = []
     if segment is None:
         for row, name in enumerate(given.channels):
-            equal_peaks += clipped_alike(given.values[:, row], name)
+            equal_peaks += find_equal_peaks(given.values[:, row], name)
     for number in range(1, len(given.values) + 1):
         if segment is None:
-            found += _of_hit(given, rows, number, band, equal_peaks)
+            found += _check_hit(given, rows, number, band, equal_peaks)
         else:
-            found += _of_lasting(given, number)
+            found += _check_continuous(given, number)
     for row, name in enumerate(given.channels):
-        found += mains(given.values[:, row], given.step, segment is not None, band, name)
+        found += find_mains(given.values[:, row], given.step, segment is not None, band, name)
     if len(rows) > 1:
         return tuple(found)
     for row in others:
         if segment is None:
-            found += _of_hits(given, rows[0], row, band, found)
+            found += _check_channel(given, rows[0], row, band, found)
         else:
             names = (given.channels[rows[0]], given.channels[row])
             pair = given.values[:, rows[0]], given.values[:, row]
-            found += leakage(*pair, given.step, segment, names)
+            found += find_leakage(*pair, given.step, segment, names)
     return tuple(found)
 
 
-def _of_hit(
+def _check_hit(
     records: Records,
     rows: list[int],
     number: int,
@@ -144,31 +144,34 @@ def _of_hit(
     """Yield the faults of one hit, including those in common with other hits."""
     record, step = records.values[number - 1], records.step
     force = record[rows[0]]
-    begin = start_of_hit(force)
+    begin = find_hit_start(force)
     for row, (name, channel) in enumerate(zip(records.channels, record, strict=True)):
-        found = [*clipped_run(channel, name, number), *clipped_pair(channel, name, number)]
+        found = [
+            *find_clipped_run(channel, name, number),
+            *find_clipped_pair(channel, name, number),
+        ]
         found += [one for one in equal_peaks if (one.record, one.channel) == (number, name)]
         if row in rows:
-            found += second_hits(channel, step, name, number)
+            found += find_second_hits(channel, step, name, number)
             if band is not None:
-                found += short_force(channel, step, band, name, number)
+                found += find_short_force(channel, step, band, name, number)
         else:
-            found += cut_off(channel, force, name, number)
-            found += ringing_before(channel, force, name, number)
+            found += find_cut_off(channel, force, name, number)
+            found += find_ringing_before(channel, force, name, number)
             if band is not None and not any(one.kind == "cut-off" for one in found):
-                found += noise_floor(channel, step, _lines(force, step, band), name, number)
-        found += drift(channel, begin, name, number)
+                found += find_noise_floor(channel, step, _lines(force, step, band), name, number)
+        found += find_drift(channel, begin, name, number)
         yield from found
 
 
-def _of_lasting(records: Records, number: int) -> Iterator[RecordFinding]:
+def _check_continuous(records: Records, number: int) -> Iterator[RecordFinding]:
     """Yield the faults of one record of a continuous force."""
     for name, channel in zip(records.channels, records.values[number - 1], strict=True):
-        yield from clipped_run(channel, name, number)
-        yield from drift(channel, None, name, number)
+        yield from find_clipped_run(channel, name, number)
+        yield from find_drift(channel, None, name, number)
 
 
-def _of_hits(
+def _check_channel(
     records: Records, force: int, row: int, band: _Band | None, found: list[RecordFinding]
 ) -> Iterator[RecordFinding]:
     """Yield the faults of a channel over all hits."""
@@ -189,8 +192,8 @@ def _of_hits(
         for values in (records.values[at, force], records.values[at, row])
     )
     lines = np.all([_lines(one, records.step, band) for one in F], axis=0)
-    quiet = np.array([np.where(about_the_hit(one), one, 0.0) for one in F])
-    yield from level_dependence(quiet, X, records.step, lines, name, numbers)
+    quiet = np.array([np.where(hit_mask(one), one, 0.0) for one in F])
+    yield from find_level_dependence(quiet, X, records.step, lines, name, numbers)
 
 
 def _lines(force: _Real, step: float, band: _Band | None) -> NDArray[np.bool_]:

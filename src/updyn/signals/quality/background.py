@@ -11,7 +11,7 @@ from scipy.signal import welch
 
 from updyn.signals.quality.finding import RecordFinding
 
-__all__ = ["drift", "mains", "noise_floor"]
+__all__ = ["find_drift", "find_mains", "find_noise_floor"]
 
 _Real = NDArray[np.float64]
 
@@ -38,7 +38,9 @@ _ENOUGH, _WITHOUT = 3.0, 0.45
 _SHORTEST = 256
 
 
-def drift(channel: _Real, begin: int | None, name: str, record: int) -> Iterator[RecordFinding]:
+def find_drift(
+    channel: _Real, begin: int | None, name: str, record: int
+) -> Iterator[RecordFinding]:
     """Yield an offset that changes along the record, for a hit from sample `begin` on."""
     if len(channel) < 2 * _PIECES:
         return
@@ -79,7 +81,7 @@ def _offset_after(offsets: _Real, before: _Real) -> float:
     return apart if apart > _ABOVE_SPREAD * spread and apart > _ABOVE_ERROR * error else 0.0
 
 
-def mains(
+def find_mains(
     channel: _Real,
     step: float,
     lasting: bool,
@@ -94,7 +96,7 @@ def mains(
     for f in (base * harmonic for base in _MAINS for harmonic in range(1, _HARMONICS + 1)):
         if f + 10.0 >= 0.5 / step or (band is not None and not band[0] <= f <= band[1]):
             continue
-        lines = [_of_record(record, step, lasting, f) for record in channel]
+        lines = [_sine_in_record(record, step, lasting, f) for record in channel]
         amplitude, share = np.median(lines, axis=0)
         if share > _SHARE:
             found.append((float(amplitude), f, float(share)))
@@ -113,7 +115,7 @@ def mains(
         )
 
 
-def _of_record(record: _Real, step: float, lasting: bool, f: float) -> tuple[float, float]:
+def _sine_in_record(record: _Real, step: float, lasting: bool, f: float) -> tuple[float, float]:
     """Return the amplitude of a steady sine near f, and its share of the spectrum."""
     n = len(record)
     part = record if lasting else record[n // 2 :]
@@ -121,10 +123,10 @@ def _of_record(record: _Real, step: float, lasting: bool, f: float) -> tuple[flo
     if amplitude == 0.0:
         return 0.0, 0.0
     spectrum = np.abs(np.fft.rfft(record - np.median(record)))
-    return amplitude, min(1.0, 0.5 * amplitude * n / _about(spectrum, f * n * step))
+    return amplitude, min(1.0, 0.5 * amplitude * n / _largest_near(spectrum, f * n * step))
 
 
-def _about(spectrum: _Real, line: float) -> float:
+def _largest_near(spectrum: _Real, line: float) -> float:
     """Return the largest value of a spectrum within a line of a position."""
     at = round(line)
     return float(spectrum[max(at - 1, 0) : at + 2].max(initial=np.finfo(float).tiny))
@@ -132,7 +134,7 @@ def _about(spectrum: _Real, line: float) -> float:
 
 def _steady_line(halves: list[_Real], step: float, f: float) -> float:
     """Return the amplitude of a sine near f with equal amplitudes in both halves; else 0."""
-    found = [_line(half, step, f) for half in halves]
+    found = [_find_sine(half, step, f) for half in halves]
     if any(line is None for line in found):
         return 0.0
     first, second = (line for line in found if line is not None)
@@ -141,7 +143,7 @@ def _steady_line(halves: list[_Real], step: float, f: float) -> float:
     return amplitude if abs(first[0] - second[0]) <= allowed else 0.0
 
 
-def _line(half: _Real, step: float, f: float) -> tuple[float, float] | None:
+def _find_sine(half: _Real, step: float, f: float) -> tuple[float, float] | None:
     """Return amplitude and error of a sine near f that exceeds its surroundings; else None."""
     n = len(half)
     if n * step < _LEAST or f * n * step < _BESIDE[1] + 1:
@@ -159,7 +161,7 @@ def _line(half: _Real, step: float, f: float) -> tuple[float, float] | None:
     return amplitude, float(np.sqrt(surroundings))
 
 
-def noise_floor(
+def find_noise_floor(
     channel: _Real,
     step: float,
     lines: NDArray[np.bool_],

@@ -12,15 +12,15 @@ from updyn.signals.quality.finding import RecordFinding
 
 __all__ = [
     "REACH",
-    "about_the_hit",
-    "clipped_alike",
-    "clipped_pair",
-    "clipped_run",
-    "cut_off",
-    "ringing_before",
-    "second_hits",
-    "short_force",
-    "start_of_hit",
+    "find_clipped_pair",
+    "find_clipped_run",
+    "find_cut_off",
+    "find_equal_peaks",
+    "find_hit_start",
+    "find_ringing_before",
+    "find_second_hits",
+    "find_short_force",
+    "hit_mask",
 ]
 
 _Real = NDArray[np.float64]
@@ -56,7 +56,7 @@ _UNPREDICTED, _ORDER = 0.3, 8
 _DECAYS = 1.1
 
 
-def clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
     """Yield an overload of consecutive samples at the extreme value after a jump."""
     quantum, rest = _smallest_step(channel), np.median(channel)
     for extreme in _extremes(channel):
@@ -80,7 +80,7 @@ def clipped_run(channel: _Real, name: str, record: int) -> Iterator[RecordFindin
             )
 
 
-def clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
     """Yield an overload of two samples of a hit with equal values.
 
     The two samples at a regular peak differ by up to the adjacent jump; the probability of equal
@@ -105,7 +105,7 @@ def clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFindi
             )
 
 
-def clipped_alike(channels: _Real, name: str) -> Iterator[RecordFinding]:
+def find_equal_peaks(channels: _Real, name: str) -> Iterator[RecordFinding]:
     """Yield an overload of single samples with the same largest value in several hits."""
     quantum = min(_smallest_step(channel) for channel in channels)
     found: dict[float, list[int]] = {}
@@ -116,7 +116,7 @@ def clipped_alike(channels: _Real, name: str) -> Iterator[RecordFinding]:
         hits = [channels[number - 1] for number in numbers]
         places = [np.flatnonzero(hit == extreme) for hit in hits]
         if len(numbers) < 2 or any(len(at) > 1 for at in places):
-            continue  # `clipped` and `clipped_pair` find several samples of one hit
+            continue  # `clipped` and `find_clipped_pair` find several samples of one hit
         around = [hit[max(at[0] - 1, 0) : at[0] + 2] for hit, at in zip(hits, places, strict=True)]
         is_copy = any(np.array_equal(around[0], other) for other in around[1:])
         pairs = 0.5 * len(channels) * (len(channels) - 1)
@@ -148,11 +148,13 @@ def _smallest_step(channel: _Real) -> float:
     return float(steps[steps > 0.0].min(initial=np.inf))
 
 
-def second_hits(channel: _Real, step: float, name: str, record: int) -> Iterator[RecordFinding]:
+def find_second_hits(
+    channel: _Real, step: float, name: str, record: int
+) -> Iterator[RecordFinding]:
     """Yield a force that returns after the end of the hit."""
     force = np.abs(channel - np.median(channel))
     noise = float(np.median(force))
-    begin = start_of_hit(channel) - _FILTER
+    begin = find_hit_start(channel) - _FILTER
     if begin >= _REST:  # a window on the record removes the noise after the hit
         noise = max(noise, float(np.median(force[:begin])))
     first = int(np.argmax(force))
@@ -177,13 +179,13 @@ def second_hits(channel: _Real, step: float, name: str, record: int) -> Iterator
             return
 
 
-def short_force(
+def find_short_force(
     channel: _Real, step: float, band: tuple[float, float], name: str, record: int
 ) -> Iterator[RecordFinding]:
     """Yield the lines of the band without sufficient force."""
-    begin = start_of_hit(channel)
+    begin = find_hit_start(channel)
     offset = channel[:begin].mean() if begin >= _REST else np.median(channel)
-    force = np.where(about_the_hit(channel), channel - offset, 0.0)
+    force = np.where(hit_mask(channel), channel - offset, 0.0)
     level = np.abs(np.fft.rfft(force))
     freq = np.fft.rfftfreq(len(channel), step)
     faint = (freq >= band[0]) & (freq <= band[1]) & (level < 10.0 ** (REACH / 20) * level.max())
@@ -202,7 +204,7 @@ def short_force(
         )
 
 
-def about_the_hit(channel: _Real) -> NDArray[np.bool_]:
+def hit_mask(channel: _Real) -> NDArray[np.bool_]:
     """Return a mask of the samples around the largest force, to twice the distance of its end."""
     force = _from_rest(channel)
     first = int(np.argmax(force))
@@ -211,13 +213,13 @@ def about_the_hit(channel: _Real) -> NDArray[np.bool_]:
     return np.asarray(np.abs(np.arange(len(force)) - first) <= width)
 
 
-def cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[RecordFinding]:
     """Yield a response that continues at the end of the record."""
     free = channel - np.median(channel)
     begin = int(np.argmax(np.abs(force - np.median(force))))
     n = max(2, len(channel) // _LAST)
     early, late = _rms(free[begin : begin + n]), _rms(free[-n:])
-    if early > 0.0 and late > _CUT * early and not _is_noise(free, start_of_hit(force), n):
+    if early > 0.0 and late > _CUT * early and not _is_noise(free, find_hit_start(force), n):
         yield RecordFinding(
             "cut-off",
             name,
@@ -252,9 +254,11 @@ def _rms(part: _Real) -> float:
     return float(np.sqrt(np.mean(part**2)))
 
 
-def ringing_before(channel: _Real, force: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+def find_ringing_before(
+    channel: _Real, force: _Real, name: str, record: int
+) -> Iterator[RecordFinding]:
     """Yield a response that was not at rest before the hit and adds to that of the hit."""
-    begin = start_of_hit(force)
+    begin = find_hit_start(force)
     if begin - _FILTER < _REST:
         return
     free = channel - np.median(channel)
@@ -278,7 +282,7 @@ def ringing_before(channel: _Real, force: _Real, name: str, record: int) -> Iter
         )
 
 
-def start_of_hit(force: _Real) -> int:
+def find_hit_start(force: _Real) -> int:
     """Return the first sample of the hit."""
     free = _from_rest(force)
     largest = int(np.argmax(free))

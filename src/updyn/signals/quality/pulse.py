@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from updyn.signals.quality.finding import RecordFinding
 
-__all__ = ["no_pulse", "time_of_energy"]
+__all__ = ["check_pulse", "time_of_energy"]
 
 _Real = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _ONE_SIGN, _SWINGS = 0.8, 0.5
 _SHORTER = 4.0
 
 
-def no_pulse(
+def check_pulse(
     values: _Real, step: float, names: Sequence[str], force: int, others: Sequence[int]
 ) -> RecordFinding | None:
     """Return a finding if the force oscillates and another channel is a pulse; else None.
@@ -59,12 +59,12 @@ def time_of_energy(channel: _Real) -> _Real:
 
 def _shape(channel: _Real) -> tuple[_Real, _Real]:
     """Return the duration of each record in samples, and |sum| over sum of absolute values."""
-    found = [_of_record(record - np.median(record)) for record in channel]
+    found = [_pulse_shape(record - np.median(record)) for record in channel]
     lasts, sign = np.array(found).T
     return lasts, sign
 
 
-def _of_record(record: _Real) -> tuple[float, float]:
+def _pulse_shape(record: _Real) -> tuple[float, float]:
     """Return the duration in samples, and |sum| over sum of absolute values in it.
 
     A channel that is zero throughout has all samples, and 0.

@@ -11,7 +11,7 @@ from scipy.signal import find_peaks
 
 from updyn.signals.quality.finding import RecordFinding
 
-__all__ = ["leakage", "level_dependence"]
+__all__ = ["find_leakage", "find_level_dependence"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -30,7 +30,7 @@ _BLOCKS, _LOUD = 200, 2.0
 _LOSS, _ERRORS, _PARTS, _LEAST_SEGMENTS = 0.1, 2.0, 5, 3
 
 
-def level_dependence(
+def find_level_dependence(
     force: _Real,
     motion: _Real,
     step: float,
@@ -132,7 +132,7 @@ def _shape_change(H: _Complex, levels: _Real) -> tuple[float, float]:
     return change, explained / (residual_power / (len(levels) - 2))
 
 
-def leakage(
+def find_leakage(
     force: _Real, motion: _Real, step: float, segment: float, names: tuple[str, str]
 ) -> Iterator[RecordFinding]:
     """Yield the peak that loses most relative to segments twice as long."""
