@@ -18,7 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.registry import Registry
 from updyn.style import FIGURE_TEXT, PAPER, SPACES, category
 
-__all__ = ["VIEWERS", "Curve", "badge", "card", "curves", "spans", "structure", "table", "viewed"]
+__all__ = [
+    "VIEWERS",
+    "PlotCurve",
+    "badge",
+    "card",
+    "curves",
+    "render_view",
+    "spans",
+    "structure",
+    "table",
+]
 
 #: Interactive views by class of object, such as ``"Model"``: functions from the object to HTML, or
 #: None if it has no interactive view.
@@ -131,7 +141,7 @@ def _row(kind: str, cells: Sequence[str], left: set[int]) -> str:
     return f"<tr>{''.join(shown)}</tr>"
 
 
-def viewed(shown: object, otherwise: Callable[[], str]) -> str:
+def render_view(shown: object, otherwise: Callable[[], str]) -> str:
     """Return the interactive view of an object if one is registered, else a picture.
 
     Parameters
@@ -153,7 +163,7 @@ def viewed(shown: object, otherwise: Callable[[], str]) -> str:
 
 # -- curves ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class PlotCurve:
     """A curve of a picture.
 
     Parameters
@@ -170,7 +180,7 @@ class Curve:
 
 def curves(
     x: ArrayLike,
-    shown: Sequence[Curve],
+    shown: Sequence[PlotCurve],
     titles: tuple[str, str],
     *,
     log_x: bool = False,

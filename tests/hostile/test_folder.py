@@ -10,16 +10,16 @@ import pytest
 
 from killed import contents, killed_at, outcome, write_set
 from updyn.errors import FormatError, InputError
-from updyn.outputs.lock import LOCK, InUseError, locked
+from updyn.outputs.lock import LOCK, InUseError, lock_folder
 from updyn.outputs.manifest import (
     MANIFEST,
     Manifest,
     file_digest,
+    find_obstacles,
     is_inside,
     is_output,
-    obstacles,
 )
-from updyn.outputs.switch import recover, replaced
+from updyn.outputs.switch import recover, replace_files
 
 OLD = {"model.h5": "old", "result.json": "old", "plant.mat": "old", "tip held/run.nc": "old"}
 NEW = {"model.h5": "new", "result.json": "new", "report.html": "new", "as is/run.nc": "new"}
@@ -48,7 +48,7 @@ def test_a_set_replaces_the_one_before_and_nothing_else(folder: Path) -> None:
 
 def test_a_block_that_raises_leaves_the_old_set(folder: Path) -> None:
     def fail() -> None:
-        with replaced(folder, "run", tuple(NEW)) as new:
+        with replace_files(folder, "run", tuple(NEW)) as new:
             (new / "model.h5").write_text("new")
             raise ZeroDivisionError
 
@@ -111,7 +111,9 @@ def test_a_file_that_came_up_after_a_kill_is_kept(folder: Path) -> None:
         recover(folder)
         write_set(folder, OLD)
     (folder / "report.html").write_text("mine")
-    with pytest.raises(InputError, match=r"'report.html' has been changed .* wait in .*finished-"):
+    with pytest.raises(
+        InputError, match=r"'report.html' has been changed .* new results are in .*finished-"
+    ):
         recover(folder)
     assert (folder / "report.html").read_text() == "mine"
     (folder / "report.html").unlink()
@@ -121,7 +123,7 @@ def test_a_file_that_came_up_after_a_kill_is_kept(folder: Path) -> None:
 
 def test_a_file_that_comes_up_while_a_run_goes_on_is_kept(folder: Path) -> None:
     def late() -> None:
-        with replaced(folder, "run", tuple(NEW)) as new:
+        with replace_files(folder, "run", tuple(NEW)) as new:
             (new / "report.html").write_text("new")
             (folder / "report.html").write_text("mine")
 
@@ -130,7 +132,7 @@ def test_a_file_that_comes_up_while_a_run_goes_on_is_kept(folder: Path) -> None:
     assert contents(folder).items() >= {**OLD, **FOREIGN, "report.html": "mine"}.items()
     (aside,) = folder.glob("results-*")
     assert contents(aside) == {"report.html": "new"}
-    assert obstacles(aside, ["report.html"]) == {}
+    assert find_obstacles(aside, ["report.html"]) == {}
 
 
 def test_a_plan_from_elsewhere_reaches_no_file_outside(tmp_path: Path) -> None:
@@ -147,7 +149,7 @@ def test_a_plan_from_elsewhere_reaches_no_file_outside(tmp_path: Path) -> None:
         [],
     ):
         (hostile / ".updyn.switch").write_text(json.dumps(plan))
-        with pytest.raises(FormatError, match="is no plan of a switch"):
+        with pytest.raises(FormatError, match="is not a plan of a switch"):
             recover(out)
     assert precious.read_text() == "mine"
 
@@ -182,7 +184,7 @@ def test_a_forged_switch_removes_and_replaces_no_file_of_a_user(folder: Path) ->
         "run.nc": "new",
     }
     waiting = interrupted(folder, {"notes.txt": "forged"}, [])
-    with pytest.raises(InputError, match=r"'notes.txt' .* move it"):
+    with pytest.raises(InputError, match=r"'notes.txt' .* move the file"):
         recover(folder)
     assert (folder / "notes.txt").read_text() == "mine"
     assert (waiting / "notes.txt").read_text() == "forged"
@@ -193,7 +195,7 @@ def test_a_forged_switch_removes_and_replaces_no_file_of_a_user(folder: Path) ->
 )
 def test_a_forged_switch_reaches_no_reserved_name(folder: Path, name: str) -> None:
     interrupted(folder, {name: "forged"}, [])
-    with pytest.raises(FormatError, match="is no plan of a switch"):
+    with pytest.raises(FormatError, match="is not a plan of a switch"):
         recover(folder)
     assert not (folder / name).exists()
 
@@ -214,7 +216,7 @@ def test_links_in_a_forged_set_lead_nowhere(folder: Path, tmp_path: Path) -> Non
         }
         (forged / ".updyn.switch").write_text(json.dumps(plan))
         if kind == "finished":
-            with pytest.raises(FormatError, match="is no plan of a switch"):
+            with pytest.raises(FormatError, match="is not a plan of a switch"):
                 recover(folder)
             (waiting / "tip held").unlink()
             (waiting / ".updyn.switch").unlink()
@@ -259,7 +261,7 @@ def test_what_may_not_be_replaced_is_named_with_the_reason(folder: Path, tmp_pat
     (folder / "result.json").mkdir()
     (folder / "report.html").write_text("mine")
     (folder / "as is").write_text("mine")
-    assert obstacles(folder, [*OLD, *NEW]) == {
+    assert find_obstacles(folder, [*OLD, *NEW]) == {
         "model.h5": "has been changed since updyn wrote it",
         "plant.mat": "is a link",
         "result.json": "is a folder",
@@ -270,14 +272,14 @@ def test_what_may_not_be_replaced_is_named_with_the_reason(folder: Path, tmp_pat
 
 def test_a_folder_that_is_copied_or_moved_is_known_again(folder: Path, tmp_path: Path) -> None:
     folder.rename(tmp_path / "moved")
-    assert obstacles(tmp_path / "moved", OLD) == {}
+    assert find_obstacles(tmp_path / "moved", OLD) == {}
 
 
 def test_a_stale_file_that_a_user_has_changed_stays(folder: Path) -> None:
     (folder / "plant.mat").write_text("mine")
     write_set(folder, NEW)
     assert contents(folder) == {**NEW, **FOREIGN, "plant.mat": "mine"}
-    assert obstacles(folder, ["plant.mat"]) == {"plant.mat": "was not written by updyn"}
+    assert find_obstacles(folder, ["plant.mat"]) == {"plant.mat": "was not written by updyn"}
 
 
 @pytest.mark.parametrize(
@@ -294,17 +296,17 @@ def test_a_stale_file_that_a_user_has_changed_stays(folder: Path) -> None:
 )
 def test_a_manifest_of_something_else_is_refused(folder: Path, text: str) -> None:
     (folder / MANIFEST).write_text(text)
-    with pytest.raises(FormatError, match="is no manifest of the files that updyn wrote"):
-        obstacles(folder, OLD)
+    with pytest.raises(FormatError, match="is not a manifest of the files that updyn wrote"):
+        find_obstacles(folder, OLD)
 
 
 # -- two processes ---------------------------------------------------------------------------------
 @posix
 def test_a_second_process_is_refused_and_named_the_first(folder: Path) -> None:
     with (
-        locked(folder),
+        lock_folder(folder),
         pytest.raises(InUseError, match=rf"written to by updyn process {os.getpid()} on .*, since"),
-        locked(folder),
+        lock_folder(folder),
     ):
         pass
     assert not (folder / LOCK).exists()
@@ -313,21 +315,21 @@ def test_a_second_process_is_refused_and_named_the_first(folder: Path) -> None:
 @posix
 def test_the_lock_of_a_dead_process_locks_nothing(folder: Path) -> None:
     (folder / LOCK).write_text("updyn process 1 on here, since 2020-01-01 00:00:00\n")
-    with locked(folder):
+    with lock_folder(folder):
         assert f"process {os.getpid()} " in (folder / LOCK).read_text()
     assert not (folder / LOCK).exists()
 
 
 def test_a_lock_file_of_a_user_stays(folder: Path) -> None:
     (folder / LOCK).write_text("mine")
-    with pytest.raises(FormatError, match="is not the lock"), locked(folder):
+    with pytest.raises(FormatError, match="is not the lock"), lock_folder(folder):
         pass
     assert (folder / LOCK).read_text() == "mine"
 
 
 @posix
 def test_what_a_live_process_is_writing_is_left_alone(folder: Path) -> None:
-    with locked(folder), replaced(folder, "run", ("a.json",)) as new:
+    with lock_folder(folder), replace_files(folder, "run", ("a.json",)) as new:
         (new / "a.json").write_text("new")
         recover(folder)
         assert (new / "a.json").read_text() == "new"

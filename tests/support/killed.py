@@ -9,7 +9,7 @@ from typing import Any
 
 from updyn.outputs.lock import LOCK
 from updyn.outputs.manifest import MANIFEST, Manifest
-from updyn.outputs.switch import open_folder, recover, replaced
+from updyn.outputs.switch import open_folder, recover, replace_files
 
 #: Calls that change what a folder holds, or say that it is on disk.
 CALLS = ("fsync", "rename", "replace", "unlink", "rmdir", "mkdir")
@@ -71,7 +71,7 @@ def write_set(folder: Path, files: dict[str, str], command: str = "run") -> None
 
 def _write(folder: Path, files: dict[str, str], command: str) -> None:
     earlier = Manifest.read(folder).entries
-    with replaced(folder, command, (*files, *earlier)) as new:
+    with replace_files(folder, command, (*files, *earlier)) as new:
         for name, text in files.items():
             (new / name).parent.mkdir(exist_ok=True)
             (new / name).write_text(text, encoding="utf-8")

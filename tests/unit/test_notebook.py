@@ -117,7 +117,7 @@ def test_of_many_channels_the_rms_is_drawn(data):
 def test_no_peak_of_a_long_curve_is_lost():
     y = np.ones(20_000)
     y[12_345] = 1e3
-    page = notebook.curves(np.arange(20_000.0), [notebook.Curve("a", y)], ("x (s)", "y (m)"))
+    page = notebook.curves(np.arange(20_000.0), [notebook.PlotCurve("a", y)], ("x (s)", "y (m)"))
     points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", re.search(r' d="([^"]+)"', page)[1]))
     heights = points.astype(float)[:, 1]
     assert len(heights) <= 1200
@@ -126,9 +126,9 @@ def test_no_peak_of_a_long_curve_is_lost():
 
 def test_a_curve_has_gaps_and_an_empty_one_is_none():
     x, titles = np.arange(4.0), ("x (s)", "y (m)")
-    page = notebook.curves(x, [notebook.Curve("a", [1.0, 0.0, 2.0, 3.0])], titles)
+    page = notebook.curves(x, [notebook.PlotCurve("a", [1.0, 0.0, 2.0, 3.0])], titles)
     assert re.search(r' d="([^"]+)"', page)[1].count("M") == 2
-    assert notebook.curves(x, [notebook.Curve("a", np.zeros(4))], titles) == ""
+    assert notebook.curves(x, [notebook.PlotCurve("a", np.zeros(4))], titles) == ""
     assert notebook.curves(x, [], titles) == ""
 
 
@@ -204,7 +204,7 @@ def test_a_result_without_notes_has_no_column_of_them():
     ],
 )
 def test_marks_are_round(x, log, marks):
-    page = notebook.curves(x, [notebook.Curve("a", [1.0, 1.0])], ("x", "y"), log_x=log)
+    page = notebook.curves(x, [notebook.PlotCurve("a", [1.0, 1.0])], ("x", "y"), log_x=log)
     assert re.findall(r'text-anchor="middle"[^>]*>([^<]+)<', page) == marks
 
 

@@ -17,7 +17,16 @@ from updyn.cli.describe import describe_frf, describe_model, describe_modes
 from updyn.cli.new_file import check_free, write_new
 from updyn.cli.progress import show_progress
 from updyn.cli.reading import FILE_KINDS, read_anything
-from updyn.cli.sections import CHECK, CORRELATE, RUN, Checked, Compared, Ran, joined, overview
+from updyn.cli.sections import (
+    CHECK,
+    CORRELATE,
+    RUN,
+    CheckResult,
+    FinishedRun,
+    StartComparison,
+    describe_job,
+    join_sections,
+)
 from updyn.cli.terminal import (
     DONE,
     NOT_DETERMINED,
@@ -145,7 +154,7 @@ def run(
 
     loaded = load_job(job)
     with open_engine(workers, cluster, engine) as chosen:
-        return _exit_code(_run(loaded, out, engine=chosen, resume=resume))
+        return _find_exit_code(_run(loaded, out, engine=chosen, resume=resume))
 
 
 def check(job: Path, /, *, out: Path | None = None) -> int:
@@ -169,20 +178,22 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
     loaded = load_job(job)
     ready = prepare(loaded)
     folder = check_out(loaded)
-    pages = _start_folder(loaded, "check", out)
+    pages = _find_start_folder(loaded, "check", out)
     selection = job_selection(ready)
     analysis = job_analysis(ready, selection)
     unknowns = selection or ready.parameters
     agreement = agreement_at_start(ready, unknowns)
     counterparts = counterparts_at_start(ready, unknowns)
-    faults = _faults(ready)
-    checked = Checked(ready, selection, analysis.report, faults, folder, agreement, counterparts)
-    print_text(joined(CHECK, checked))
+    faults = _find_faults(ready)
+    checked = CheckResult(
+        ready, selection, analysis.report, faults, folder, agreement, counterparts
+    )
+    print_text(join_sections(CHECK, checked))
     _write_start(ready, "check", pages, selection, analysis, faults, agreement, counterparts)
-    return NOT_DETERMINED if checked.alien or not analysis.report.complete else DONE
+    return NOT_DETERMINED if checked.has_few_common_modes or not analysis.report.complete else DONE
 
 
-def _start_folder(job: Job, work: str, out: Path | None) -> Path | None:
+def _find_start_folder(job: Job, work: str, out: Path | None) -> Path | None:
     """Return the folder for pages before any fit; None if the job disables the page."""
     from updyn.job import start_folder
 
@@ -191,7 +202,7 @@ def _start_folder(job: Job, work: str, out: Path | None) -> Path | None:
     return start_folder(job, work, out)
 
 
-def _faults(ready: Prepared) -> dict[str, tuple[Finding, ...]]:
+def _find_faults(ready: Prepared) -> dict[str, tuple[Finding, ...]]:
     """Return the suspected faults in the data of each test, by its name."""
     from updyn.job import job_findings
 
@@ -268,7 +279,7 @@ def demo(
     text = chosen.epilogue(results, inputs)
     if text:
         print_text("\n" + text)
-    return _exit_code(done)
+    return _find_exit_code(done)
 
 
 def _write_inputs(
@@ -285,15 +296,15 @@ def _write_inputs(
     more : bool
         Whether to keep earlier inputs, which `write` may need.
     """
-    from updyn.outputs.manifest import Manifest, obstacles
-    from updyn.outputs.switch import PLAN, open_folder, replaced
+    from updyn.outputs.manifest import Manifest, find_obstacles
+    from updyn.outputs.switch import PLAN, open_folder, replace_files
 
-    with open_folder(folder), replaced(folder, "demo") as new:
+    with open_folder(folder), replace_files(folder, "demo") as new:
         before = Manifest.read(folder).entries if more else ()
         for name in before:
             shutil.copyfile(folder / name, new / name)
         job = write(new)
-        changed = obstacles(folder, [p.name for p in new.iterdir() if p.name != PLAN])
+        changed = find_obstacles(folder, [p.name for p in new.iterdir() if p.name != PLAN])
         if changed:
             reasons = ", ".join(f"{str(folder / name)!r} {why}" for name, why in changed.items())
             raise InputError(f"{reasons}; move it away, or choose another folder with --out")
@@ -350,7 +361,7 @@ def convert(
         "scalar_direction": scalar_direction,
         "scale": scale,
     }
-    kinds, options = _kinds(("frf", "model"), {"frf": of_frf, "model": {"unit": unit}})
+    kinds, options = _select_kinds(("frf", "model"), {"frf": of_frf, "model": {"unit": unit}})
     if from_ is not None:
         options = {kind: {"format": from_, **stated} for kind, stated in options.items()}
     kind, content = read_anything(source, kinds, options)
@@ -378,7 +389,7 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
         recover(file.parent)
     of_unit = {"unit": unit}
     stated = {"contents": of_unit, "frf": {"quantity": quantity}, "model": of_unit}
-    kinds, options = _kinds(tuple(FILE_KINDS), stated)
+    kinds, options = _select_kinds(tuple(FILE_KINDS), stated)
     kind, content = read_anything(file, kinds, options)
     print_text(FILE_KINDS[kind].describe(content))
     return DONE
@@ -404,10 +415,10 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
 
     loaded = load_job(job)
     ready = prepare(loaded)
-    pages = _start_folder(loaded, "correlate", out)
-    faults = _faults(ready)
+    pages = _find_start_folder(loaded, "correlate", out)
+    faults = _find_faults(ready)
     agreement = {}
-    print_text(overview(ready))
+    print_text(describe_job(ready))
     for test in ready.tests:
         if isinstance(test.data, ModeSet):
             text = start_modes_text(test, ready.parameters)
@@ -415,8 +426,8 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
             continue
         found = start_correlation(test, ready.parameters)
         agreement[test.name] = start_figures(test, found)
-        compared = Compared(ready, test.name, agreement[test.name], found, faults)
-        print_text("\n" + joined(CORRELATE, compared))
+        compared = StartComparison(ready, test.name, agreement[test.name], found, faults)
+        print_text("\n" + join_sections(CORRELATE, compared))
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
@@ -587,7 +598,7 @@ def plan(
             made = plan_job(loaded, folder, display, engine=opened, resume=resume)
     except StoppedError as stopped:
         again = "updyn plan JOB.toml --resume (with the same --out)"
-        print_text(f"plan: {stopped}\nTo go on from here: {again}")
+        print_text(f"plan: {stopped}\nTo continue: {again}")
         return STOPPED
     print_text(made.summary())
     print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")
@@ -603,13 +614,13 @@ def _run(
 
     folder = check_out(job, out)
     ready = prepare(job)
-    with show_progress(stderr(), _stages(job)) as display:
+    with show_progress(stderr(), _list_stages(job)) as display:
         done = run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
-    print_text(joined(RUN, Ran(job, done)))
+    print_text(join_sections(RUN, FinishedRun(job, done)))
     return done
 
 
-def _stages(job: Job) -> list[RunStage]:
+def _list_stages(job: Job) -> list[RunStage]:
     """Return the stages of a run, in their order."""
     from updyn.job.job_table import JOB_TABLES
     from updyn.updating.fit.methods import make_method
@@ -627,14 +638,14 @@ def _stages(job: Job) -> list[RunStage]:
     return stages
 
 
-def _exit_code(done: JobRun) -> int:
+def _find_exit_code(done: JobRun) -> int:
     """Return the exit code of a run."""
     if done.stopped:
         return STOPPED
     return DONE if done.result.usable else NOT_DETERMINED
 
 
-def _kinds(
+def _select_kinds(
     kinds: tuple[str, ...], options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
     """Return the kinds that a file may have, given options for one of them, and the stated options.
@@ -702,7 +713,7 @@ def open_engine(
         if registered is not None:
             option = registered
         elif cluster is not None:
-            option = ending.enter_context(_client(cluster))
+            option = ending.enter_context(_connect_client(cluster))
         try:
             made = choose_engine(option)
         except OptionError as error:
@@ -717,7 +728,7 @@ def open_engine(
         yield made
 
 
-def _client(address: str) -> Client:
+def _connect_client(address: str) -> Client:
     """Return a client of a Dask scheduler."""
     scheme, _, place = address.rpartition("://")
     if scheme in ("", "tcp", "tls") and not _HOST_AND_PORT.fullmatch(place):

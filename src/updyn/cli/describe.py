@@ -14,8 +14,8 @@ from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
-from updyn.modal.level import leaning_peaks
-from updyn.modal.unexplained import peaks_without_modes
+from updyn.modal.level import describe_leaning
+from updyn.modal.unexplained import describe_unexplained
 from updyn.model import Group, Matrix, Model
 from updyn.signals.records import records_of
 from updyn.text_table import text_table
@@ -53,7 +53,7 @@ def describe_model(model: Model) -> str:
     name = f"Model {model.title!r}" if model.title else "Model"
     texts = [
         f"{name}: {model.n_dofs} DOFs, {len(model.groups)} groups, directions {directions}",
-        f"DOFs: {_labels(model.dofs)}",
+        f"DOFs: {_format_dofs(model.dofs)}",
     ]
     if model.geometry is None:
         texts.append("No geometry.")
@@ -75,7 +75,7 @@ def describe_model(model: Model) -> str:
 
 def _describe_unplaced(model: Model) -> list[str]:
     """Return a remark on nodes without position, if there are any."""
-    nodes = np.unique(model.dofs.nodes[~_is_placed(model) & (model.dofs.axes < 3)])
+    nodes = np.unique(model.dofs.nodes[~_find_placed(model) & (model.dofs.axes < 3)])
     if not len(nodes):
         return []
     which = f"node {nodes[0]} has" if len(nodes) == 1 else f"{len(nodes)} nodes have"
@@ -95,11 +95,11 @@ def _group_table(model: Model) -> str:
         rows.append(
             [
                 name,
-                str(_n_dofs(group)),
+                str(_count_dofs(group)),
                 _rigid_mass(group.mass, model.dofs, moved),
-                _largest(group.stiffness),
+                _format_largest(group.stiffness),
                 loss_factor,
-                _largest(group.viscous),
+                _format_largest(group.viscous),
             ]
         )
     header = ("group", "DOFs", "mass", "max stiffness", "loss factor", "max viscous")
@@ -113,8 +113,8 @@ def describe_frf(frf: FRF) -> str:
     texts = [
         f"FRF: {frf.quantity}, {len(frf.freq)} lines from {first:g} to {last:g} Hz"
         + _spacing_text(frf),
-        f"{len(frf.responses)} responses: {_labels(frf.responses)}",
-        f"{len(frf.references)} references: {_labels(frf.references)}",
+        f"{len(frf.responses)} responses: {_format_dofs(frf.responses)}",
+        f"{len(frf.references)} references: {_format_dofs(frf.references)}",
         f"|H| from {size.min():.3g} to {size.max():.3g}",
     ]
     if frf.coherence is None:
@@ -148,29 +148,31 @@ def describe_modes(found: ModeSet) -> str:
         row = [
             str(k + 1),
             f"{found.frequency[k]:.6g}",
-            _known(found.std_frequency[k], ".2g"),
-            _known(found.loss_factor[k], ".4g"),
-            _known(found.std_loss_factor[k], ".2g"),
+            _format_known(found.std_frequency[k], ".2g"),
+            _format_known(found.loss_factor[k], ".4g"),
+            _format_known(found.std_loss_factor[k], ".2g"),
             "unit mass" if found.scaled[k] else "any",
-            _known(found.phase_collinearity[k], ".3f"),
-            _known(found.quality[k], ".4f"),
+            _format_known(found.phase_collinearity[k], ".3f"),
+            _format_known(found.quality[k], ".4f"),
         ]
         rows.append(row)
     sure = ("phase collinearity", "quality")
     header = ("mode", "frequency (Hz)", "std", "loss factor", "std", "scale", *sure)
     texts = [
         f"Modes: {len(found)} from {found.frequency[0]:g} to {found.frequency[-1]:g} Hz",
-        f"{len(found.dofs)} DOFs: {_labels(found.dofs)}" if found.has_shapes else "without shapes",
+        f"{len(found.dofs)} DOFs: {_format_dofs(found.dofs)}"
+        if found.has_shapes
+        else "without shapes",
         text_table(header, rows),
     ]
     if len(found.unexplained):
-        peaks = peaks_without_modes(found.unexplained)
+        peaks = describe_unexplained(found.unexplained)
         texts.append(f"{peaks}; [modes] poles makes modes of them.")
-    texts += filter(None, [leaning_peaks(found)])
+    texts += filter(None, [describe_leaning(found)])
     return "\n".join(texts)
 
 
-def _known(value: float, form: str) -> str:
+def _format_known(value: float, form: str) -> str:
     """Return a number as text; ``-`` for nan."""
     return "-" if np.isnan(value) else format(value, form)
 
@@ -235,21 +237,21 @@ def describe_identifiability(found: Identifiability) -> str:
         f" {found.condition:.3g}, collinearity index {found.collinearity:.3g})."
     ]
     for number, direction in enumerate(found.null_directions, 1):
-        texts.append(f"  undetermined combination {number}: {_combination(direction)}")
+        texts.append(f"  undetermined combination {number}: {_format_combination(direction)}")
     for number, direction in enumerate(found.determined_directions, 1):
-        texts.append(f"  of these, determined {number}: {_combination(direction)}")
+        texts.append(f"  of these, determined {number}: {_format_combination(direction)}")
     if found.advice:
         texts.append(found.advice)
     return "\n".join(texts)
 
 
-def _combination(direction: Mapping[str, float]) -> str:
+def _format_combination(direction: Mapping[str, float]) -> str:
     """Return weights of unknowns as text, the largest first."""
     ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{weight:+.3g} {name}" for name, weight in ordered)
 
 
-def _labels(dofs: DofSet) -> str:
+def _format_dofs(dofs: DofSet) -> str:
     """Return the first DOFs, and the last of more, as text."""
     text = ", ".join(dofs[:_LABELS].labels)
     if len(dofs) > _LABELS:
@@ -257,7 +259,7 @@ def _labels(dofs: DofSet) -> str:
     return text
 
 
-def _n_dofs(group: Group) -> int:
+def _count_dofs(group: Group) -> int:
     """Return the number of DOFs of a group."""
     used = []
     for matrix in (group.stiffness, group.mass, group.viscous):
@@ -286,7 +288,7 @@ def _rigid_translations(model: Model) -> NDArray[np.float64]:
     dofs, geometry = model.dofs, model.geometry
     axes = dofs.axes.astype(np.intp)
     moved = np.vstack([np.eye(3), np.zeros((3, 3))])[axes]
-    placed = _is_placed(model)
+    placed = _find_placed(model)
     moved[~placed] = 0.0
     if geometry is not None and geometry.axes is not None:
         turned = np.flatnonzero(placed & (axes < 3))
@@ -296,7 +298,7 @@ def _rigid_translations(model: Model) -> NDArray[np.float64]:
     return moved
 
 
-def _is_placed(model: Model) -> NDArray[np.bool_]:
+def _find_placed(model: Model) -> NDArray[np.bool_]:
     """Return which DOFs are at nodes with a position, shape (N,); all if no node has one."""
     nodes = model.dofs.nodes
     if model.geometry is None:
@@ -305,7 +307,7 @@ def _is_placed(model: Model) -> NDArray[np.bool_]:
     return found if found.any() else ~found
 
 
-def _largest(matrix: Matrix | None) -> str:
+def _format_largest(matrix: Matrix | None) -> str:
     """Return the largest diagonal entry as text."""
     return "-" if matrix is None else f"{matrix.diagonal().max():.4g}"
 

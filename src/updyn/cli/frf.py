@@ -54,7 +54,7 @@ def frf(
         Replace the file if it exists.
     """
     loaded, table = load_records_job(job)
-    target = _target(loaded, table, out)
+    target = _find_target(loaded, table, out)
     with loaded.located():
         with key_path("records", "output"):
             check_free([target], force=force)
@@ -65,7 +65,7 @@ def frf(
     return DONE
 
 
-def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
+def _find_target(job: Document, table: RecordsTable, out: Path | None) -> Path:
     """Return the file to write, which must differ from all files to read."""
     if out is None and table.output is None:
         with job.located():

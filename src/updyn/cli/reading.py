@@ -66,7 +66,7 @@ class FileKind:
     is_tried: bool = True
 
 
-def _has_format(verb: str) -> Callable[[Path], bool]:
+def _make_format_test(verb: str) -> Callable[[Path], bool]:
     """Return a function that returns whether a format of `updyn.io` fits a file."""
 
     def fits(path: Path) -> bool:
@@ -107,18 +107,18 @@ FILE_KINDS: Registry[FileKind] = Registry(
             "contents of several kinds",
             read_contents,
             describe_contents,
-            _has_format("read_contents"),
+            _make_format_test("read_contents"),
             is_tried=False,
         ),
-        "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
-        "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
+        "frf": FileKind("a measurement", read_frf, describe_frf, _make_format_test("read_frf")),
+        "model": FileKind("a model", read_model, describe_model, _make_format_test("read_model")),
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
         "uncertainty": "updyn.cli.uncertainty:UNCERTAINTY",
         "records": FileKind(
             "time records", read_records, describe_records, _is_of_records, is_beside=True
         ),
         "modes": FileKind(
-            "modes", read_modes, describe_modes, _has_format("read_modes"), is_beside=True
+            "modes", read_modes, describe_modes, _make_format_test("read_modes"), is_beside=True
         ),
         "geometry": FileKind(
             "a geometry", read_geometry, describe_geometry, _is_of_geometry, is_beside=True
@@ -165,7 +165,7 @@ def read_anything(
         options = {}
     reasons: dict[str, InputError] = {}
     for kind in kinds:
-        if FILE_KINDS[kind].is_beside and _damaged_kinds(path, reasons):
+        if FILE_KINDS[kind].is_beside and _find_damaged_kinds(path, reasons):
             continue
         if not (FILE_KINDS[kind].is_tried or FILE_KINDS[kind].recognises(path)):
             continue
@@ -173,7 +173,7 @@ def read_anything(
             return kind, FILE_KINDS[kind].read(path, **options.get(kind, {}))
         except InputError as error:
             reasons[kind] = error
-    shown = _likely(path, reasons) or list(reasons)
+    shown = _find_likely_kinds(path, reasons) or list(reasons)
     if len(shown) > 1 and not any(FILE_KINDS[kind].recognises(path) for kind in kinds):
         known = sorted(set(chain.from_iterable(f.suffixes for f in FORMATS.values())))
         nouns = [FILE_KINDS[kind].noun for kind in shown]
@@ -188,7 +188,7 @@ def read_anything(
     raise FormatError(f"could not be read{why}", path)
 
 
-def _damaged_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
+def _find_damaged_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
     """Return the kinds that a file appears to contain but that cannot be read."""
     return [
         kind
@@ -199,7 +199,7 @@ def _damaged_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
     ]
 
 
-def _likely(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
+def _find_likely_kinds(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
     """Return the probable kinds of a file."""
     found = [kind for kind in reasons if FILE_KINDS[kind].recognises(path)]
     found = [k for k in found if not isinstance(reasons[k], AbsentError)] or found

@@ -1,7 +1,7 @@
 """Sections of the printed output of commands: `RUN`, `CHECK` and `CORRELATE` list them in order.
 
-A section is a function that returns text, or an empty string; `joined` separates sections by a
-blank line. Colours are added when the text is printed (`updyn.cli.highlight`).
+A section is a function that returns text, or an empty string; `join_sections` separates sections by
+a blank line. Colours are added when the text is printed (`updyn.cli.highlight`).
 """
 
 from __future__ import annotations
@@ -26,14 +26,23 @@ if TYPE_CHECKING:
     from updyn.updating.judge.identifiability import Identifiability
     from updyn.updating.problem.selection import Selection
 
-__all__ = ["CHECK", "CORRELATE", "RUN", "Checked", "Compared", "Ran", "joined", "overview"]
+__all__ = [
+    "CHECK",
+    "CORRELATE",
+    "RUN",
+    "CheckResult",
+    "FinishedRun",
+    "StartComparison",
+    "describe_job",
+    "join_sections",
+]
 
 T = TypeVar("T")
 
-_AGAIN = "updyn run JOB.toml --resume (with the same --out)"
+_RESUME_COMMAND = "updyn run JOB.toml --resume (with the same --out)"
 
 
-def joined(sections: Sequence[Callable[[T], str]], content: T) -> str:
+def join_sections(sections: Sequence[Callable[[T], str]], content: T) -> str:
     """Return the nonempty sections of a content as one text, separated by blank lines."""
     texts = [section(content) for section in sections]
     return "\n\n".join(filter(None, texts))
@@ -41,7 +50,7 @@ def joined(sections: Sequence[Callable[[T], str]], content: T) -> str:
 
 # -- run -------------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
-class Ran:
+class FinishedRun:
     """A finished run of a job.
 
     Attributes
@@ -56,34 +65,38 @@ class Ran:
     run: JobRun
 
 
-def _summary(ran: Ran) -> str:
+def _format_summary(ran: FinishedRun) -> str:
     return ran.run.summary()
 
 
-def _results(ran: Ran) -> str:
+def _format_results(ran: FinishedRun) -> str:
     folder = ran.run.folder
     first = "report.html" if ran.job.output.report else "result.json"
     return f"Results in {folder}: {folder / first}"
 
 
-def _to_go_on(ran: Ran) -> str:
+def _format_resume_hint(ran: FinishedRun) -> str:
     """Return how to continue an unfinished run."""
     status, trust = ran.run.result.status, ran.run.result.trust
     if ran.run.stopped:
-        return f"To go on from here: {_AGAIN}"
+        return f"To continue: {_RESUME_COMMAND}"
     # More steps are useless if the data are not credible.
     if status == "max-iterations" and (trust is None or trust.credible):
-        return f"To go on from here, with more max_iterations: {_AGAIN}"
+        return f"To continue with more max_iterations: {_RESUME_COMMAND}"
     return ""
 
 
 #: Sections of ``updyn run``.
-RUN: tuple[Callable[[Ran], str], ...] = (_summary, _results, _to_go_on)
+RUN: tuple[Callable[[FinishedRun], str], ...] = (
+    _format_summary,
+    _format_results,
+    _format_resume_hint,
+)
 
 
 # -- check -----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckResult:
     """A job that was checked.
 
     Attributes
@@ -113,26 +126,26 @@ class Checked:
     counterparts: Mapping[str, Counterparts]
 
     @property
-    def alien(self) -> bool:
+    def has_few_common_modes(self) -> bool:
         """Whether every test is known to have few or no modes in common with the model."""
         return all(one.few for one in self.counterparts.values())
 
 
-def _job(checked: Checked) -> str:
-    return overview(checked.ready)
+def _format_job(checked: CheckResult) -> str:
+    return describe_job(checked.ready)
 
 
-def _matches(checked: Checked) -> str:
+def _format_matches(checked: CheckResult) -> str:
     """Return the table of matches of each test."""
     texts = [f"{test.name}\n{test.matching}".lstrip() for test in checked.ready.tests]
     return "\n\n".join(texts)
 
 
-def _unknowns(checked: Checked) -> str:
+def _format_unknowns(checked: CheckResult) -> str:
     return describe_parameters(checked.ready.parameters)
 
 
-def _announced(checked: Checked) -> str:
+def _format_announcements(checked: CheckResult) -> str:
     """Return the announcements of the further tables of the job."""
     from updyn.job.job_table import JOB_TABLES
 
@@ -140,28 +153,28 @@ def _announced(checked: Checked) -> str:
     return "\n\n".join(filter(None, texts))
 
 
-def _selected(checked: Checked) -> str:
+def _format_selection(checked: CheckResult) -> str:
     if checked.selection is None:
         return ""
     return f"Selected before the fit:\n{checked.selection.summary()}"
 
 
-def _identifiability(checked: Checked) -> str:
+def _format_identifiability(checked: CheckResult) -> str:
     return f"At the start of the unknowns:\n{describe_identifiability(checked.found)}"
 
 
-def _agreement(checked: Checked) -> str:
+def _format_agreement(checked: CheckResult) -> str:
     """Return the figures of agreement of the start for each FRF test."""
     return agreement_table(
         {f"{name} start".lstrip(): figures for name, figures in checked.agreement.items()}
     )
 
 
-def _faults(checked: Checked) -> str:
-    return _causes(checked.ready.tests, checked.faults)
+def _format_check_faults(checked: CheckResult) -> str:
+    return _format_faults(checked.ready.tests, checked.faults)
 
 
-def _counterparts(checked: Checked) -> str:
+def _format_counterparts(checked: CheckResult) -> str:
     """Return the number of measured modes with a counterpart, with a remedy if there are few."""
     from updyn.updating.before_search import REMEDY
 
@@ -173,33 +186,33 @@ def _counterparts(checked: Checked) -> str:
     return "\n".join(texts)
 
 
-def _can_run(checked: Checked) -> str:
-    if checked.alien:
+def _format_next_step(checked: CheckResult) -> str:
+    if checked.has_few_common_modes:
         return (
             "The job can be run, but its search would end after its first tries, as model and test"
-            f" hardly have a mode in common; results would go to {checked.folder}."
+            f" have few or no modes in common; results would go to {checked.folder}."
         )
     return f"The job can be run; results would go to {checked.folder}."
 
 
 #: Sections of ``updyn check``.
-CHECK: tuple[Callable[[Checked], str], ...] = (
-    _job,
-    _matches,
-    _unknowns,
-    _announced,
-    _selected,
-    _identifiability,
-    _agreement,
-    _counterparts,
-    _faults,
-    _can_run,
+CHECK: tuple[Callable[[CheckResult], str], ...] = (
+    _format_job,
+    _format_matches,
+    _format_unknowns,
+    _format_announcements,
+    _format_selection,
+    _format_identifiability,
+    _format_agreement,
+    _format_counterparts,
+    _format_check_faults,
+    _format_next_step,
 )
 
 
 # -- correlate -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
-class Compared:
+class StartComparison:
     """The model of a job at the start of its unknowns, compared with one of its tests.
 
     Attributes
@@ -223,15 +236,15 @@ class Compared:
     faults: Mapping[str, tuple[Finding, ...]]
 
 
-def _test(compared: Compared) -> str:
+def _format_test_name(compared: StartComparison) -> str:
     return compared.test
 
 
-def _figures(compared: Compared) -> str:
+def _format_figures(compared: StartComparison) -> str:
     return agreement_table({"start": compared.figures})
 
 
-def _by_response(compared: Compared) -> str:
+def _format_by_response(compared: StartComparison) -> str:
     """Return the figures of agreement by response."""
     by_response = compared.found.by_response()
     names = [name for name in SHORT_NAMES if name in next(iter(by_response.values()))]
@@ -241,12 +254,12 @@ def _by_response(compared: Compared) -> str:
     return text_table(("response", *(SHORT_NAMES[name] for name in names)), rows)
 
 
-def _faults_of(compared: Compared) -> str:
+def _format_test_faults(compared: StartComparison) -> str:
     tests = [test for test in compared.ready.tests if test.name == compared.test]
-    return _causes(tests, compared.faults)
+    return _format_faults(tests, compared.faults)
 
 
-def _modes(compared: Compared) -> str:
+def _format_modes(compared: StartComparison) -> str:
     """Return the modes of test and model."""
     from updyn.job.modes import start_modes_text
 
@@ -255,17 +268,17 @@ def _modes(compared: Compared) -> str:
 
 
 #: Sections of ``updyn correlate``, for each test.
-CORRELATE: tuple[Callable[[Compared], str], ...] = (
-    _test,
-    _figures,
-    _by_response,
-    _modes,
-    _faults_of,
+CORRELATE: tuple[Callable[[StartComparison], str], ...] = (
+    _format_test_name,
+    _format_figures,
+    _format_by_response,
+    _format_modes,
+    _format_test_faults,
 )
 
 
 # -- several commands ------------------------------------------------------------------------------
-def _causes(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, ...]]) -> str:
+def _format_faults(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, ...]]) -> str:
     """Return the suspected faults in the data of tests, each with its remedy."""
     from updyn.modal import ModeSet
 
@@ -277,33 +290,33 @@ def _causes(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, .
             where = f"{test.name}: " if test.name else ""
             texts.append(f"{where}{one.statement}\n{one.remedy}")
     if not texts:
-        return "The data, as far as they were searched before any fit, show no known fault."
-    return "\n".join(["What the data and the model before any fit suggest:", *texts])
+        return "No known fault was found in the data before any fit."
+    return "\n".join(["Suspected faults, before any fit:", *texts])
 
 
-def overview(ready: Prepared) -> str:
+def describe_job(ready: Prepared) -> str:
     """Return model, test and fitted data of a job as text."""
     job = ready.job
     texts = [f"{job.title or job.path.stem}: {job.method.name}"]
     for test in ready.tests:
         if test.name:
             texts.append(f"{test.name}:")
-        texts.append(_model_text(test))
-        texts.append(_test_text(test))
-        texts.append(_fit_text(test))
+        texts.append(_describe_model(test))
+        texts.append(_describe_test(test))
+        texts.append(_describe_fit(test))
     return "\n".join(texts)
 
 
 #: Largest number of groups and held-out responses that are named.
-_NAMED = 6
+_MAX_NAMES = 6
 
 
-def _model_text(test: PreparedTest) -> str:
+def _describe_model(test: PreparedTest) -> str:
     groups = test.model.groups
-    return f"model: {test.model.n_dofs} DOFs, {len(groups)} groups: {_named(groups)}"
+    return f"model: {test.model.n_dofs} DOFs, {len(groups)} groups: {_join_names(groups)}"
 
 
-def _test_text(test: PreparedTest) -> str:
+def _describe_test(test: PreparedTest) -> str:
     from updyn.modal import ModeSet
 
     if isinstance(test.data, ModeSet):
@@ -322,13 +335,13 @@ def _test_text(test: PreparedTest) -> str:
     )
 
 
-def _fit_text(test: PreparedTest) -> str:
+def _describe_fit(test: PreparedTest) -> str:
     """Return the fitted lines and responses, and the held-out data."""
     from updyn.modal import ModeSet
 
     chosen, held = test.job.method.lines, test.job.validation
     if isinstance(test.fitted, ModeSet):
-        return _modes_text(len(test.fitted), len(test.freq), held)
+        return _describe_fitted_modes(len(test.fitted), len(test.freq), held)
     used: str | int = len(test.fitted.freq)
     if isinstance(chosen, str):
         used = chosen
@@ -343,16 +356,16 @@ def _fit_text(test: PreparedTest) -> str:
     if isinstance(held[0], float):
         low, high = held
         return f"{text}; held out: {low:.4g} to {high:.4g} Hz"
-    return f"{text}; held out: {_named(map(str, held))}"
+    return f"{text}; held out: {_join_names(map(str, held))}"
 
 
-def _modes_text(fitted: int, measured: int, held: Any) -> str:
+def _describe_fitted_modes(fitted: int, measured: int, held: Any) -> str:
     """Return the numbers of fitted and measured modes, and the held-out band."""
     text = f"fit: {fitted} of {measured} modes"
     return f"{text}; held out: {held[0]:.4g} to {held[1]:.4g} Hz" if held else text
 
 
-def _named(names: Iterable[str]) -> str:
+def _join_names(names: Iterable[str]) -> str:
     listed = list(names)
-    more = f" and {len(listed) - _NAMED} more" if len(listed) > _NAMED else ""
-    return ", ".join(listed[:_NAMED]) + more
+    more = f" and {len(listed) - _MAX_NAMES} more" if len(listed) > _MAX_NAMES else ""
+    return ", ".join(listed[:_MAX_NAMES]) + more

@@ -27,7 +27,7 @@ Content = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class _Json:
+class _JsonKind:
     """A kind of JSON file: the keys by which it is recognised, and its description."""
 
     keys: tuple[str, ...]
@@ -35,13 +35,15 @@ class _Json:
 
 
 # -- JSON ------------------------------------------------------------------------------------------
-def _result(content: Content, path: Path) -> str:
+def _describe_result(content: Content, path: Path) -> str:
     rows = []
     for one in content["parameters"]:
         note = f"on the {one['bound']} bound" if one["bound"] else ""
         if not one["identifiable"]:
             note = "not determined"
-        rows.append([one["name"], *(_number(one[k]) for k in ("start", "value", "std")), note])
+        rows.append(
+            [one["name"], *(_format_number(one[k]) for k in ("start", "value", "std")), note]
+        )
     return "\n".join(
         [
             f"Result of an update, {content['title']!r}: {content['status']} ({content['method']})",
@@ -49,17 +51,17 @@ def _result(content: Content, path: Path) -> str:
             "",
             text_table(("unknown", "start", "value", "std", "note"), rows),
             "",
-            _beside(path, "run.nc", "updyn info prints its summary"),
+            _refer_to(path, "run.nc", "updyn info prints its summary"),
         ]
     )
 
 
-def _manifest(content: Content, path: Path) -> str:
+def _describe_manifest(content: Content, path: Path) -> str:
     entries = Manifest.read(path.parent).entries
     rows = []
     for name, entry in entries.items():
         file = path.parent / name
-        state = "not there"
+        state = "missing"
         if file.is_file():
             state = "unchanged" if file_digest(file) == entry.sha256 else "changed since"
         rows.append([name, entry.command, state])
@@ -67,7 +69,7 @@ def _manifest(content: Content, path: Path) -> str:
     return "\n".join([head, text_table(("file", "command", "state"), rows, left=(0, 1, 2))])
 
 
-def _control(content: Content, path: Path) -> str:
+def _describe_control(content: Content, path: Path) -> str:
     plant, (low, high) = content["plant"], content["band"]
     texts = [
         f"Plant for control design, {content['title']!r}, {low:g} to {high:g} Hz",
@@ -77,56 +79,56 @@ def _control(content: Content, path: Path) -> str:
         texts.append(content["message"])
     else:
         texts.append(
-            f"order {plant['order']}, largest relative error {plant['relative_error']:.3g} (asked"
-            f" for {content['tolerance']:g})"
+            f"order {plant['order']}, largest relative error {plant['relative_error']:.3g}"
+            f" (requested: {content['tolerance']:g})"
         )
-    return "\n".join([*texts, _beside(path, "plant.html", "the same as a page")])
+    return "\n".join([*texts, _refer_to(path, "plant.html", "the same as a page")])
 
 
-def _comparison(content: Content, path: Path) -> str:
+def _describe_comparison(content: Content, path: Path) -> str:
     rows = [[row["method"], row["status"], row["message"]] for row in content["rows"]]
     return "\n".join(
         [
             f"Comparison of methods, {content['title']!r}, {len(content['unknowns'])} unknowns",
             text_table(("method", "status", "message"), rows, left=(0, 1, 2)),
-            _beside(path, "compare.html", "the same as a page"),
+            _refer_to(path, "compare.html", "the same as a page"),
         ]
     )
 
 
-def _plan(content: Content, path: Path) -> str:
-    rows = [[one["name"], _number(one["std"])] for one in content["parameters"]]
+def _describe_plan(content: Content, path: Path) -> str:
+    rows = [[one["name"], _format_number(one["std"])] for one in content["parameters"]]
     return "\n".join(
         [
             f"Test plan, {content['title']!r}",
             f"responses: {', '.join(content['responses'])}",
             f"references: {', '.join(content['references'])}",
             text_table(("unknown", "expected std"), rows),
-            _beside(path, "plan.html", "the same as a page"),
+            _refer_to(path, "plan.html", "the same as a page"),
         ]
     )
 
 
 _JSON = (
-    _Json(("status", "method", "parameters"), _result),
-    _Json(("plant", "conversions", "band"), _control),
-    _Json(("rows", "unknowns", "stopped"), _comparison),
-    _Json(("criterion", "responses", "references"), _plan),
+    _JsonKind(("status", "method", "parameters"), _describe_result),
+    _JsonKind(("plant", "conversions", "band"), _describe_control),
+    _JsonKind(("rows", "unknowns", "stopped"), _describe_comparison),
+    _JsonKind(("criterion", "responses", "references"), _describe_plan),
 )
 
 
-def _number(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     return "-" if value is None else f"{value:.6g}"
 
 
-def _beside(path: Path, name: str, what: str) -> str:
+def _refer_to(path: Path, name: str, what: str) -> str:
     """Return a reference to a file in the same folder; empty if there is no such file."""
     return f"{path.with_name(name)}: {what}" if path.with_name(name).is_file() else ""
 
 
 def _describe_json(content: Content, path: Path) -> str:
     if content.get("format") == FORMAT:
-        return _manifest(content, path)
+        return _describe_manifest(content, path)
     for kind in _JSON:
         if all(key in content for key in kind.keys):
             try:
@@ -148,7 +150,7 @@ def _format_keys(keys: Sequence[str]) -> str:
     return ", ".join(map(repr, keys[:_KEYS])) + (", ..." if len(keys) > _KEYS else "")
 
 
-def _json(path: Path) -> Any:
+def _read_json(path: Path) -> Any:
     """Return the content of a JSON file; None if it is not JSON."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
@@ -158,7 +160,7 @@ def _json(path: Path) -> Any:
 
 # -- pages, headers, journals ----------------------------------------------------------------------
 def _describe_page(path: Path) -> str:
-    start = _start(path)
+    start = _read_start(path)
     title = _TITLE.search(start)
     if 'name="generator" content="updyn' not in start:
         raise FormatError("is a page of another program; updyn reads no HTML", path)
@@ -167,10 +169,10 @@ def _describe_page(path: Path) -> str:
 
 
 def _describe_header(path: Path) -> str:
-    comment = _start(path).partition("*/")[0]
+    comment = _read_start(path).partition("*/")[0]
     lines = [line.strip(" /*") for line in comment.splitlines()]
     texts = ["C99 header of a plant", *filter(None, lines)]
-    return "\n".join([*texts, _beside(path, "plant.json", "the same, exactly")]).rstrip()
+    return "\n".join([*texts, _refer_to(path, "plant.json", "the same, exactly")]).rstrip()
 
 
 def _describe_journal(path: Path) -> str:
@@ -181,22 +183,22 @@ def _describe_journal(path: Path) -> str:
     )
 
 
-def _start(path: Path) -> str:
+def _read_start(path: Path) -> str:
     """Return the first characters of a file."""
     with path.open("rb") as file:
         return file.read(_START).decode("utf-8", errors="replace")
 
 
-def _describer(path: Path) -> Callable[[Path], str] | None:
+def _find_describer(path: Path) -> Callable[[Path], str] | None:
     """Return the function that describes a file; None if commands write no such file."""
-    start, suffix = _start(path), path.suffix.lower()
+    start, suffix = _read_start(path), path.suffix.lower()
     if start.startswith(_JOURNAL):
         return _describe_journal
     if suffix in (".html", ".htm") or start.lstrip().lower().startswith("<!doctype html"):
         return _describe_page
     if suffix == ".h" and "written by updyn" in start.partition("*/")[0]:
         return _describe_header
-    if suffix == ".json" and isinstance(content := _json(path), Mapping):
+    if suffix == ".json" and isinstance(content := _read_json(path), Mapping):
         is_plant = content.get("format") == "updyn plant"
         return None if is_plant else partial(_describe_json, content)
     return None
@@ -204,14 +206,14 @@ def _describer(path: Path) -> Callable[[Path], str] | None:
 
 def _is_written(path: Path) -> bool:
     try:
-        return _describer(path) is not None
+        return _find_describer(path) is not None
     except OSError:
         return False
 
 
 def _describe_file(path: Path) -> str:
     """Return the description of a file written by a command."""
-    describe = _describer(path)
+    describe = _find_describer(path)
     assert describe is not None
     return describe(path)
 

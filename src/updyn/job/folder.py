@@ -16,7 +16,7 @@ from updyn.job.files import check_encodable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 from updyn.outputs.lock import LOCK
-from updyn.outputs.manifest import MANIFEST, Manifest, is_output, obstacles
+from updyn.outputs.manifest import MANIFEST, Manifest, find_obstacles, is_output
 from updyn.outputs.switch import PLAN, recover
 from updyn.updating.fit.methods import options_of
 
@@ -165,7 +165,7 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
             text = f"the run would overwrite its {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
     recover(out)
-    kept = obstacles(out, names)
+    kept = find_obstacles(out, names)
     if JOB_FILE in names and (out / JOB_FILE).is_file() and not is_run_job(out / JOB_FILE):
         kept.setdefault(JOB_FILE, "was not written by a run")
     if kept:

@@ -20,8 +20,8 @@ from updyn.job.job_table import JobTable
 from updyn.job.prepare import read_measurement
 from updyn.job.schema import Job
 from updyn.modal import ModeSet, identify_modes
-from updyn.modal.identify import identified
-from updyn.outputs.switch import open_folder, replaced
+from updyn.modal.identify import identify_with_picks
+from updyn.outputs.switch import open_folder, replace_files
 
 __all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
 
@@ -85,7 +85,7 @@ def modes_job(
     title = job.title or job.path.stem
     with open_folder(out):
         check_out(job, out, MODES_FILES)  # again, now that no other run can change the folder
-        with replaced(out, "modes", MODES_FILES) as new:
+        with replace_files(out, "modes", MODES_FILES) as new:
             write_modes_page(
                 picked.modes,
                 frf,
@@ -137,7 +137,7 @@ def _pick_modes(
     number = [-1] * len(found)
     if poles:
         with key_path("modes", "pick" if table.poles is None else "poles"):
-            found, number = identified(frf, None, table.damping, poles)
+            found, number = identify_with_picks(frf, None, table.damping, poles)
     refined = [k for k, n in enumerate(number) if n >= 0]
     own = np.array([k for k, n in enumerate(number) if n < 0], dtype=np.intp)
     if table.pick is not None:

@@ -14,7 +14,7 @@ from updyn.job.folder import PLAN_JOURNAL, check_out, default_out, run_journal
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import prepare_model
 from updyn.job.schema import Job
-from updyn.outputs.switch import open_folder, replaced
+from updyn.outputs.switch import open_folder, replace_files
 from updyn.planning import plan
 from updyn.planning.plan import LINES, ROBUST
 from updyn.progress import RunStage
@@ -142,7 +142,7 @@ def plan_job(
         check_out(job, out, PLAN_FILES)  # again, now that no other run can change the folder
         with run_journal(out, PLAN_JOURNAL) as journal, job.located(), key_path("plan"):
             found = plan(model, unknowns, compare=True, checkpoint=journal, **options)
-        with replaced(out, "plan", PLAN_FILES) as new:
+        with replace_files(out, "plan", PLAN_FILES) as new:
             write_plan(found, new / "plan.html", f"{title}: test plan")
             write_plan_json(found, new / "plan.json", title)
         journal.unlink(missing_ok=True)

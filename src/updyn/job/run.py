@@ -27,7 +27,7 @@ from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.modal import ModeSet
-from updyn.outputs.switch import open_folder, replaced
+from updyn.outputs.switch import open_folder, replace_files
 from updyn.progress import asks_to_stop
 from updyn.store.netcdf import load_libraries
 from updyn.store.result import write_result, write_result_json
@@ -173,7 +173,7 @@ def run_job(
             result = _run_update(ready, caller, engine=engine, checkpoint=journal, resume=resume)
             result = with_modes(result)
             further = _run_further_tables(ready, result, caller, engine)
-        with replaced(out, "run", names) as new:
+        with replace_files(out, "run", names) as new:
             _write_files(result, job, out, new)
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, new)

@@ -19,7 +19,7 @@ from updyn.job.folder import check_out, default_out
 from updyn.job.prepared import Prepared, PreparedTest
 from updyn.job.schema import Job
 from updyn.model import Model
-from updyn.outputs.switch import open_folder, replaced
+from updyn.outputs.switch import open_folder, replace_files
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.problem.parameters import ParameterSet
@@ -159,7 +159,7 @@ def write_start_pages(
     names = _list_pages(ready.job, work)
     with open_folder(folder):
         check_out(ready.job, folder, names)  # again, now that no other run can change the folder
-        with replaced(folder, work, names) as new:
+        with replace_files(folder, work, names) as new:
             for test, name in zip(ready.tests, names, strict=True):
                 (new / name).parent.mkdir(exist_ok=True)
                 faults = findings.get(test.name, ())

@@ -14,7 +14,7 @@ from updyn.dofs import Dof, DofSet, positions
 from updyn.errors import DataError
 from updyn.frf import check_band
 from updyn.modal.stabilisation import Diagram
-from updyn.notebook import Curve, card, curves, table, viewed
+from updyn.notebook import PlotCurve, card, curves, render_view, table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -219,17 +219,17 @@ class ModeSet:
             rows.append([str(k + 1), *cells])
         facts = {"modes": len(self), "DOFs": len(self.dofs), "source": self.source}
         header = ("mode", *(name for name, _, _ in known))
-        return card("Modes", facts, viewed(self, self._picture), table(header, rows))
+        return card("Modes", facts, render_view(self, self._picture), table(header, rows))
 
     def _picture(self) -> str:
         """Return a picture of damping over frequency; empty if damping is not known."""
-        damping = Curve("damping", 100.0 * self.damping)
+        damping = PlotCurve("damping", 100.0 * self.damping)
         titles = ("frequency (Hz)", "damping (%)")
         return curves(self.frequency, [damping], titles, log_y=False, stems=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
         names = (*_FIELDS, "diagram", "unexplained", "lean")
-        return _restored, ({name: getattr(self, name) for name in names},)
+        return _restore, ({name: getattr(self, name) for name in names},)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a table with a row for each mode, without the shapes.
@@ -381,7 +381,7 @@ class ModeSet:
         )
 
 
-def _restored(given: dict[str, Any]) -> ModeSet:
+def _restore(given: dict[str, Any]) -> ModeSet:
     return ModeSet(**given)
 
 

@@ -14,16 +14,16 @@ from pathlib import Path
 
 from updyn.errors import FormatError, InputError, UpdynWarning
 
-__all__ = ["LOCK", "InUseError", "locked", "release_all"]
+__all__ = ["LOCK", "InUseError", "lock_folder", "release_all"]
 
 #: Name of the locked file. The system drops a lock when its process ends. The file names the owner;
 #: a file left by a killed process is not locked.
 LOCK = ".updyn.lock"
 _START = "updyn process "
 #: Error codes of a lock held by another process.
-_HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+_BUSY_ERRORS = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 #: Lock files of this process, removed if it ends without unwinding.
-_ours: set[Path] = set()
+_lock_files: set[Path] = set()
 
 
 class InUseError(InputError):
@@ -48,7 +48,7 @@ else:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Lock an existing folder against writing by other processes and threads.
 
     Raises
@@ -64,12 +64,12 @@ def locked(folder: Path) -> Iterator[None]:
         If the file system does not support locks.
     """
     path = folder / LOCK
-    number = _acquired(path)
-    _ours.add(path)
+    number = _acquire_lock(path)
+    _lock_files.add(path)
     try:
         yield
     finally:
-        _ours.discard(path)
+        _lock_files.discard(path)
         if sys.platform == "win32":  # Windows cannot remove an open file
             os.close(number)
             with suppress(OSError):
@@ -82,44 +82,44 @@ def locked(folder: Path) -> Iterator[None]:
 
 def release_all() -> None:
     """Remove the lock files of this process before it ends without unwinding."""
-    for path in tuple(_ours):
+    for path in tuple(_lock_files):
         with suppress(OSError):
             path.unlink()
 
 
-def _acquired(path: Path) -> int:
+def _acquire_lock(path: Path) -> int:
     """Return the file descriptor of the locked file."""
     while True:
-        with ExitStack() as refused:
-            number = _opened(path)
-            refused.callback(os.close, number)
-            _take(number, path)
-            if _is_still(number, path):
-                refused.pop_all()
+        with ExitStack() as cleanup:
+            number = _open_lock_file(path)
+            cleanup.callback(os.close, number)
+            _write_owner(number, path)
+            if _is_same_file(number, path):
+                cleanup.pop_all()
                 return number
             # else the owner has just removed the file: try again
 
 
-def _opened(path: Path) -> int:
+def _open_lock_file(path: Path) -> int:
     """Open the lock file, creating it if missing; raise an error for a user's file."""
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
     except OSError as error:
         raise FormatError(f"cannot be written: {error.strerror}", path) from error
-    text = _text(number)
+    text = _read_text(number)
     if text and not text.startswith(_START):
         os.close(number)
         raise FormatError("is not the lock of a folder that updyn wrote; move it", path)
     return number
 
 
-def _take(number: int, path: Path) -> None:
+def _write_owner(number: int, path: Path) -> None:
     """Lock an open file and write the owner into it."""
     try:
         _lock(number)
     except OSError as error:
-        if error.errno in _HELD:
-            owner = _text(number).strip() or "another process"
+        if error.errno in _BUSY_ERRORS:
+            owner = _read_text(number).strip() or "another process"
             raise InUseError(
                 f"{str(path.parent)!r} is being written to by {owner}; wait until it has ended, or"
                 " choose another folder"
@@ -136,13 +136,13 @@ def _take(number: int, path: Path) -> None:
     os.write(number, f"{_START}{os.getpid()} on {socket.gethostname()}, since {since}\n".encode())
 
 
-def _text(number: int) -> str:
+def _read_text(number: int) -> str:
     """Return the start of an open file as text."""
     os.lseek(number, 0, os.SEEK_SET)
     return os.read(number, 256).decode("utf-8", "replace")
 
 
-def _is_still(number: int, path: Path) -> bool:
+def _is_same_file(number: int, path: Path) -> bool:
     """Return whether the path still refers to the open file."""
     try:
         return os.path.samestat(os.fstat(number), path.stat())

@@ -20,10 +20,10 @@ __all__ = [
     "Entry",
     "Manifest",
     "file_digest",
+    "find_obstacle",
+    "find_obstacles",
     "is_inside",
     "is_output",
-    "obstacle",
-    "obstacles",
 ]
 
 #: Name of the manifest.
@@ -109,11 +109,11 @@ class Manifest:
             return cls()
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            entries = {name: Entry(**entry) for name, entry in _files(content).items()}
+            entries = {name: Entry(**entry) for name, entry in _read_files(content).items()}
         except (OSError, ValueError, RecursionError, TypeError) as error:
             raise FormatError(
-                f"is no manifest of the files that updyn wrote ({_why(error)}); move it, or choose"
-                " another folder",
+                f"is not a manifest of the files that updyn wrote ({_describe_error(error)});"
+                " move it, or choose another folder",
                 path,
             ) from error
         return cls(MappingProxyType(entries))
@@ -133,13 +133,13 @@ class Manifest:
         }
         write_json(content, folder / MANIFEST)
 
-    def obstacle(self, folder: Path, name: str) -> str:
+    def find_obstacle(self, folder: Path, name: str) -> str:
         """Return the reason why a file must not be replaced or removed; empty if it may."""
         entry = self.entries.get(name)
-        return obstacle(folder, name, () if entry is None else (entry.sha256,))
+        return find_obstacle(folder, name, () if entry is None else (entry.sha256,))
 
 
-def _files(content: Any) -> Mapping[str, Any]:
+def _read_files(content: Any) -> Mapping[str, Any]:
     """Return the table of files of a manifest.
 
     Raises
@@ -160,7 +160,7 @@ def _files(content: Any) -> Mapping[str, Any]:
     return files
 
 
-def _why(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     """Return a short description of a read error."""
     if isinstance(error, OSError):
         return str(error.strerror)
@@ -187,7 +187,7 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
+def find_obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
     """Return the reason why a file must not be replaced or removed; empty if it may.
 
     `digests` are those of the contents that may be replaced.
@@ -213,7 +213,7 @@ def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
     return "" if same else "has been changed since updyn wrote it"
 
 
-def obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
+def find_obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the reasons by name for the files of a folder that must not be replaced.
 
     Raises
@@ -222,5 +222,5 @@ def obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
         If ``manifest.json`` is not a manifest of updyn.
     """
     manifest = Manifest.read(folder)
-    reasons = {name: manifest.obstacle(folder, name) for name in names}
+    reasons = {name: manifest.find_obstacle(folder, name) for name in names}
     return {name: why for name, why in reasons.items() if why}

@@ -25,18 +25,18 @@ from typing import Any
 
 from updyn.errors import FormatError, InputError
 from updyn.io.atomic import sync_folder, write_json
-from updyn.outputs.lock import LOCK, InUseError, locked
+from updyn.outputs.lock import LOCK, InUseError, lock_folder
 from updyn.outputs.manifest import (
     MANIFEST,
     Entry,
     Manifest,
     file_digest,
+    find_obstacle,
     is_inside,
     is_output,
-    obstacle,
 )
 
-__all__ = ["PLAN", "create_folder", "open_folder", "recover", "replaced"]
+__all__ = ["PLAN", "create_folder", "open_folder", "recover", "replace_files"]
 
 #: Name of the plan in the folder of a set, which distinguishes such a folder from a user's.
 PLAN = ".updyn.switch"
@@ -58,7 +58,7 @@ def open_folder(folder: Path) -> Iterator[None]:
     InUseError
         If another process is writing to it.
     """
-    with create_folder(folder), locked(folder):
+    with create_folder(folder), lock_folder(folder):
         _recover(folder)
         yield
 
@@ -83,7 +83,7 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 
 # -- a new set -------------------------------------------------------------------------------------
 @contextmanager
-def replaced(folder: Path, command: str, names: Collection[str] = ()) -> Iterator[Path]:
+def replace_files(folder: Path, command: str, names: Collection[str] = ()) -> Iterator[Path]:
     """Yield a folder to write a set of files to; at the end, they replace the old set together.
 
     Parameters
@@ -147,20 +147,24 @@ def _commit(staging: Path, folder: Path, run: str, command: str, names: Collecti
     new = {name: Entry(digest, run, command) for name, digest in digests.items()}
     Manifest(MappingProxyType({**kept, **new})).write(staging)
 
-    wrong = {name: why for name in written if (why := old.obstacle(folder, name))}
+    wrong = {name: why for name in written if (why := old.find_obstacle(folder, name))}
     if wrong:
         _set_aside(staging, folder, run, new, wrong)
     digests = {MANIFEST: file_digest(staging / MANIFEST), **digests}
-    before = {name: _digest_of(folder / name) for name in (*digests, *gone)}
+    before = {name: _compute_digest(folder / name) for name in (*digests, *gone)}
     plan = _Plan(
         {name: [before[name], digest] for name, digest in digests.items()},
-        {name: was for name in gone if (was := before[name]) and not old.obstacle(folder, name)},
+        {
+            name: was
+            for name in gone
+            if (was := before[name]) and not old.find_obstacle(folder, name)
+        },
     )
     write_json(asdict(plan), staging / PLAN)
-    _sync(staging)
+    _sync_files(staging)
     finished = staging.rename(folder / f".finished-{run}")
     sync_folder(folder)
-    _complete(finished, folder, plan)
+    _complete_switch(finished, folder, plan)
 
 
 def _set_aside(
@@ -175,12 +179,12 @@ def _set_aside(
     raise InputError(f"in {str(folder)!r} {reasons}; the results are in {str(aside)!r} instead")
 
 
-def _digest_of(path: Path) -> str | None:
+def _compute_digest(path: Path) -> str | None:
     """Return the digest of a file; None if there is no file."""
     return file_digest(path) if path.is_file() else None
 
 
-def _sync(folder: Path) -> None:
+def _sync_files(folder: Path) -> None:
     """Flush the files of a folder and its subfolders to disk."""
     for path in folder.rglob("*"):
         if path.is_dir():
@@ -192,7 +196,7 @@ def _sync(folder: Path) -> None:
 
 
 # -- the switch ------------------------------------------------------------------------------------
-def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
+def _complete_switch(finished: Path, folder: Path, plan: _Plan) -> None:
     """Move and remove the files of a plan, as far as not yet done."""
     touched = {folder}
     for name in plan.moved:
@@ -202,7 +206,7 @@ def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
             source.replace(target)
             touched.add(target.parent)
     for name, digest in plan.removed.items():
-        if not obstacle(folder, name, [digest]):
+        if not find_obstacle(folder, name, [digest]):
             (folder / name).unlink(missing_ok=True)
             touched.add((folder / name).parent)
     for each in touched - {folder}:
@@ -229,18 +233,18 @@ def recover(folder: Path) -> None:
     InputError
         If a file that updyn did not write has appeared under a name of the new set.
     """
-    found = list(_left(folder)) if folder.is_dir() else []
+    found = list(_find_interrupted(folder)) if folder.is_dir() else []
     if not found:
         return
     try:
-        with locked(folder):
+        with lock_folder(folder):
             _recover(folder)
     except InUseError:
         if any(path.name.startswith(".finished-") for path in found):
             raise
 
 
-def _left(folder: Path) -> Iterator[Path]:
+def _find_interrupted(folder: Path) -> Iterator[Path]:
     """Yield the folders of interrupted switches."""
     for path in folder.iterdir():
         if _NAME.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
@@ -249,16 +253,16 @@ def _left(folder: Path) -> Iterator[Path]:
 
 def _recover(folder: Path) -> None:
     """Complete or remove interrupted switches in a locked folder."""
-    for path in sorted(_left(folder)):
+    for path in sorted(_find_interrupted(folder)):
         if not (path / PLAN).is_file():
             _remove_empty([path])  # an empty folder may be ours; keep any other
         elif path.name.startswith(".unfinished-"):
             _discard(path)
         else:
             plan = _read_plan(path)
-            _check(path, folder, plan)
+            _check_user_files(path, folder, plan)
             removed = {name: was for name, was in plan.removed.items() if is_output(name)}
-            _complete(path, folder, _Plan(plan.moved, removed))
+            _complete_switch(path, folder, _Plan(plan.moved, removed))
 
 
 def _discard(staging: Path) -> None:
@@ -281,9 +285,11 @@ def _read_plan(finished: Path) -> _Plan:
         usable = all(map(_is_free, (*plan.moved, *plan.removed)))
         usable = usable and all(map(_is_pair, plan.moved.values()))
     except (OSError, ValueError, RecursionError, TypeError, AttributeError) as error:
-        raise FormatError(f"is no plan of a switch; move {str(finished)!r} away", path) from error
+        raise FormatError(
+            f"is not a plan of a switch; move {str(finished)!r} away", path
+        ) from error
     if not usable or any(each.is_symlink() for each in finished.rglob("*")):
-        raise FormatError(f"is no plan of a switch; move {str(finished)!r} away", path)
+        raise FormatError(f"is not a plan of a switch; move {str(finished)!r} away", path)
     return plan
 
 
@@ -299,7 +305,7 @@ def _is_free(name: str) -> bool:
     return is_inside(name) and not reserved and not name.endswith(_JOURNAL)
 
 
-def _check(finished: Path, folder: Path, plan: _Plan) -> None:
+def _check_user_files(finished: Path, folder: Path, plan: _Plan) -> None:
     """Check that no user's file has appeared under a name of an interrupted switch.
 
     The plan may be forged: its digests of old files are accepted only for the fixed names of
@@ -309,10 +315,10 @@ def _check(finished: Path, folder: Path, plan: _Plan) -> None:
     for name, (before, after) in plan.moved.items():
         if (finished / name).is_file():
             known = (before, after) if is_output(name) or name == MANIFEST else (after,)
-            wrong[name] = obstacle(folder, name, [d for d in known if d])
+            wrong[name] = find_obstacle(folder, name, [d for d in known if d])
     reasons = ", ".join(f"{name!r} {why}" for name, why in wrong.items() if why)
     if reasons:
         raise InputError(
-            f"in {str(folder)!r} {reasons}, while new results wait in {str(finished)!r}; move it"
-            " away, or that folder"
+            f"in {str(folder)!r} {reasons}, and new results are in {str(finished)!r}; move the file"
+            " or that folder away"
         )

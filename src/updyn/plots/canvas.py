@@ -33,7 +33,7 @@ __all__ = [
     "level_axis",
     "level_values",
     "log_axis",
-    "named_rows",
+    "name_rows",
     "phase_axis",
 ]
 
@@ -51,22 +51,22 @@ _LEGEND_ENTRIES = 12
 _LETTER, _HANDLE = 6.6, 42.0
 
 
-def _points(px: float) -> float:
+def _to_points(px: float) -> float:
     return px * 72.0 / _DPI
 
 
 def _settings() -> Any:
     """Return the style as matplotlib settings."""
-    paper, small = style.PAPER, _points(style.FIGURE_TEXT - 1)
+    paper, small = style.PAPER, _to_points(style.FIGURE_TEXT - 1)
     return {
         "figure.dpi": _DPI,
         "figure.facecolor": paper["ground"],
-        "font.size": _points(style.FIGURE_TEXT),
+        "font.size": _to_points(style.FIGURE_TEXT),
         "font.family": "DejaVu Sans",
         "text.color": paper["text"],
         "axes.labelcolor": paper["text"],
-        "axes.labelsize": _points(style.FIGURE_TEXT),
-        "axes.titlesize": _points(style.FIGURE_TEXT),
+        "axes.labelsize": _to_points(style.FIGURE_TEXT),
+        "axes.titlesize": _to_points(style.FIGURE_TEXT),
         "axes.titlelocation": "left",
         "axes.edgecolor": paper["faint"],
         "axes.facecolor": paper["ground"],
@@ -174,8 +174,8 @@ def canvas(
             )
             yield Canvas(figure, dict(zip(panels, made[:, 0], strict=True)))
             return
-        given = _given(ax, tuple(panels))
-        yield Canvas(_whole(given[0]), dict(zip(panels, given, strict=False)))
+        given = _check_axes(ax, tuple(panels))
+        yield Canvas(_find_figure(given[0]), dict(zip(panels, given, strict=False)))
 
 
 @contextmanager
@@ -209,10 +209,10 @@ def grid_canvas(
 
     with matplotlib.rc_context(_settings()):
         if ax is not None:
-            given = _given(ax, names)
+            given = _check_axes(ax, names)
             if len(given) < len(names):
                 raise OptionError(f"ax: {len(given)} axes for {len(names)} panels")
-            yield Canvas(_whole(given[0]), dict(zip(names, given, strict=True)))
+            yield Canvas(_find_figure(given[0]), dict(zip(names, given, strict=True)))
             return
         columns = min(columns, len(names))
         rows = -(-len(names) // columns)
@@ -224,7 +224,7 @@ def grid_canvas(
         yield Canvas(figure, dict(zip(names, made, strict=False)))
 
 
-def _given(ax: WhichAxes, panels: Sequence[str]) -> list[Axes]:
+def _check_axes(ax: WhichAxes, panels: Sequence[str]) -> list[Axes]:
     """Return the axes of the caller as a list."""
     from matplotlib.axes import Axes
 
@@ -240,7 +240,7 @@ def _given(ax: WhichAxes, panels: Sequence[str]) -> list[Axes]:
     return given
 
 
-def _whole(axes: Axes) -> Figure:
+def _find_figure(axes: Axes) -> Figure:
     figure = axes.get_figure(root=True)
     assert figure is not None
     return figure
@@ -324,9 +324,9 @@ def legend_outside(made: Canvas) -> None:
     made.figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
 
 
-def named_rows(axes: Axes, names: Sequence[str]) -> None:
+def name_rows(axes: Axes, names: Sequence[str]) -> None:
     """Label the rows of the y axis from top to bottom, in a smaller font for many rows."""
-    size = _points(style.FIGURE_TEXT - 1 if len(names) <= 40 else 8)
+    size = _to_points(style.FIGURE_TEXT - 1 if len(names) <= 40 else 8)
     axes.set_yticks(range(len(names)), list(names), fontsize=size)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
@@ -407,5 +407,5 @@ def _print_values(axes: Axes, values: NDArray[np.float64]) -> None:
                 ha="center",
                 va="center",
                 color=colour,
-                fontsize=_points(style.FIGURE_TEXT - 2),
+                fontsize=_to_points(style.FIGURE_TEXT - 2),
             )

@@ -107,7 +107,7 @@ def _channels(made: Canvas, one: FRF, name: str, number: int, level: str) -> int
                 "color": colour,
                 "linestyle": dash,
                 "label": f"{name}{response} / {reference}",
-                **_shown(len(one.freq)),
+                **_single_line_marker(len(one.freq)),
             }
             number += 1
             made.first.plot(one.freq, size[:, i, j], **look)
@@ -208,7 +208,7 @@ def overlay(
         computed, measured = (measured.computed, *computed), measured.measured
     if not computed:
         raise DataError("plots.overlay: expected at least one computed FRF beside the measured one")
-    named = _named(computed, labels)
+    named = _name_frfs(computed, labels)
     fitted: dict[str, FRF] = {}
     for name, one in named.items():
         chosen = one.select(responses=measured.responses, references=measured.references)
@@ -238,7 +238,7 @@ def overlay(
     return made.figure
 
 
-def _named(computed: Sequence[FRF], labels: Sequence[str] | None) -> dict[str, FRF]:
+def _name_frfs(computed: Sequence[FRF], labels: Sequence[str] | None) -> dict[str, FRF]:
     if labels is None:
         defaults = {1: ["computed"], 2: ["start", "updated"]}
         numbered = [f"computed {number}" for number in range(1, len(computed) + 1)]
@@ -284,7 +284,7 @@ def one_channel(
             x, y = wrapped_phase(measured.freq, measured.values[:, 0, 0])
             axes.plot(x, y, **_measured_look(len(measured.freq)))
             for name, one in fitted.items():
-                look = {**looks[name], **_shown(len(one.freq))}
+                look = {**looks[name], **_single_line_marker(len(one.freq))}
                 axes.plot(*wrapped_phase(one.freq, one.values[:, 0, 0]), **look)
             phase_axis(axes)
         _frequency_axis(made, log_frequency)
@@ -307,7 +307,7 @@ def _levels(
     axes.plot(measured.freq, size, label="measured", **_measured_look(len(measured.freq)))
     for name, one in fitted.items():
         size = level_values(one.values[:, i, j], level)
-        look = {**looks[name], **_shown(len(one.freq))}
+        look = {**looks[name], **_single_line_marker(len(one.freq))}
         axes.plot(one.freq, size, label=name, **look)
     own = unit(measured.quantity, str(measured.responses[i]), str(measured.references[j]))
     level_axis(axes, measured.quantity, own, level)
@@ -321,7 +321,7 @@ def _measured_look(n_lines: int) -> dict[str, Any]:
     return {"color": colour, "linewidth": 2.8}
 
 
-def _shown(n_lines: int) -> dict[str, Any]:
+def _single_line_marker(n_lines: int) -> dict[str, Any]:
     """Return a marker for a curve with a single line, which would otherwise be invisible."""
     return {"marker": "o", "markersize": 5.0} if n_lines == 1 else {}
 

@@ -46,12 +46,15 @@ def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Fig
     """
     subspaces: tuple[Subspace, ...] = ()
     if isinstance(found, ModeSet):
-        values, names = auto_mac(found.shapes), (_frequencies(found.frequency),) * 2
+        values, names = auto_mac(found.shapes), (_format_frequencies(found.frequency),) * 2
         titles, title = ("mode (Hz)", "mode (Hz)"), "AutoMAC (–)"
         pairs = []
     elif isinstance(found, ModeCorrelation):
         values = found.mac
-        names = _frequencies(found.computed.frequency), _frequencies(found.measured.frequency)
+        names = (
+            _format_frequencies(found.computed.frequency),
+            _format_frequencies(found.measured.frequency),
+        )
         titles, title = ("computed mode (Hz)", "measured mode (Hz)"), "MAC (–)"
         single = ~found.in_subspace
         which = found.pairs.first[single].tolist(), found.pairs.second[single].tolist()
@@ -60,15 +63,15 @@ def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Fig
         raise OptionError(
             f"plots.mac: expected a ModeCorrelation or a ModeSet, found {type(found).__name__}"
         )
-    with canvas(ax, {"map": 1.0}, _size(values.shape)) as made:
+    with canvas(ax, {"map": 1.0}, _figure_size(values.shape)) as made:
         heat_map(made, values, names, title)
-        _titled(made, titles)
+        _set_titles(made, titles)
         for row, column in pairs:
-            _frame(made, row, row, column, column)
+            _draw_frame(made, row, row, column, column)
         for one in subspaces:
             for block in one.blocks:
-                _frame(made, *block)
-                _label(made, block, f"{one.mac:.2f}")
+                _draw_frame(made, *block)
+                _draw_label(made, block, f"{one.mac:.2f}")
     return made.figure
 
 
@@ -101,17 +104,17 @@ def frac(found: Correlation, *, criterion: str = "frac", ax: WhichAxes | None = 
     title, signed = _CRITERIA[criterion]
     values = getattr(found, criterion)
     names = found.responses.labels, found.references.labels
-    with canvas(ax, {"map": 1.0}, _size(values.shape)) as made:
+    with canvas(ax, {"map": 1.0}, _figure_size(values.shape)) as made:
         heat_map(made, values, names, f"{title} (–)", signed=signed)
-        _titled(made, ("response (node:direction)", "force (node:direction)"))
+        _set_titles(made, ("response (node:direction)", "force (node:direction)"))
     return made.figure
 
 
-def _frequencies(frequency: np.ndarray) -> list[str]:
+def _format_frequencies(frequency: np.ndarray) -> list[str]:
     return [f"{f:.4g}" for f in frequency]
 
 
-def _size(shape: tuple[int, ...]) -> tuple[float, float]:
+def _figure_size(shape: tuple[int, ...]) -> tuple[float, float]:
     """Return width and height in px of a figure for a map."""
     rows, columns = shape
     height = min(max(130 + _CELL * rows, _LOWEST), _HIGHEST)
@@ -119,18 +122,18 @@ def _size(shape: tuple[int, ...]) -> tuple[float, float]:
     return width, height
 
 
-def _titled(made: Canvas, titles: tuple[str, str]) -> None:
+def _set_titles(made: Canvas, titles: tuple[str, str]) -> None:
     made.first.set_ylabel(titles[0])
     made.first.set_xlabel(titles[1])
 
 
-def _frame(made: Canvas, top: int, bottom: int, left: int, right: int) -> None:
+def _draw_frame(made: Canvas, top: int, bottom: int, left: int, right: int) -> None:
     x = np.array([left + 0.03, right + 0.97])[[0, 1, 1, 0, 0]]
     y = np.array([top + 0.03, bottom + 0.97])[[0, 0, 1, 1, 0]]
     made.first.plot(x, y, color=PAPER["before"], linewidth=1.6)
 
 
-def _label(made: Canvas, block: tuple[int, int, int, int], text: str) -> None:
+def _draw_label(made: Canvas, block: tuple[int, int, int, int], text: str) -> None:
     """Print the subspace MAC in the middle of its frame."""
     top, bottom, left, right = block
     made.first.text(

@@ -17,7 +17,7 @@ from updyn.plots.canvas import (
     heat_map,
     legend_above,
     log_axis,
-    named_rows,
+    name_rows,
 )
 from updyn.report.formats import axis_title, quantity_words
 from updyn.report.identifiability import correlations
@@ -113,13 +113,13 @@ def _estimates(
     spans = np.full((len(chosen), 2), np.nan)
     limits = np.empty((len(chosen), 2))
     for row, p in enumerate(chosen):
-        x[row] = _drawn(p, result.values[p.name], percent)
-        limits[row] = _drawn(p, p.lower, percent), _drawn(p, p.upper, percent)
+        x[row] = _to_plotted(p, result.values[p.name], percent)
+        limits[row] = _to_plotted(p, p.lower, percent), _to_plotted(p, p.upper, percent)
         span = intervals.get(p.name)
         outcome = "open"
         if span is not None:
             outcome = "bound" if p.name in result.first.at_bound else "determined"
-            spans[row] = [_drawn(p, end, percent) for end in span]
+            spans[row] = [_to_plotted(p, end, percent) for end in span]
         outcomes.setdefault(outcome, []).append(row)
     axes.set_xmargin(0.05)
     for outcome, (name, look) in _OUTCOMES.items():
@@ -129,12 +129,14 @@ def _estimates(
                 off = np.abs(spans[rows] - x[rows, None]).T
                 axes.errorbar(x[rows], rows, xerr=off, fmt="none", ecolor=look["color"], capsize=3)
             axes.plot(x[rows], rows, linestyle="none", markersize=6, label=name, **look)
-    axes.axvline(_drawn(chosen[0], chosen[0].start, percent), color=PAPER["text"], linewidth=0.8)
+    axes.axvline(
+        _to_plotted(chosen[0], chosen[0].start, percent), color=PAPER["text"], linewidth=0.8
+    )
     _bounds(axes, limits)
-    named_rows(axes, [f"{p.group}: {quantity_words(p.quantity)}" for p in chosen])
+    name_rows(axes, [f"{p.group}: {quantity_words(p.quantity)}" for p in chosen])
 
 
-def _drawn(p: Parameter, value: float, percent: bool) -> float:
+def _to_plotted(p: Parameter, value: float, percent: bool) -> float:
     """Return a value as drawn: the change in percent, or the value itself."""
     return 100.0 * (value / p.start - 1.0) if percent else value
 
@@ -205,11 +207,11 @@ def identifiability(
     if matrix is not None:
         sizes["correlation"] = 170.0 + 26.0 * len(names)
     with canvas(ax, sizes, (960, sum(sizes.values())), share_x=False) as made:
-        _panels(made, ident, involved, names, matrix)
+        _draw_panels(made, ident, involved, names, matrix)
     return made.figure
 
 
-def _panels(
+def _draw_panels(
     made: Canvas,
     ident: Identifiability,
     involved: Sequence[str],
@@ -220,7 +222,7 @@ def _panels(
     if "null" in made.axes:
         weights = [[d.get(name, np.nan) for name in involved] for d in ident.null_directions]
         rows = [f"combination {number}" for number in range(1, len(weights) + 1)]
-        columns = list(map(_words, involved))
+        columns = list(map(_format_name, involved))
         title = "weight (–)"
         heat_map(made, np.array(weights), (rows, columns), title, signed=True, panel="null")
         made.axes["null"].set_title("undetermined: moved together, nothing measured changes")
@@ -230,7 +232,7 @@ def _panels(
         made.axes["correlation"].set_title("correlation of the estimates")
 
 
-def _words(name: str) -> str:
+def _format_name(name: str) -> str:
     group, _, quantity = name.rpartition(".")
     return f"{group}: {quantity_words(quantity)}" if group else name
 

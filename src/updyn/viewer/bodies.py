@@ -55,15 +55,15 @@ def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
         raise InputError("viewer: the model has no geometry; expected positions of its nodes")
     lines, line_group = geometry.line_ends, groups_of_lines(model)
     faces, face_group = _triangles(geometry.face_corners, groups_of_faces(model))
-    seen = _is_seen(lines, line_group, faces, face_group)
+    seen = _is_visible(lines, line_group, faces, face_group)
     lines, line_group = lines[seen], line_group[seen]
     drawn = {*line_group.tolist(), *face_group.tolist()}
     bare = [number for number in range(len(model.groups)) if number not in drawn]
-    points, point_group = _squares(model, np.array(bare, dtype=np.intp))
+    points, point_group = _make_squares(model, np.array(bare, dtype=np.intp))
     named = np.isin(geometry.nodes, [Dof.parse(dof).node for dof in dofs])
-    turning = _only_turning(model.dofs, geometry)
+    rotations = _find_rotational_dofs(model.dofs, geometry)
     kept = np.zeros(len(geometry.nodes), dtype=np.bool_)
-    for at in (lines, faces, points, np.flatnonzero(named), [node for node, _ in turning]):
+    for at in (lines, faces, points, np.flatnonzero(named), [node for node, _ in rotations]):
         kept[np.asarray(at, dtype=np.intp)] = True
     if not lines.size and not faces.size:  # draw the nodes, as there is nothing else
         loose = np.setdiff1d(np.arange(len(kept)), points)
@@ -84,7 +84,7 @@ def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
         tuple(model.groups),
         int(kept.sum()),
     )
-    return _with_discs(body, [(int(place[node]), axis) for node, axis in turning])
+    return _add_discs(body, [(int(place[node]), axis) for node, axis in rotations])
 
 
 def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
@@ -127,8 +127,8 @@ def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
         (),
         int(kept.sum()),
     )
-    turning = _only_turning(measured, geometry)
-    return _with_discs(body, [(int(place[node]), axis) for node, axis in turning])
+    rotations = _find_rotational_dofs(measured, geometry)
+    return _add_discs(body, [(int(place[node]), axis) for node, axis in rotations])
 
 
 def _triangles(
@@ -141,7 +141,7 @@ def _triangles(
     return halves[whole], np.repeat(group[:, None], 2, axis=1)[whole]
 
 
-def _is_seen(
+def _is_visible(
     lines: NDArray[np.intp],
     line_group: NDArray[np.intp],
     faces: NDArray[np.intp],
@@ -152,7 +152,9 @@ def _is_seen(
     return np.asarray(on_face | ~np.isin(line_group, face_group[face_group >= 0]))
 
 
-def _squares(model: Model, groups: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _make_squares(
+    model: Model, groups: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     found = nodes_of_groups(model, groups, _LUMPED)
     nodes = [np.empty(0, dtype=np.intp), *found.values()]
     of = [np.full(len(at), number, dtype=np.intp) for number, at in found.items()]
@@ -160,7 +162,9 @@ def _squares(model: Model, groups: NDArray[np.intp]) -> tuple[NDArray[np.intp], 
 
 
 # -- discs ---------------------------------------------------------------------------------------
-def _only_turning(dofs: DofSet, geometry: Geometry) -> list[tuple[int, NDArray[np.float64]]]:
+def _find_rotational_dofs(
+    dofs: DofSet, geometry: Geometry
+) -> list[tuple[int, NDArray[np.float64]]]:
     """Return (node, axis) of each rotational DOF at nodes without translational DOFs."""
     moving = set(dofs.nodes[dofs.axes < 3].tolist())
     place = {int(node): at for at, node in enumerate(geometry.nodes)}
@@ -175,14 +179,14 @@ def _axes(geometry: Geometry, at: int) -> NDArray[np.float64]:
     return np.eye(3) if geometry.axes is None else geometry.axes[at]
 
 
-def _with_discs(body: Body, turning: list[tuple[int, NDArray[np.float64]]]) -> Body:
+def _add_discs(body: Body, rotations: list[tuple[int, NDArray[np.float64]]]) -> Body:
     """Return a body with a disc (a rim with spokes) added around each rotation axis."""
-    if not turning:
+    if not rotations:
         return body
     radius = _DISC * float(np.linalg.norm(np.ptp(body.xyz, axis=0))) or 1.0
     angle = 2.0 * np.pi * np.arange(_RIM) / _RIM
     rims, owners, lines = [], [], []
-    for number, (node, axis) in enumerate(turning):
+    for number, (node, axis) in enumerate(rotations):
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
         up = np.cross(axis, across)

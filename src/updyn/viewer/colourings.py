@@ -47,21 +47,21 @@ def by_size(
     sizes = np.asarray(values, dtype=np.float64)
     rows = np.empty((0, len(groups))) if by_row is None else np.asarray(by_row, dtype=np.float64)
     every = np.concatenate([sizes, rows.ravel()])
-    edges = _edges(every, logarithmic=logarithmic)
-    steps = [(f"seq-{i}", f"up to {_written(edge)}") for i, edge in enumerate(edges[1:])]
+    edges = _find_edges(every, logarithmic=logarithmic)
+    steps = [(f"seq-{i}", f"up to {_format_value(edge)}") for i, edge in enumerate(edges[1:])]
     if np.isinf(every).any():
         steps.append(("same", "not determined"))
 
-    def shown(sizes: NDArray[np.float64]) -> tuple[list[int], list[str]]:
-        looks = [_look(name, unit, size, edges) for size in sizes.tolist()]
+    def describe_sizes(sizes: NDArray[np.float64]) -> tuple[list[int], list[str]]:
+        looks = [_describe_size(name, unit, size, edges) for size in sizes.tolist()]
         said = [f"{group}{text}" for group, (_, text) in zip(groups, looks, strict=True)]
         return [step for step, _ in looks], said
 
-    of_group, texts = shown(sizes)
-    return Colouring(name, unit, steps, of_group, texts, [shown(row) for row in rows])
+    of_group, texts = describe_sizes(sizes)
+    return Colouring(name, unit, steps, of_group, texts, [describe_sizes(row) for row in rows])
 
 
-def _edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.float64]:
+def _find_edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.float64]:
     """Return the step limits, shape (_STEPS + 1,); (2,) for zeros only, (0,) without values."""
     known = values[np.isfinite(values)]
     if not known.any():
@@ -72,16 +72,18 @@ def _edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.floa
     return np.linspace(0.0, high, _STEPS + 1)
 
 
-def _look(name: str, unit: str, size: float, edges: NDArray[np.float64]) -> tuple[int, str]:
+def _describe_size(
+    name: str, unit: str, size: float, edges: NDArray[np.float64]
+) -> tuple[int, str]:
     """Return the step and the text of a value."""
     if np.isnan(size):
         return -1, ""
     if np.isinf(size):
         return len(edges[1:]), f": {name.lower()} not determined"
     step = int(np.searchsorted(edges[1:-1], size))
-    return step, f": {name.lower()} {_written(size)} {unit}".rstrip()
+    return step, f": {name.lower()} {_format_value(size)} {unit}".rstrip()
 
 
-def _written(value: float) -> str:
+def _format_value(value: float) -> str:
     text = f"{value:.3g}"
     return f"{value:.0f}" if "e+" in text else text

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.viewer.scene import Body, Entries, Layer, ModeShapes, OperatingShapes, Reference, Scene
 
-__all__ = ["FORMAT", "as_json", "embedded_json", "encoded"]
+__all__ = ["FORMAT", "as_json", "embedded_json", "encode_scene"]
 
 #: Version of the JSON; the script rejects other versions.
 FORMAT = 1
@@ -21,7 +21,7 @@ _FINEST = 32767
 
 def as_json(scene: Scene) -> str:
     """Return a scene as JSON that is safe inside a script element."""
-    return embedded_json(encoded(scene))
+    return embedded_json(encode_scene(scene))
 
 
 def embedded_json(value: Any) -> str:
@@ -32,7 +32,7 @@ def embedded_json(value: Any) -> str:
     return text
 
 
-def encoded(scene: Scene) -> dict[str, Any]:
+def encode_scene(scene: Scene) -> dict[str, Any]:
     """Return a scene as objects that JSON can represent.
 
     Float arrays are base64 of float32, integer arrays base64 of int32. Shapes are ``data``, base64
@@ -41,7 +41,7 @@ def encoded(scene: Scene) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "title": scene.title,
-        "bodies": [_body(body) for body in scene.bodies],
+        "bodies": [_encode_body(body) for body in scene.bodies],
         "colourings": [
             {
                 "name": c.name,
@@ -63,20 +63,20 @@ def encoded(scene: Scene) -> dict[str, Any]:
             }
             for a in scene.arrows
         ],
-        "modes": None if scene.modes is None else _modes(scene.modes),
-        "operating": None if scene.operating is None else _operating(scene.operating),
+        "modes": None if scene.modes is None else _encode_modes(scene.modes),
+        "operating": None if scene.operating is None else _encode_operating(scene.operating),
     }
 
 
-def _real(values: ArrayLike) -> str:
+def _encode_floats(values: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
 
 
-def _whole(values: ArrayLike) -> str:
+def _encode_integers(values: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()
 
 
-def _scaled(values: NDArray[np.float64]) -> dict[str, Any]:
+def _encode_scaled(values: NDArray[np.float64]) -> dict[str, Any]:
     """Return values as 16-bit integers, with the value of the largest one."""
     scale = float(np.abs(values).max(initial=0.0))
     finest = np.zeros(values.shape, dtype="<i2")
@@ -85,66 +85,66 @@ def _scaled(values: NDArray[np.float64]) -> dict[str, Any]:
     return {"data": base64.b64encode(finest.tobytes()).decode(), "scale": scale}
 
 
-def _body(body: Body) -> dict[str, Any]:
+def _encode_body(body: Body) -> dict[str, Any]:
     return {
         "name": body.name,
-        "labels": _whole(body.nodes),
-        "xyz": _real(body.xyz),
+        "labels": _encode_integers(body.nodes),
+        "xyz": _encode_floats(body.xyz),
         "real": body.real,
         "disc": body.disc,
-        "lines": _whole(body.lines),
-        "line_group": _whole(body.line_group),
-        "faces": _whole(body.faces),
-        "face_group": _whole(body.face_group),
-        "points": _whole(body.points),
-        "point_group": _whole(body.point_group),
+        "lines": _encode_integers(body.lines),
+        "line_group": _encode_integers(body.line_group),
+        "faces": _encode_integers(body.faces),
+        "face_group": _encode_integers(body.face_group),
+        "points": _encode_integers(body.points),
+        "point_group": _encode_integers(body.point_group),
         "groups": list(body.groups),
     }
 
 
-def _modes(modes: ModeShapes) -> dict[str, Any]:
+def _encode_modes(modes: ModeShapes) -> dict[str, Any]:
     return {
-        "layers": [_layer(layer) for layer in modes.layers],
+        "layers": [_encode_layer(layer) for layer in modes.layers],
         "rows": [{"label": row.label, "members": list(row.members)} for row in modes.rows],
     }
 
 
-def _layer(layer: Layer) -> dict[str, Any]:
+def _encode_layer(layer: Layer) -> dict[str, Any]:
     shapes = []
     for shape in layer.shapes:
         imaginary = np.imag(shape)
         shapes.append(
             {
-                "re": _scaled(np.real(shape)),
-                "im": _scaled(imaginary) if imaginary.any() else None,
+                "re": _encode_scaled(np.real(shape)),
+                "im": _encode_scaled(imaginary) if imaginary.any() else None,
             }
         )
     look = {"name": layer.name, "role": layer.role, "style": layer.style, "body": layer.body}
     return {**look, "shapes": shapes}
 
 
-def _operating(operating: OperatingShapes) -> dict[str, Any]:
+def _encode_operating(operating: OperatingShapes) -> dict[str, Any]:
     first = operating.references[0].layers[0].values
     return {
-        "freq": _real(operating.freq),
+        "freq": _encode_floats(operating.freq),
         "quantity": operating.quantity,
         "unit": operating.unit,
         "body": operating.body,
         "channels": first.shape[1],
-        "entries": _entries(operating.entries),
-        "references": [_reference(reference) for reference in operating.references],
+        "entries": _encode_entries(operating.entries),
+        "references": [_encode_reference(reference) for reference in operating.references],
     }
 
 
-def _entries(entries: Entries) -> dict[str, Any]:
+def _encode_entries(entries: Entries) -> dict[str, Any]:
     return {
-        "dof": _whole(entries.dof),
-        "node": _whole(entries.node),
-        "vector": _real(entries.vector),
+        "dof": _encode_integers(entries.dof),
+        "node": _encode_integers(entries.node),
+        "vector": _encode_floats(entries.vector),
     }
 
 
-def _reference(reference: Reference) -> dict[str, Any]:
+def _encode_reference(reference: Reference) -> dict[str, Any]:
     """Return the layers of a reference, each line scaled by its largest value in any layer.
 
     Shapes are drawn at the same size at every line. The level is in the curve: the root mean square
@@ -157,9 +157,9 @@ def _reference(reference: Reference) -> dict[str, Any]:
     for layer in reference.layers:
         curve = np.sqrt(np.mean(np.abs(layer.values) ** 2, axis=1))
         parts = {
-            "re": _scaled((layer.values / level).real),
-            "im": _scaled((layer.values / level).imag),
+            "re": _encode_scaled((layer.values / level).real),
+            "im": _encode_scaled((layer.values / level).imag),
         }
         look = {"name": layer.name, "role": layer.role, "style": layer.style}
-        layers.append({**look, "curve": _real(curve), **parts})
+        layers.append({**look, "curve": _encode_floats(curve), **parts})
     return {"name": reference.name, "layers": layers}

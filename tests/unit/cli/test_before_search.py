@@ -52,7 +52,7 @@ def test_few_counterparts_are_said_before_any_search(files, capsys):
     assert "Look at the model first" in page
     assert FEW in page
     assert "most faults show only against a model of the tested structure" in page
-    assert FEW in looking.counterparts(job, text)[0]
+    assert FEW in looking.count_counterparts(job, text)[0]
 
 
 def test_all_counterparts_are_said_before_any_search(files, capsys):

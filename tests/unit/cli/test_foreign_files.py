@@ -10,7 +10,7 @@ import pytest
 import updyn
 from updyn.cli import main
 from updyn.job import check_out, load_job
-from updyn.outputs.lock import locked
+from updyn.outputs.lock import lock_folder
 from updyn.outputs.manifest import Entry, Manifest, file_digest
 
 JOB = """\
@@ -192,7 +192,7 @@ def test_a_folder_that_another_process_writes_to(
 ) -> None:
     out = job.parent / "out"
     out.mkdir()
-    with locked(out):
+    with lock_folder(out):
         assert main([verb, str(job), "--out", str(out)]) == 2
     assert f"{str(out)!r} is being written to by updyn process" in capsys.readouterr().err
     assert list(out.iterdir()) == []

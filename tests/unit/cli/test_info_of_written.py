@@ -112,7 +112,7 @@ def test_a_file_that_was_changed_or_is_gone_is_told_by_the_manifest(
     rows = {line.split()[0]: line for line in text.splitlines()[1:]}
     assert rows["result.json"].endswith("unchanged")
     assert rows["report.html"].endswith("changed since")
-    assert rows["run.nc"].endswith("not there")
+    assert rows["run.nc"].endswith("missing")
 
 
 def test_the_journal_of_a_run_is_named(

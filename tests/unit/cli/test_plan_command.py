@@ -211,7 +211,7 @@ def test_ctrl_c_is_answered_and_the_plan_goes_on_from_there(
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "Stopping after these lines; updyn plan --resume goes on from there." in err
-    assert "To go on from here: updyn plan JOB.toml --resume" in out
+    assert "To continue: updyn plan JOB.toml --resume" in out
     assert [p.name for p in (tmp_path / "stopped").iterdir()] == ["plan.journal"]
     resumed, fresh = resumed_and_fresh(long_plan, tmp_path, "--workers", "2")
     assert resumed == fresh

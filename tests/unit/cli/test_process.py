@@ -95,7 +95,7 @@ def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert "Stopping after this step" in err
-    assert "To go on from here: updyn run JOB.toml --resume" in out
+    assert "To continue: updyn run JOB.toml --resume" in out
     assert out.startswith("job: stopped after ")
     found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "stopped"

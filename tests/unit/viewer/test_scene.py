@@ -27,7 +27,7 @@ from updyn.viewer import (
     page,
     sensor_body,
 )
-from updyn.viewer.encoding import as_json, encoded
+from updyn.viewer.encoding import as_json, encode_scene
 from viewer_case import block, block_scene, shaft
 
 
@@ -129,7 +129,9 @@ def test_operating_shapes_keep_phase_and_ratio_at_each_line():
         entries_of(body, geometry, ["1:Z", "2:Z"]),
         [Reference("1:Z", [OperatingLayer("measured", "measured", "dots", values)])],
     )
-    layer = encoded(Scene([body], operating=operating))["operating"]["references"][0]["layers"][0]
+    layer = encode_scene(Scene([body], operating=operating))["operating"]["references"][0][
+        "layers"
+    ][0]
     parts = [
         decoded(layer[p]["data"], "<i2").reshape(2, 2) * layer[p]["scale"] / 32767
         for p in ("re", "im")
