@@ -1,4 +1,4 @@
-"""`alike_pairs`: modes that the sensors cannot distinguish, such as one mode found twice."""
+"""`find_alike_pairs`: modes that the sensors cannot distinguish, such as one mode found twice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from updyn.correlation import auto_mac
 from updyn.modal.mode_set import ModeSet
 
-__all__ = ["AlikePair", "alike_pairs"]
+__all__ = ["AlikePair", "find_alike_pairs"]
 
 #: MAC from which two shapes are commonly considered equal (R. J. Allemang, Sound and Vibration 37
 #: (8) (2003) 14-21).
@@ -37,7 +37,7 @@ class AlikePair:
     overlap: bool
 
 
-def alike_pairs(modes: ModeSet) -> list[AlikePair]:
+def find_alike_pairs(modes: ModeSet) -> list[AlikePair]:
     """Return the pairs of modes with a MAC of 0.9 or more, overlapping ones first, then by MAC.
 
     A pair with an unknown loss factor does not count as overlapping.

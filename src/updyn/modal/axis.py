@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.vector_fitting import Basis
+from updyn.modal.vector_fitting import RationalBasis
 
 __all__ = ["Axis"]
 
@@ -34,9 +34,9 @@ class Axis:
     unit: float
 
     @property
-    def basis(self) -> Basis:
+    def basis(self) -> RationalBasis:
         """Fractions, and a polynomial of degree 3 for the modes outside the band."""
-        return Basis(3, self.mirrored)
+        return RationalBasis(3, self.mirrored)
 
     def at(self, freq: _Real) -> _Complex:
         """Return the variable at lines in Hz."""

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.refine import Errors, Solved, Weights, Window, solved
+from updyn.modal.refine import Errors, LineWindow, Weights, WindowFit, fit_residues
 
-__all__ = ["Backbone", "Level", "fit_backbone", "motion", "promised_gain"]
+__all__ = ["Backbone", "Level", "fit_backbone", "motion", "predict_gain"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -53,7 +53,7 @@ def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Leaning(Window):
+class _LeaningWindow(LineWindow):
     """A window whose free pole depends on the motion of its mode.
 
     Attributes
@@ -68,14 +68,16 @@ class _Leaning(Window):
         """Return the functions of the pole, shape (n_f, 1 or 2)."""
         (pole,) = poles.tolist()
         width = float(self.width(poles)[0])
-        there = pole + self.shift * motion(self.x, pole, self.shift, width)
+        moved_pole = pole + self.shift * motion(self.x, pole, self.shift, width)
         # The residue of an accelerance is proportional to the pole, or to its square if it has a
         # mirror image (`Axis.modal`).
-        own = (there / pole) ** (2 if self.basis.mirrored else 1) / (self.x - there)
+        direct_term = (moved_pole / pole) ** (2 if self.basis.mirrored else 1) / (
+            self.x - moved_pole
+        )
         if not self.basis.mirrored:
-            return np.asarray(own[:, None])
-        image = (there / pole).conj() ** 2 / (self.x - there.conj())
-        return np.stack([own + image, 1j * (own - image)], axis=1)
+            return np.asarray(direct_term[:, None])
+        image = (moved_pole / pole).conj() ** 2 / (self.x - moved_pole.conj())
+        return np.stack([direct_term + image, 1j * (direct_term - image)], axis=1)
 
     def slopes(self, pole: complex) -> NDArray[Any]:
         """Return the derivatives of the functions by real and imaginary parts of pole and shift.
@@ -84,22 +86,26 @@ class _Leaning(Window):
         """
         width, mirrored = float(self.width(np.array([pole]))[0]), self.basis.mirrored
         a = motion(self.x, pole, self.shift, width)[:, None]
-        there, x = pole + self.shift * a, self.x[:, None]
+        moved_pole, x = pole + self.shift * a, self.x[:, None]
         by_pole, by_shift = np.array([1.0, 1.0j, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0j])
         # derivative of a |x - there|^2 = width^2
-        left, direct = x - there, by_pole + a * by_shift
+        distance, direct = x - moved_pole, by_pole + a * by_shift
         wider = width * (-by_pole.real if mirrored else by_pole.imag)
-        stiff = np.abs(left) ** 2 - 2.0 * a * (left.conj() * self.shift).real
-        rise = 2.0 * (wider + a * (left.conj() * direct).real) / np.where(stiff == 0.0, 1.0, stiff)
+        stiff = np.abs(distance) ** 2 - 2.0 * a * (distance.conj() * self.shift).real
+        rise = (
+            2.0 * (wider + a * (distance.conj() * direct).real) / np.where(stiff == 0.0, 1.0, stiff)
+        )
         change = direct + self.shift * rise
-        turned = change / there - by_pole / pole
-        own = there / pole * (turned + change / left) / left
+        turned = change / moved_pole - by_pole / pole
+        direct_term = moved_pole / pole * (turned + change / distance) / distance
         if not mirrored:
-            return np.asarray(width * own[:, None])
-        own = (there / pole) ** 2 * (2.0 * turned + change / left) / left
-        back = x - there.conj()
-        image = (there / pole).conj() ** 2 * (2.0 * turned.conj() + change.conj() / back) / back
-        pair = (own + image, 1j * (own - image))
+            return np.asarray(width * direct_term[:, None])
+        direct_term = (moved_pole / pole) ** 2 * (2.0 * turned + change / distance) / distance
+        back = x - moved_pole.conj()
+        image = (
+            (moved_pole / pole).conj() ** 2 * (2.0 * turned.conj() + change.conj() / back) / back
+        )
+        pair = (direct_term + image, 1j * (direct_term - image))
         return np.stack([self.basis.parts(width * one) for one in pair], axis=1)
 
 
@@ -144,7 +150,7 @@ class Backbone:
         Shift of the pole at the largest motion.
     level : Level
         Squared motion of the runs.
-    fits : list of Solved
+    fits : list of WindowFit
         Fit of the channels of each run.
     normal : ndarray of float, shape (4, 4)
         Gauss-Newton matrix of the cost by real and imaginary parts of pole and shift, in units of
@@ -158,7 +164,7 @@ class Backbone:
     pole: complex
     shift: complex
     level: Level
-    fits: list[Solved]
+    fits: list[WindowFit]
     normal: _Real
     gradients: _Real
     follow: _Complex
@@ -184,12 +190,12 @@ class Backbone:
         shift = np.array([self.shift.real, self.shift.imag]) / width
         return float(shift @ np.linalg.lstsq(follow @ follow.T, shift, rcond=None)[0])
 
-    def motion(self, window: Window) -> _Real:
+    def motion(self, window: LineWindow) -> _Real:
         """Return the squared motion of the largest run at the lines of a window."""
         width = float(window.width(np.array([self.pole]))[0])
         return motion(window.x, self.pole, self.shift, width)
 
-    def spread(self, window: Window, weights: Weights) -> tuple[_Real, Errors]:
+    def spread(self, window: LineWindow, weights: Weights) -> tuple[_Real, Errors]:
         """Return the standard deviations of the pole's parts, and errors of the residues."""
         pole = np.array([self.pole])
         values, vectors = np.linalg.eigh(self.normal)
@@ -198,20 +204,22 @@ class Backbone:
         moving = np.sqrt(window.inflation(pole, weights, moving=True)[0])
         noise = []
         for fit in self.fits:
-            own = np.trace(fit.columns.covariance(fit.own[0]), axis1=1, axis2=2).real
-            own = own * (0.5 if window.basis.mirrored else 1.0) * fit.level[:, 0] ** 2
-            noise.append(np.broadcast_to(own, len(fit.error)))
+            variance = np.trace(fit.columns.covariance(fit.pole_columns[0]), axis1=1, axis2=2).real
+            variance = variance * (0.5 if window.basis.mirrored else 1.0) * fit.level[:, 0] ** 2
+            noise.append(np.broadcast_to(variance, len(fit.error)))
         of_noise = self.level.join(noise) * window.inflation(pole, weights)[0]
         std = float(window.width(pole)[0]) * moving * np.linalg.norm(root[:2], axis=1)
         return std, Errors(of_noise, moving * (self.follow @ root).T)
 
-    def response(self, window: Window) -> _Complex:
+    def response(self, window: LineWindow) -> _Complex:
         """Return the contribution of the mode to the channels of a window, shape (p, n)."""
         parts = []
         for run, level in enumerate(self.level.of_runs.tolist()):
-            own = self.level.runs == run
-            fractions = _leaning(window, own, level * self.shift).fractions(np.array([self.pole]))
-            weights = self.residues[own, None]
+            in_run = self.level.runs == run
+            fractions = _select_channels(window, in_run, level * self.shift).fractions(
+                np.array([self.pole])
+            )
+            weights = self.residues[in_run, None]
             if window.basis.mirrored:
                 weights = np.hstack([weights.real, weights.imag])
             parts.append(weights @ fractions.T)
@@ -219,59 +227,72 @@ class Backbone:
 
 
 def fit_backbone(
-    window: Window, pole: complex, weights: Weights, level: Level, shift: complex = 0.0
+    window: LineWindow, pole: complex, weights: Weights, level: Level, shift: complex = 0.0
 ) -> Backbone:
     """Fit a window by one mode with an amplitude-dependent pole, from initial pole and shift."""
-    here, damping = _at(window, pole, shift, weights, level), 0.0
+    current, damping = _fit_at(window, pole, shift, weights, level), 0.0
     for _ in range(_STEPS):
-        step, promised = _step(here, damping)
-        if promised < _GAIN * min(1.0, here.cost):
+        step, expected_decrease = _compute_step(current, damping)
+        if expected_decrease < _GAIN * min(1.0, current.cost):
             break
-        width = float(window.width(np.array([here.pole]))[0])
+        width = float(window.width(np.array([current.pole]))[0])
         step *= width / max(1.0, float(np.max(np.abs(step))))
-        there = _at(window, here.pole + step[0], here.shift + step[1], weights, level)
-        if there.cost <= here.cost:
-            here, damping = there, 0.1 * damping
+        proposed = _fit_at(window, current.pole + step[0], current.shift + step[1], weights, level)
+        if proposed.cost <= current.cost:
+            current, damping = proposed, 0.1 * damping
         else:
             damping = max(10.0 * damping, 1e-3)
-    return here
+    return current
 
 
-def promised_gain(window: Window, linear: Solved, at: int, level: Level) -> float:
+def predict_gain(window: LineWindow, linear: WindowFit, at: int, level: Level) -> float:
     """Return the expected decrease of the cost by a first step from a linear fit.
 
     `at` is the number of the pole that may depend on the motion.
     """
     every = np.ones(len(level.runs), dtype=np.bool_)
-    equations = _Equations.of(_leaning(window, every, 0.0), linear, at, level.of_runs[level.runs])
+    equations = _Equations.of(
+        _select_channels(window, every, 0.0), linear, at, level.of_runs[level.runs]
+    )
     gradient = np.sum(equations.gradients, axis=0)
     return float(gradient @ np.linalg.lstsq(equations.normal, gradient, rcond=None)[0])
 
 
-def _step(here: Backbone, damping: float) -> tuple[_Complex, float]:
+def _compute_step(current: Backbone, damping: float) -> tuple[_Complex, float]:
     """Return a step of pole and shift in units of the width, and its expected decrease."""
-    loaded = here.normal + damping * np.diag(np.diag(here.normal))
-    gradient = np.sum(here.gradients, axis=0)
+    loaded = current.normal + damping * np.diag(np.diag(current.normal))
+    gradient = np.sum(current.gradients, axis=0)
     step = np.linalg.lstsq(loaded, gradient, rcond=None)[0]
     return np.asarray(step[::2] + 1j * step[1::2]), float(gradient @ step)
 
 
-def _leaning(window: Window, own: NDArray[np.bool_], shift: complex) -> _Leaning:
+def _select_channels(
+    window: LineWindow, chosen: NDArray[np.bool_], shift: complex
+) -> _LeaningWindow:
     """Return the window of some channels."""
-    apart = window.apart if len(window.apart) == 1 else window.apart[own]
-    parts = (window.basis, window.x, window.Y[own], window.beside, apart, window.envelope)
-    return _Leaning(*parts, shift)
+    subtracted = window.subtracted if len(window.subtracted) == 1 else window.subtracted[chosen]
+    parts = (
+        window.basis,
+        window.x,
+        window.Y[chosen],
+        window.fixed_poles,
+        subtracted,
+        window.envelope,
+    )
+    return _LeaningWindow(*parts, shift)
 
 
-def _at(window: Window, pole: complex, shift: complex, weights: Weights, level: Level) -> Backbone:
+def _fit_at(
+    window: LineWindow, pole: complex, shift: complex, weights: Weights, level: Level
+) -> Backbone:
     """Return the fit for a pole and its shift, with its Gauss-Newton equations."""
     normal = np.zeros((4, 4))
     fits, gradients, follow = [], [], []
     for run, share in enumerate(level.of_runs.tolist()):
-        own = level.runs == run
-        leaning = _leaning(window, own, share * shift)
-        found = solved(leaning, np.array([pole]), weights.of_channels(own))
-        equations = _Equations.of(leaning, found, 0, np.full(np.count_nonzero(own), share))
+        in_run = level.runs == run
+        leaning = _select_channels(window, in_run, share * shift)
+        found = fit_residues(leaning, np.array([pole]), weights.of_channels(in_run))
+        equations = _Equations.of(leaning, found, 0, np.full(np.count_nonzero(in_run), share))
         normal += equations.normal
         gradients.append(equations.gradients)
         follow.append(equations.follow)
@@ -299,7 +320,7 @@ class _Equations:
     follow: _Complex
 
     @classmethod
-    def of(cls, window: _Leaning, found: Solved, at: int, share: _Real) -> _Equations:
+    def of(cls, window: _LeaningWindow, found: WindowFit, at: int, share: _Real) -> _Equations:
         """Return the equations at the fit of a run, in the approximation of Kaufman (`refine`).
 
         `at` is the number of the pole that depends on the motion, `share`, shape (p,), the share of
@@ -314,10 +335,10 @@ class _Equations:
             error = np.hstack([error.real, error.imag])
         one = np.ones_like(share)
         mix = mix[:, :, None] * np.stack([one, one, share, share], axis=1)[:, None]  # (p, m, 4)
-        back = found.columns.weighted(error) @ flat.conj()
-        left, along = found.columns.beyond(flat)
+        back = found.columns.divide_by_variance(error) @ flat.conj()
+        left, along = found.columns.project_out(flat)
         left = left.reshape(-1, m, 4, m, 4)
-        along = along[:, found.own[at]].reshape(len(along), m, m, 4)
+        along = along[:, found.pole_columns[at]].reshape(len(along), m, m, 4)
         left, along = (np.broadcast_to(a, (len(mix), *a.shape[1:])) for a in (left, along))
         normal = np.einsum("pmt,pmtnu,pnu->tu", mix.conj(), left, mix).real
         gradients = np.sum(mix.conj() * back.reshape(-1, m, 4), axis=1).real

@@ -33,20 +33,20 @@ class Columns:
     ----------
     Q : ndarray, shape (n, m)
         Orthonormal basis of the columns in common weights, with m the number of independent ones.
-    back : ndarray, shape (k, m)
+    to_coefficients : ndarray, shape (k, m)
         Matrix from coefficients of Q to those of the columns.
-    common : ndarray of float, shape (n,)
+    common_weights : ndarray of float, shape (n,)
         Common weights: inverse standard deviations of the rows.
-    own : ndarray of float, shape (p, n), or None
+    channel_weights : ndarray of float, shape (p, n), or None
         Squared weights of each channel relative to the common ones; None if all are common.
     gram : ndarray, shape (p, m, m), or None
         Normal matrices of the channels in the basis Q.
     """
 
     Q: NDArray[Any]
-    back: NDArray[Any]
-    common: _Real
-    own: _Real | None
+    to_coefficients: NDArray[Any]
+    common_weights: _Real
+    channel_weights: _Real | None
     gram: NDArray[Any] | None
 
     @classmethod
@@ -58,94 +58,110 @@ class Columns:
         """
         size = np.linalg.norm(A, axis=0) + _TINY
         logs = np.log(deviation)
-        common = np.exp(-np.mean(logs, axis=0))
-        scaled = (A / size) * common[:, None]
+        common_weights = np.exp(-np.mean(logs, axis=0))
+        scaled = (A / size) * common_weights[:, None]
         Q, R = np.linalg.qr(scaled)
         diagonal = np.abs(np.diagonal(R))
-        kept = diagonal > _SPANNED * diagonal.max(initial=0.0)
-        if not kept.all():  # the others span it
-            Q, R = np.linalg.qr(scaled[:, kept])
-        back = np.zeros((A.shape[1], Q.shape[1]), dtype=Q.dtype)
-        back[kept] = np.linalg.solve(R, np.eye(len(R))) / size[kept, None]
+        is_independent = diagonal > _SPANNED * diagonal.max(initial=0.0)
+        if not is_independent.all():  # the others span it
+            Q, R = np.linalg.qr(scaled[:, is_independent])
+        to_coefficients = np.zeros((A.shape[1], Q.shape[1]), dtype=Q.dtype)
+        to_coefficients[is_independent] = (
+            np.linalg.solve(R, np.eye(len(R))) / size[is_independent, None]
+        )
         if len(deviation) == 1:
-            return cls(Q, back, common, None, None)
-        own = 1.0 / (deviation * common) ** 2
-        return cls(Q, back, common, own, _products(own, Q, Q))
+            return cls(Q, to_coefficients, common_weights, None, None)
+        channel_weights = 1.0 / (deviation * common_weights) ** 2
+        return cls(
+            Q, to_coefficients, common_weights, channel_weights, _products(channel_weights, Q, Q)
+        )
 
-    def fitted(self, Y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def fit(self, Y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return coefficients (p, k) of the columns and errors (p, n) for channels Y (p, n)."""
-        y = Y * self.common
+        y = Y * self.common_weights
         found = y @ self.Q.conj()
         error = y - found @ self.Q.T
-        if self.own is not None:  # correct the common fit, so rounding is relative to its errors
-            change = self.solved(((error * self.own) @ self.Q.conj())[:, :, None])[:, :, 0]
+        if (
+            self.channel_weights is not None
+        ):  # correct the common fit, so rounding is relative to its errors
+            change = self.solve_normal_equations(
+                ((error * self.channel_weights) @ self.Q.conj())[:, :, None]
+            )[:, :, 0]
             found, error = found + change, error - change @ self.Q.T
-        return found @ self.back.T, error / self.common
+        return found @ self.to_coefficients.T, error / self.common_weights
 
-    def solved(self, B: NDArray[Any]) -> NDArray[Any]:
+    def solve_normal_equations(self, B: NDArray[Any]) -> NDArray[Any]:
         """Return the inverses of the normal matrices times B, shape (p, m, j) or (m, j)."""
         return B if self.gram is None else np.linalg.solve(self.gram, B)
 
-    def squared(self, error: NDArray[Any]) -> _Real:
+    def normalise_squares(self, error: NDArray[Any]) -> _Real:
         """Return squares of errors divided by their variances, shape (p, n)."""
-        squares = np.abs(error * self.common) ** 2
-        return np.asarray(squares if self.own is None else squares * self.own)
+        squares = np.abs(error * self.common_weights) ** 2
+        return np.asarray(
+            squares if self.channel_weights is None else squares * self.channel_weights
+        )
 
-    def weighted(self, error: NDArray[Any]) -> NDArray[Any]:
+    def divide_by_variance(self, error: NDArray[Any]) -> NDArray[Any]:
         """Return errors divided by their variances, shape (p, n)."""
-        return np.asarray(error * self.common**2 * (1.0 if self.own is None else self.own))
+        return np.asarray(
+            error
+            * self.common_weights**2
+            * (1.0 if self.channel_weights is None else self.channel_weights)
+        )
 
-    def beyond(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    def project_out(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the residual products and fit coefficients of further columns T, shape (n, j).
 
         The weighted products of residuals have the shape (p, j, j) or (1, j, j), the coefficients
         (p, k, j) or (1, k, j).
         """
-        T = T * self.common[:, None]
+        T = T * self.common_weights[:, None]
         along = self.Q.conj().T @ T
         T = T - self.Q @ along
-        if self.own is None:
-            return (T.conj().T @ T)[None], (self.back @ along)[None]
-        crossed = _products(self.own, self.Q, T)
-        fitted = self.solved(crossed)
-        left = _products(self.own, T, T) - np.matmul(crossed.conj().swapaxes(1, 2), fitted)
-        return left, np.matmul(self.back, along + fitted)
+        if self.channel_weights is None:
+            return (T.conj().T @ T)[None], (self.to_coefficients @ along)[None]
+        crossed = _products(self.channel_weights, self.Q, T)
+        fitted = self.solve_normal_equations(crossed)
+        residual_products = _products(self.channel_weights, T, T) - np.matmul(
+            crossed.conj().swapaxes(1, 2), fitted
+        )
+        return residual_products, np.matmul(self.to_coefficients, along + fitted)
 
     def leverage(self) -> _Real:
         """Return the leverage of each value, shape (p, n) or (1, n), 0 to 1."""
-        if self.own is None:
+        if self.channel_weights is None:
             return np.asarray(np.sum(np.abs(self.Q) ** 2, axis=1)[None])
         assert self.gram is not None
         together = max(1, _BLOCK // self.Q.size)
         parts = []
-        for start in range(0, len(self.own), together):
+        for start in range(0, len(self.channel_weights), together):
             solved = np.linalg.solve(self.gram[start : start + together], self.Q.conj().T)
             parts.append(np.sum(self.Q.T * solved, axis=1).real)
-        return np.concatenate(parts) * self.own
+        return np.concatenate(parts) * self.channel_weights
 
     def covariance(self, columns: list[int]) -> NDArray[Any]:
         """Return the covariance of some coefficients, shape (p, i, i) or (1, i, i)."""
-        rows = self.back[columns]
-        spread = self.solved(rows.conj().T)
+        rows = self.to_coefficients[columns]
+        spread = self.solve_normal_equations(rows.conj().T)
         return np.asarray(np.matmul(rows, spread if spread.ndim == 3 else spread[None]))
 
 
-def _products(own: _Real, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+def _products(channel_weights: _Real, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Return left^H diag(own) right for each channel, shape (p, i, j), as a matrix product."""
     n, i, j = len(left), left.shape[1], right.shape[1]
     first, second = (index.reshape(-1) for index in np.indices((i, j)))
     if left is right:
         first, second = np.triu_indices(i)
     dtype = np.result_type(left, right)
-    out = np.zeros((len(own), len(first)), dtype=dtype)
+    out = np.zeros((len(channel_weights), len(first)), dtype=dtype)
     rows = max(1, _BLOCK // max(1, len(first)))
     for start in range(0, n, rows):
         part = slice(start, start + rows)
         pairs = np.ascontiguousarray(left[part][:, first].conj() * right[part][:, second])
-        out += (own[:, part] @ pairs.view(np.float64)).view(dtype)
+        out += (channel_weights[:, part] @ pairs.view(np.float64)).view(dtype)
     if left is not right:
-        return out.reshape(len(own), i, j)
-    whole = np.empty((len(own), i, i), dtype=dtype)
+        return out.reshape(len(channel_weights), i, j)
+    whole = np.empty((len(channel_weights), i, i), dtype=dtype)
     whole[:, second, first] = out.conj()
     whole[:, first, second] = out
     return whole

@@ -8,9 +8,9 @@ import numpy as np
 
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
-from updyn.modal.vector_fitting import Basis, predicting
+from updyn.modal.vector_fitting import RationalBasis, fit_by_cross_validation
 
-__all__ = ["continued"]
+__all__ = ["remove_decay"]
 
 #: Number and loss factor of the initial poles; largest number of poles, and lines for each.
 _FIRST, _LOSS = 4, 0.01
@@ -21,7 +21,7 @@ _FEWEST = 2 * _LINES
 _FAINT = 0.1
 
 
-def continued(frf: FRF) -> FRF:
+def remove_decay(frf: FRF) -> FRF:
     """Return FRFs on the axis of real frequency; data without a decay unchanged.
 
     Data of records with an exponential window are H(i omega + decay). Accelerances are fitted by a
@@ -44,7 +44,9 @@ def continued(frf: FRF) -> FRF:
             key=("band",),
         )
     unit = float(omega[-1])
-    here, there = (np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (frf.decay, 0.0))
+    with_decay, without_decay = (
+        np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (frf.decay, 0.0)
+    )
     power = 2 - QUANTITIES[frf.quantity]
     factor = ((1j * omega + frf.decay) ** power)[:, None]
     flat = frf.values[moving].reshape(len(omega), -1) * factor
@@ -53,8 +55,10 @@ def continued(frf: FRF) -> FRF:
     most = max(1, min(_POLES, len(omega) // _LINES))
     at = np.linspace(omega[0] / unit, 1.0, min(_FIRST, most) + 2)[1:-1]
     begin = (at**2 * (1.0 + 1j * _LOSS)).astype(np.complex128)
-    fitted, _ = predicting(Basis(2, mirrored=False), here, flat / size, begin, most)
-    change = (fitted.at(there) - fitted.at(here)) * size
+    fitted, _ = fit_by_cross_validation(
+        RationalBasis(2, mirrored=False), with_decay, flat / size, begin, most
+    )
+    change = (fitted.at(without_decay) - fitted.at(with_decay)) * size
     back = ((1j * omega) ** power)[:, None]
     values = frf.values.copy()
     values[moving] = ((flat + change) / back).reshape(values[moving].shape)

@@ -86,7 +86,7 @@ class Envelope:
         parts = []
         for first in range(0, len(freq) - _LINES + 1, _LINES // 2):
             part = y[first : first + _LINES]
-            over_time = _power(taper * (part - Q @ (Q.T @ part)))
+            over_time = _power_over_time(taper * (part - Q @ (Q.T @ part)))
             level = np.mean(over_time, axis=0)
             if (level > 0.0).any():
                 parts.append(over_time[:, level > 0.0] / level[level > 0.0])
@@ -94,8 +94,8 @@ class Envelope:
             return cls.white()
         flatness = [float(np.mean(np.log(np.mean(part, axis=1) + _TINY))) for part in parts]
         chosen = np.argsort(flatness)[::-1][: max(1, round(_SHARE * len(parts)))]
-        response = _response(taper * (np.eye(_LINES) - Q @ Q.T))
-        return cls(_likeliest([np.hstack([parts[k] for k in chosen])], [response]))
+        response = _power_response(taper * (np.eye(_LINES) - Q @ Q.T))
+        return cls(_estimate_power([np.hstack([parts[k] for k in chosen])], [response]))
 
     @classmethod
     def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
@@ -107,19 +107,19 @@ class Envelope:
         """
         powers, responses = [], []
         for Q, residual in residuals:
-            for part in _parts(len(Q)):
+            for part in _split_lines(len(Q)):
                 taper = np.hanning(part.stop - part.start + 2)[1:-1, None]
-                over_time = _power(taper * residual.T[part], _LINES)
+                over_time = _power_over_time(taper * residual.T[part], _LINES)
                 level = np.mean(over_time, axis=0)
                 if not (level > 0.0).any():
                     continue
                 # The fit transfers little noise from outside the part into it.
                 left = np.eye(len(taper)) - Q[part] @ Q[part].conj().T
                 powers.append(over_time[:, level > 0.0])
-                responses.append(_response(taper * left))
+                responses.append(_power_response(taper * left))
         if sum(power.shape[1] for power in powers) < _PARTS:
             return cls.white()
-        return cls(_likeliest(powers, responses))
+        return cls(_estimate_power(powers, responses))
 
     def inflation(self, columns: NDArray[Any]) -> _Real:
         """Return the variance of noise projections relative to that of white noise, shape (k,).
@@ -131,19 +131,19 @@ class Envelope:
             return np.ones(columns.shape[1])
         n = max(len(columns), len(self.power))
         columns = columns / np.maximum(np.max(np.abs(columns), axis=0), _TINY)
-        over_time = _power(columns, n)
+        over_time = _power_over_time(columns, n)
         at = np.arange(n) * (len(self.power) / n)
         power = np.interp(at, np.arange(len(self.power) + 1), np.append(self.power, self.power[0]))
         share = power @ over_time / np.maximum(np.sum(over_time, axis=0), _TINY)
         return np.asarray(np.maximum(share, 1.0))
 
 
-def _power(columns: NDArray[np.complex128] | _Real, n: int | None = None) -> _Real:
+def _power_over_time(columns: NDArray[np.complex128] | _Real, n: int | None = None) -> _Real:
     """Return the power over time of functions of lines."""
     return np.asarray(np.abs(np.fft.ifft(columns, n, axis=0)) ** 2)
 
 
-def _parts(n: int) -> Iterator[slice]:
+def _split_lines(n: int) -> Iterator[slice]:
     """Yield the parts of n lines for one estimate each; none for too few lines."""
     if n < _LINES // 4:
         return
@@ -152,20 +152,20 @@ def _parts(n: int) -> Iterator[slice]:
         yield slice(first, last)
 
 
-def _response(left: NDArray[np.complex128] | _Real) -> _Real:
+def _power_response(left: NDArray[np.complex128] | _Real) -> _Real:
     """Return the mean power of functions at each time by the power of the noise at each time.
 
     `left`, shape (n, m), is the linear map from m lines of noise to n lines of the functions.
     """
     turns = np.exp(2j * np.pi * np.outer(np.arange(left.shape[1]), np.arange(_LINES)) / -_LINES)
-    return np.asarray(_power(left @ turns, _LINES) / left.shape[1])
+    return np.asarray(_power_over_time(left @ turns, _LINES) / left.shape[1])
 
 
-def _likeliest(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
+def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
     """Return the estimated power over time, with mean 1.
 
     `powers`, shape (m, p), are those of each part at each time and in each channel; `responses`,
-    shape (m, m), are from `_response`. In a fixed-point iteration the power at each time is
+    shape (m, m), are from `_power_response`. In a fixed-point iteration the power at each time is
     multiplied by the median of measured over expected powers. For exponentially distributed powers
     the median is log 2 times the mean; the mean itself would be raised by a mode in one part.
     """
@@ -178,11 +178,11 @@ def _likeliest(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
             ratio = power / (response @ whole + _TINY)[:, None]
             ratios.append(ratio / np.mean(ratio, axis=0))
         whole = whole * np.median(np.hstack(ratios), axis=1) / np.log(2.0)
-        whole = _completed(whole, known)
+        whole = _extrapolate_power(whole, known)
     return whole
 
 
-def _completed(power: _Real, known: NDArray[np.bool_]) -> _Real:
+def _extrapolate_power(power: _Real, known: NDArray[np.bool_]) -> _Real:
     """Return the power over time, with mean 1, extrapolated to times around 0.
 
     These are not estimated. They follow from the powers just after and, since time is periodic,

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.measured import Measured
-from updyn.modal.refine import Errors, Solved, Weights, Window, reweighted
-from updyn.modal.search import Seen
+from updyn.modal.refine import Errors, LineWindow, Weights, WindowFit, fit_with_unknown_noise
+from updyn.modal.search import Visibility
 
 __all__ = [
     "Mode",
-    "Weighted",
+    "WeightedFit",
     "bundle_poles",
     "fit_together",
     "make_mode",
@@ -35,14 +35,14 @@ _UNDAMPED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Weighted:
+class WeightedFit:
     """A window, its fit, and the weights of the fit.
 
     Attributes
     ----------
-    window : Window
+    window : LineWindow
         Lines and other modes.
-    solved : Solved
+    window_fit : WindowFit
         The fit.
     weights : Weights
         Weights of the fit.
@@ -50,8 +50,8 @@ class Weighted:
         Number of the user's pick for poles that are modes without a test; -1 for all others.
     """
 
-    window: Window
-    solved: Solved
+    window: LineWindow
+    window_fit: WindowFit
     weights: Weights
     added: NDArray[np.intp]
 
@@ -72,7 +72,7 @@ class Mode:
         Errors of the residues.
     quality : float
         Share of the residual of all other modes within the half-power band that it explains.
-    seen : Seen
+    visibility : Visibility
         Visibility in this band.
     everywhere : bool
         Whether more than one run contains it.
@@ -91,7 +91,7 @@ class Mode:
     residues: _Complex
     errors: Errors
     quality: float
-    seen: Seen
+    visibility: Visibility
     everywhere: bool = True
     added: int = -1
     by_channel: _Complex | None = None
@@ -106,13 +106,13 @@ class Mode:
         return self.by_channel
 
 
-def bundle_poles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tuple[int, int]]]:
+def bundle_poles(measured: Measured, fits: Sequence[WeightedFit]) -> list[list[tuple[int, int]]]:
     """Return groups of close poles by fit and position; each pick is a group.
 
     The poles of one mode have similar damping; a wide pole among narrow ones is background.
     """
-    at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.solved.poles))]
-    poles = np.array([fits[k].solved.poles[r] for k, r in at], dtype=np.complex128)
+    at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.window_fit.poles))]
+    poles = np.array([fits[k].window_fit.poles[r] for k, r in at], dtype=np.complex128)
     added = np.array([fits[k].added[r] >= 0 for k, r in at], dtype=np.bool_)
     mirrored = measured.axis.mirrored
     along = poles.imag if mirrored else poles.real
@@ -133,31 +133,31 @@ def bundle_poles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tupl
 
 
 def fit_together(
-    measured: Measured, fits: Sequence[Weighted], members: list[tuple[int, int]]
-) -> tuple[Weighted, list[int]]:
+    measured: Measured, fits: Sequence[WeightedFit], members: list[tuple[int, int]]
+) -> tuple[WeightedFit, list[int]]:
     """Return a fit that contains all poles of a bundle, and their positions in it."""
     parts = sorted({k for k, _ in members})
     if len(parts) == 1:
         return fits[parts[0]], [r for _, r in members]
-    poles = np.array([fits[k].solved.poles[r] for k, r in members])
+    poles = np.array([fits[k].window_fit.poles[r] for k, r in members])
     others = [
-        (fit.solved.poles[r], fit.solved.residues[r])
+        (fit.window_fit.poles[r], fit.window_fit.residues[r])
         for k, fit in enumerate(fits)
-        for r in range(len(fit.solved.poles))
+        for r in range(len(fit.window_fit.poles))
         if (k, r) not in members
     ]
     beside = np.array([pole for pole, _ in others], dtype=np.complex128)
     residues = np.array([r for _, r in others]).reshape(len(others), -1)
     window = measured.window(measured.lines_of(poles), beside, residues)
     window = replace(window, envelope=fits[parts[0]].window.envelope)
-    fitted, weights = reweighted(window, poles, Weights.of(np.abs(window.Y) ** 2))
-    return Weighted(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))
+    fitted, weights = fit_with_unknown_noise(window, poles, Weights.of(np.abs(window.Y) ** 2))
+    return WeightedFit(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))
 
 
-def take_means(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
+def take_means(fit: WeightedFit, bundle: list[int], modes: int) -> _Complex:
     """Return initial poles: means of neighbours with the smallest weighted squares."""
-    poles = fit.solved.poles[bundle]
-    weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
+    poles = fit.window_fit.poles[bundle]
+    weight = np.abs(fit.window_fit.residues[bundle]).sum(axis=1)
     order = np.argsort(position(poles, fit.window), kind="stable")
     poles, weight = poles[order], weight[order]
 
@@ -171,30 +171,32 @@ def take_means(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
     return min(tried, key=lambda one: one[0])[1]
 
 
-def position(poles: _Complex, window: Window) -> _Real:
+def position(poles: _Complex, window: LineWindow) -> _Real:
     """Return the positions of poles along the lines, in the unit of the variable."""
     return np.asarray(poles.imag if window.basis.mirrored else poles.real)
 
 
 def make_mode(
-    fit: Weighted,
+    fit: WeightedFit,
     pole: complex,
     std: _Real,
     residues: _Complex,
     errors: Errors,
-    left: _Real,
+    squared_error: _Real,
     without: _Real,
 ) -> Mode:
     """Return a mode of a window.
 
-    `std`, shape (2,), are standard deviations of the parts of the pole; `left` and `without`, shape
-    (p, n_f), are squared residuals with and without the mode.
+    `std`, shape (2,), are standard deviations of the parts of the pole; `squared_error` and
+    `without`, shape (p, n_f), are squared residuals with and without the mode.
     """
     window = fit.window
     at = window.near(pole)
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
-    weight = np.broadcast_to(weight, left.shape)
-    quality = 1.0 - np.sum((left * weight)[:, at]) / max(np.sum((without * weight)[:, at]), 1e-300)
-    worths = np.sum((without - left) * weight, axis=1)
-    shows = Seen.of(window, pole, residues, at, worths)
+    weight = np.broadcast_to(weight, squared_error.shape)
+    quality = 1.0 - np.sum((squared_error * weight)[:, at]) / max(
+        np.sum((without * weight)[:, at]), 1e-300
+    )
+    worths = np.sum((without - squared_error) * weight, axis=1)
+    shows = Visibility.of(window, pole, residues, at, worths)
     return Mode(pole, std, residues, errors, float(quality), shows)

@@ -6,7 +6,7 @@
 2. The band is searched in tiles (`tiles`): candidates and a grid of poles are added one by one
    while they explain more than chance would (`search`) in noise that may be correlated over
    lines (`envelope`). Poles are refined to maximum likelihood, window by window, with standard
-   deviations (`settle`, `refine`).
+   deviations (`fit_all_windows`, `refine`).
 3. Close poles may be one mode with a different frequency in each run, for example if a sensor
    moves with its mass. They are merged if poles for each run fit better than several common poles
    (`runs`).
@@ -28,22 +28,22 @@ from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.linalg.threads import alone
 from updyn.modal.axis import Axis
-from updyn.modal.continuation import continued
+from updyn.modal.continuation import remove_decay
 from updyn.modal.fits import Mode
 from updyn.modal.measured import Measured
 from updyn.modal.mode_set import ModeSet
-from updyn.modal.picks import add_picks, check_picks, pole_at
-from updyn.modal.refine import Errors, Window
-from updyn.modal.runs import is_split_off, modes_of
-from updyn.modal.search import LEAST, Seen
-from updyn.modal.settle import poles_of, settle
+from updyn.modal.picks import add_picks, check_picks, start_pole_at
+from updyn.modal.refine import Errors, LineWindow
+from updyn.modal.runs import extract_modes, is_split_off
+from updyn.modal.search import LEAST, Visibility
+from updyn.modal.settle import collect_poles, fit_all_windows
 from updyn.modal.sides import Sides
-from updyn.modal.stabilisation import Diagram, stabilised
+from updyn.modal.stabilisation import Diagram, find_stable_poles
 from updyn.modal.tiles import search_band
-from updyn.modal.unexplained import find_unexplained, peaks_without_modes
-from updyn.modal.vector_fitting import Basis, Fitted, fit, growing
+from updyn.modal.unexplained import describe_unexplained, find_unexplained
+from updyn.modal.vector_fitting import RationalBasis, RationalFit, fit, fit_increasing_orders
 
-__all__ = ["DAMPING", "identified", "identify_modes"]
+__all__ = ["DAMPING", "identify_modes", "identify_with_picks"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -128,38 +128,38 @@ def identify_modes(
     """
     if damping not in DAMPING:
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
-    return identified(frf, band, damping, poles)[0]
+    return identify_with_picks(frf, band, damping, poles)[0]
 
 
-def identified(
+def identify_with_picks(
     frf: FRF,
     band: tuple[float, float] | None,
     damping: str,
     poles: Sequence[float],
 ) -> tuple[ModeSet, list[int]]:
     """Return the modes, as `identify_modes`, and for each its position in `poles`, else -1."""
-    picked = check_picks(poles)
-    frf = continued(frf.select(band=band))
+    picks = check_picks(poles)
+    frf = remove_decay(frf.select(band=band))
     measured = Measured.of(frf, mirrored=damping == "viscous")
     if len(measured.x) <= _RATIONAL:
-        modes = _of_rational_data(measured)
+        modes = _identify_noise_free(measured)
         if modes:
-            if picked:
+            if picks:
                 raise DataError("modes: data without noise on few lines have no diagram of poles")
-            return _mode_set(frf, measured, modes, None)
-    candidates, diagram = stabilised(measured.freq, measured.cube)
+            return _make_mode_set(frf, measured, modes, None)
+    candidates, diagram = find_stable_poles(measured.freq, measured.cube)
     found = search_band(measured, measured.axis.poles(candidates))
-    fits = settle(measured, found, np.full(len(found), -1))
-    modes = modes_of(measured, fits)
-    if picked:
-        begin = [pole_at(measured, diagram, poles_of(fits), f) for f in picked]
-        shown = [mode.pole for mode in _shown(measured, modes)]
+    fits = fit_all_windows(measured, found, np.full(len(found), -1))
+    modes = extract_modes(measured, fits)
+    if picks:
+        begin = [start_pole_at(measured, diagram, collect_poles(fits), f) for f in picks]
+        shown = [mode.pole for mode in _select_modes(measured, modes)]
         fits = add_picks(measured, fits, np.array(begin), np.array(shown, dtype=np.complex128))
-        modes = modes_of(measured, fits)
-    return _mode_set(frf, measured, _exact(measured, modes), diagram)
+        modes = extract_modes(measured, fits)
+    return _make_mode_set(frf, measured, _refine_exact_modes(measured, modes), diagram)
 
 
-def _exact(measured: Measured, modes: list[Mode]) -> list[Mode]:
+def _refine_exact_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
     """Return the modes of noise-free data to rounding accuracy.
 
     For such data, only the polynomial for modes outside the window limits the accuracy. Vector
@@ -169,20 +169,22 @@ def _exact(measured: Measured, modes: list[Mode]) -> list[Mode]:
         return modes
     begin = np.array([mode.pole for mode in modes])
     most = min(len(begin) + _OUTSIDE, len(measured.x) // _LINES_A_MODE)
-    whole = _rational(measured, begin, most) if len(begin) <= most else None
+    whole = _fit_exactly(measured, begin, most) if len(begin) <= most else None
     if whole is None:
         return modes
     nearest = [int(np.argmin(np.abs(whole.poles - pole))) for pole in begin]
     if len(set(nearest)) < len(nearest):
         return modes
-    none, seen = Errors.none(whole.residues.shape[1]), modes[0].seen
+    none, visibility = Errors.none(whole.residues.shape[1]), modes[0].visibility
     found = zip(whole.poles, whole.residues, strict=True)
-    exact = [Mode(complex(p), np.zeros(2), residues, none, 1.0, seen) for p, residues in found]
+    exact = [
+        Mode(complex(p), np.zeros(2), residues, none, 1.0, visibility) for p, residues in found
+    ]
     return [
         replace(
             exact[r],
             quality=mode.quality,
-            seen=mode.seen,
+            visibility=mode.visibility,
             everywhere=mode.everywhere,
             added=mode.added,
         )
@@ -190,7 +192,7 @@ def _exact(measured: Measured, modes: list[Mode]) -> list[Mode]:
     ]
 
 
-def _of_rational_data(measured: Measured) -> list[Mode]:
+def _identify_noise_free(measured: Measured) -> list[Mode]:
     """Return the modes of few lines without noise; none for noisy data, or without modes.
 
     Few lines may be too far apart for a search part by part, but without noise they determine all
@@ -198,22 +200,22 @@ def _of_rational_data(measured: Measured) -> list[Mode]:
     """
     axis, most = measured.axis, len(measured.x) // _LINES_A_MODE
     f = np.linspace(measured.freq[0], measured.freq[-1], min(_FIRST, most) + 2)[1:-1]
-    whole = _rational(measured, axis.pole(f, _LOSS), most)
+    whole = _fit_exactly(measured, axis.pole(f, _LOSS), most)
     if whole is None:
         return []
     Y = measured.cube.reshape(len(measured.x), -1).T
-    window = Window(axis.basis, measured.x, Y, whole.poles[:0])
+    window = LineWindow(axis.basis, measured.x, Y, whole.poles[:0])
     everything = np.full(len(Y), np.inf)
     modes = []
-    for r in np.flatnonzero(measured.inside(whole.poles)):
+    for r in np.flatnonzero(measured.is_inside(whole.poles)):
         pole, residues = complex(whole.poles[r]), whole.residues[r]
         at = window.near(pole)
         sure = np.zeros(2), residues, Errors.none(len(residues)), 1.0
-        modes.append(Mode(pole, *sure, Seen.of(window, pole, residues, at, everything)))
+        modes.append(Mode(pole, *sure, Visibility.of(window, pole, residues, at, everything)))
     return sorted(modes, key=lambda mode: abs(mode.pole))
 
 
-def _rational(measured: Measured, begin: _Complex, most: int) -> Fitted | None:
+def _fit_exactly(measured: Measured, begin: _Complex, most: int) -> RationalFit | None:
     """Return an exact rational fit of the data by vector fitting; None if there is none.
 
     Most noisy data are excluded by a subset of the lines, at lower cost.
@@ -221,21 +223,21 @@ def _rational(measured: Measured, begin: _Complex, most: int) -> Fitted | None:
     Y = measured.cube.reshape(len(measured.x), -1)
     strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
     few = np.asarray(Y @ strongest)
-    basis = Basis(2, measured.axis.mirrored)
+    basis = RationalBasis(2, measured.axis.mirrored)
     poles: _Complex | None = None
     for step in sorted({max(1, len(few) // (_LINES_A_POLE * most)), 1}, reverse=True):
-        poles = _exact_poles(basis, measured.x[::step], few[::step], begin, most)
+        poles = _find_exact_poles(basis, measured.x[::step], few[::step], begin, most)
         if poles is None:
             return None
     assert poles is not None
     return fit(basis, measured.x, Y, poles)
 
 
-def _exact_poles(
-    basis: Basis, x: _Complex, few: _Complex, begin: _Complex, most: int
+def _find_exact_poles(
+    basis: RationalBasis, x: _Complex, few: _Complex, begin: _Complex, most: int
 ) -> _Complex | None:
     """Return the poles of an exact fit; None if there is none."""
-    fits = list(growing(basis, x, few, begin, most))
+    fits = list(fit_increasing_orders(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)
     if least > _EXACT * float(np.sum(np.abs(few) ** 2)):
         return None
@@ -243,13 +245,13 @@ def _exact_poles(
     return next(fitted for fitted in fits if fitted.cost <= _AS_GOOD * least).poles
 
 
-def _mode_set(
+def _make_mode_set(
     frf: FRF, measured: Measured, modes: list[Mode], diagram: Diagram | None
 ) -> tuple[ModeSet, list[int]]:
     """Return the visible modes with their shapes, and the pick of each, else -1."""
     axis, sides = measured.axis, Sides.of(frf)
     columns, poles = [], []
-    for mode in _shown(measured, modes):
+    for mode in _select_modes(measured, modes):
         poles.append(mode.pole)
         residues = mode.residues.reshape(measured.level.shape)
         pole = np.array([mode.pole])
@@ -263,7 +265,7 @@ def _mode_set(
             float(axis.std_frequency(pole, mode.std[:, None])[0]),
             float(axis.std_loss(pole, mode.std[:, None])[0]),
             mode.quality,
-            _lean(axis, mode),
+            _compute_lean(axis, mode),
             mode.added,
         )
         product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
@@ -277,7 +279,7 @@ def _mode_set(
             f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
             " more than noise would"
         )
-        raise DataError("; ".join(filter(None, (text, peaks_without_modes(unexplained)))))
+        raise DataError("; ".join(filter(None, (text, describe_unexplained(unexplained)))))
     shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality, lean, added = zip(
         *columns, strict=True
     )
@@ -286,7 +288,7 @@ def _mode_set(
         np.array(shapes).T,
         sides.dofs,
         loss,
-        sides.scaled,
+        sides.is_scaled,
         quality,
         frf.source,
         std_frequency=std_frequency,
@@ -299,7 +301,7 @@ def _mode_set(
     return found, [added[k] for k in np.argsort(frequency, kind="stable")]
 
 
-def _lean(axis: Axis, mode: Mode) -> float:
+def _compute_lean(axis: Axis, mode: Mode) -> float:
     """Return the shift of the frequency in Hz with the motion; nan if it is insignificant.
 
     If damping changes more than stiffness, the peak is flat and does not lean.
@@ -312,10 +314,10 @@ def _lean(axis: Axis, mode: Mode) -> float:
     return float(large - small) if abs(large - small) >= abs(wide - narrow) else np.nan
 
 
-def _shown(measured: Measured, modes: list[Mode]) -> list[Mode]:
+def _select_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
     """Return the physical modes and the picks."""
     shape, mirrored = measured.level.shape, measured.axis.mirrored
-    physical = [mode for mode in modes if mode.added >= 0 or _physical(measured, mode)]
+    physical = [mode for mode in modes if mode.added >= 0 or _is_physical(measured, mode)]
     return [
         mode
         for mode in physical
@@ -323,12 +325,12 @@ def _shown(measured: Measured, modes: list[Mode]) -> list[Mode]:
     ]
 
 
-def _physical(measured: Measured, mode: Mode) -> bool:
+def _is_physical(measured: Measured, mode: Mode) -> bool:
     """Return whether a mode is physical, not an artefact of real data."""
     sizes = np.linalg.svd(mode.residues.reshape(measured.level.shape), compute_uv=False)
-    if mode.seen.everywhere:
+    if mode.visibility.everywhere:
         shaped = len(sizes) < 3 or sizes[2] < _SHAPES * sizes[0]
     else:  # a mode of a light part, with a single shape
-        shaped = mode.seen.somewhere and (len(sizes) < 2 or sizes[1] < _LOCAL * sizes[0])
-    told = not mode.seen.cancelled and mode.quality >= LEAST
-    return bool(told and shaped and mode.everywhere)
+        shaped = mode.visibility.somewhere and (len(sizes) < 2 or sizes[1] < _LOCAL * sizes[0])
+    explains = not mode.visibility.cancelled and mode.quality >= LEAST
+    return bool(explains and shaped and mode.everywhere)

@@ -14,11 +14,20 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from updyn.modal.backbone import Backbone, Level, fit_backbone, promised_gain
+from updyn.modal.backbone import Backbone, Level, fit_backbone, predict_gain
 from updyn.modal.envelope import Envelope
-from updyn.modal.fits import Mode, Weighted, make_mode, take_means
+from updyn.modal.fits import Mode, WeightedFit, make_mode, take_means
 from updyn.modal.measured import Measured
-from updyn.modal.refine import ROUGH, Noise, Solved, Weights, Window, deviance, moved, solved
+from updyn.modal.refine import (
+    ROUGH,
+    ChannelNoise,
+    LineWindow,
+    Weights,
+    WindowFit,
+    deviance,
+    fit_poles,
+    fit_residues,
+)
 from updyn.modal.settle import estimate_envelope
 
 __all__ = ["Bundle", "Leaning", "PolesByRun", "find_leaning"]
@@ -64,7 +73,7 @@ class Bundle:
     ----------
     members : list of (int, int)
         Fit and position of the poles, by ascending frequency.
-    fit : Weighted
+    fit : WeightedFit
         Fit that contains all of them.
     positions : list of int
         Their positions in it.
@@ -73,7 +82,7 @@ class Bundle:
     """
 
     members: list[tuple[int, int]]
-    fit: Weighted
+    fit: WeightedFit
     positions: list[int]
     claims: list[PolesByRun]
 
@@ -92,7 +101,7 @@ class Leaning:
     ----------
     members : frozenset of (int, int)
         Fit and position of these poles.
-    fit : Weighted
+    fit : WeightedFit
         The linear fit with the window and weights of `backbone`.
     backbone : Backbone
         The fit.
@@ -101,7 +110,7 @@ class Leaning:
     """
 
     members: frozenset[tuple[int, int]]
-    fit: Weighted
+    fit: WeightedFit
     backbone: Backbone
     gain: float
 
@@ -119,14 +128,14 @@ class Leaning:
         a = found.motion(window)
         along = abs(np.sqrt(np.sum(a**3) / np.sum(a)))
         std = np.hypot(std, along * np.abs([shift.real, shift.imag]))
-        without = solved(window, pole[:0], weights).left
-        left = found.level.join([one.left for one in found.fits])
-        mode = make_mode(self.fit, found.pole, std, found.residues, errors, left, without)
+        without = fit_residues(window, pole[:0], weights).squared_error
+        squared_error = found.level.join([one.squared_error for one in found.fits])
+        mode = make_mode(self.fit, found.pole, std, found.residues, errors, squared_error, without)
         return replace(mode, shift=shift)
 
 
 def find_leaning(
-    measured: Measured, fits: Sequence[Weighted], bundles: Sequence[Bundle]
+    measured: Measured, fits: Sequence[WeightedFit], bundles: Sequence[Bundle]
 ) -> list[Leaning]:
     """Return the leaning peaks among the poles of all fits.
 
@@ -134,37 +143,41 @@ def find_leaning(
     """
     found: list[Leaning] = []
     for _ in range(_ROUNDS):
-        envelope = _envelope(measured, fits, found)
+        envelope = _estimate_envelope(measured, fits, found)
         found = [
             peak
             for bundle in bundles
-            for peak in _of_bundle(measured, fits, bundle, found, envelope, len(bundles))
+            for peak in _find_in_bundle(measured, fits, bundle, found, envelope, len(bundles))
         ]
         if not found:
             break
     return found
 
 
-def _envelope(measured: Measured, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Envelope:
+def _estimate_envelope(
+    measured: Measured, fits: Sequence[WeightedFit], found: Sequence[Leaning]
+) -> Envelope:
     """Return the envelope of the residuals; windows with leaning peaks use their fits."""
     if not found:
         return fits[0].window.envelope
     leaning = {k for peak in found for k, _ in peak.members}
-    own = [
-        (fit.solved, fit.weights.channel * fit.weights.line)
+    fits_with_deviations = [
+        (fit.window_fit, fit.weights.channel * fit.weights.line)
         for k, fit in enumerate(fits)
         if k not in leaning
     ]
     for peak in found:
         deviation = peak.fit.weights.channel * peak.fit.weights.line
         for run, fit in enumerate(peak.backbone.fits):
-            own.append((fit, deviation[peak.backbone.level.runs == run]))
-    return estimate_envelope(replace(measured, envelope=fits[0].window.envelope), own)
+            fits_with_deviations.append((fit, deviation[peak.backbone.level.runs == run]))
+    return estimate_envelope(
+        replace(measured, envelope=fits[0].window.envelope), fits_with_deviations
+    )
 
 
-def _of_bundle(
+def _find_in_bundle(
     measured: Measured,
-    fits: Sequence[Weighted],
+    fits: Sequence[WeightedFit],
     bundle: Bundle,
     found: Sequence[Leaning],
     envelope: Envelope,
@@ -179,28 +192,30 @@ def _of_bundle(
         return
     where = dict(zip(bundle.members, bundle.positions, strict=True))
 
-    def compare(own: frozenset[tuple[int, int]], claim: PolesByRun | None) -> Leaning | None:
-        others = [peak for peak in found if not peak.members & own]
-        window = _linear(fit.window, fits, others)
-        common = fit.solved
+    def compare(members: frozenset[tuple[int, int]], claim: PolesByRun | None) -> Leaning | None:
+        others = [peak for peak in found if not peak.members & members]
+        window = _linearise_window(fit.window, fits, others)
+        common = fit.window_fit
         if window is not fit.window:
-            common = moved(window, common.poles, fit.weights)
-        linear = replace(fit, window=replace(window, envelope=envelope), solved=common)
-        part = sorted(where[member] for member in own)
+            common = fit_poles(window, common.poles, fit.weights)
+        linear = replace(fit, window=replace(window, envelope=envelope), window_fit=common)
+        part = sorted(where[member] for member in members)
         compared = _compare(measured, linear, part, claim, count)
-        return None if compared is None else Leaning(own, *compared)
+        return None if compared is None else Leaning(members, *compared)
 
     yield from filter(None, (compare(claim.members, claim) for claim in bundle.claims))
     taken: set[tuple[int, int]] = set()
     for length in range(min(_MOST, len(bundle.members)), 0, -1):  # the fewest modes first
-        tried = [compare(own, None) for own in bundle.rows(length, taken)]
+        tried = [compare(members, None) for members in bundle.rows(length, taken)]
         for peak in sorted(filter(None, tried), key=lambda peak: -peak.gain):
             if not peak.members & taken:
                 taken |= peak.members
                 yield peak
 
 
-def _linear(window: Window, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Window:
+def _linearise_window(
+    window: LineWindow, fits: Sequence[WeightedFit], found: Sequence[Leaning]
+) -> LineWindow:
     """Return a window in which leaning peaks are replaced by their linear fit."""
     for peak in found:
         at, span = peak.fit.window.x, abs(window.x[-1] - window.x[0])
@@ -208,13 +223,13 @@ def _linear(window: Window, fits: Sequence[Weighted], found: Sequence[Leaning]) 
             continue  # distant: a polynomial in the lines of the window
         change = peak.backbone.response(window)
         for k, r in peak.members:
-            linear = fits[k].solved
-            change = change - _response(window, linear.poles[r], linear.residues[r])
-        window = replace(window, Y=window.Y - change, apart=window.apart + change)
+            linear = fits[k].window_fit
+            change = change - _mode_response(window, linear.poles[r], linear.residues[r])
+        window = replace(window, Y=window.Y - change, subtracted=window.subtracted + change)
     return window
 
 
-def _response(window: Window, pole: complex, residues: _Complex) -> _Complex:
+def _mode_response(window: LineWindow, pole: complex, residues: _Complex) -> _Complex:
     """Return the contribution of a linear mode to the channels, shape (p, n)."""
     part = residues[:, None] / (window.x - pole)
     if window.basis.mirrored:
@@ -223,52 +238,56 @@ def _response(window: Window, pole: complex, residues: _Complex) -> _Complex:
 
 
 def _compare(
-    measured: Measured, fit: Weighted, part: list[int], claim: PolesByRun | None, count: int
-) -> tuple[Weighted, Backbone, float] | None:
+    measured: Measured, fit: WeightedFit, part: list[int], claim: PolesByRun | None, count: int
+) -> tuple[WeightedFit, Backbone, float] | None:
     """Return poles of a fit as one leaning peak, with its gain; None if it is no better.
 
     It must be better than the poles `part` of the fit, than one linear pole, and than poles for
     each run (`claim`). `count` is the number of peaks in the band.
     """
-    window, weights, common = fit.window, fit.weights, fit.solved
+    window, weights, common = fit.window, fit.weights, fit.window_fit
     p, n_f = window.Y.shape
-    own = 2.0 * float(np.mean(window.inflation(common.poles, weights)[part]))
+    inflation = 2.0 * float(np.mean(window.inflation(common.poles, weights)[part]))
     # Noise estimated from n - m lines increases deviances by n / (n - m).
     few = n_f / max(n_f - common.columns.Q.shape[1], 1)
     alarm = -np.log(_ALPHA / count)  # for two squares of unit variance
-    one_more = own * max(np.log(2 * p * n_f), few * alarm)
+    one_more = inflation * max(np.log(2 * p * n_f), few * alarm)
     more = len(part) - 1
-    least = one_more - more * own * (np.log(2 * p * n_f) + p * np.log(2 * n_f))
-    alone = replace(window, beside=np.concatenate([window.beside, np.delete(common.poles, part)]))
-    one = moved(alone, take_means(fit, part, 1), weights, ROUGH) if more else common
+    least = one_more - more * inflation * (np.log(2 * p * n_f) + p * np.log(2 * n_f))
+    alone = replace(
+        window, fixed_poles=np.concatenate([window.fixed_poles, np.delete(common.poles, part)])
+    )
+    one = fit_poles(alone, take_means(fit, part, 1), weights, ROUGH) if more else common
     at = 0 if more else part[0]
     pole, level = complex(one.poles[at]), Level.of(one.residues[at], measured.runs[1])
     needed = one.cost - common.cost + 0.5 * least if claim is None else one.cost - claim.cost
-    if promised_gain(alone, one, at, level) < max(needed, 0.5 * one_more):  # score test
+    if predict_gain(alone, one, at, level) < max(needed, 0.5 * one_more):  # score test
         return None
     rival = max(0.0, claim.gain) if claim is not None else 0.0
     found = fit_backbone(alone, pole, weights, level)
     if not _is_better(found, common, one, least + rival, one_more):
         return None
-    weights = _weights(found)
+    weights = _estimate_weights(found)
     found = fit_backbone(alone, found.pole, weights, level, found.shift)
     end = np.array([found.pole])
     width = float(window.width(end)[0])
-    if abs(found.shift) > _LARGEST * width or not measured.inside(end)[0]:
+    if abs(found.shift) > _LARGEST * width or not measured.is_inside(end)[0]:
         return None
-    if found.agreement(width) < _disagreement(p, count):
+    if found.agreement(width) < _chance_agreement(p, count):
         return None
     gain = deviance(common) - sum(deviance(fit) for fit in found.fits) - least
     return replace(fit, window=alone, weights=weights), found, gain
 
 
-def _is_better(found: Backbone, common: Solved, one: Solved, least: float, one_more: float) -> bool:
+def _is_better(
+    found: Backbone, common: WindowFit, one: WindowFit, least: float, one_more: float
+) -> bool:
     """Return whether a leaning peak gains enough over several poles and over one of them."""
     fitted = sum(deviance(fit) for fit in found.fits)
     return deviance(common) - fitted > least and deviance(one) - fitted > one_more
 
 
-def _disagreement(p: int, count: int) -> float:
+def _chance_agreement(p: int, count: int) -> float:
     """Return Hotelling's T^2 that shifts of p channels exceed by chance at any peak.
 
     Two channels do not determine the variance of a shift with two parts.
@@ -279,7 +298,10 @@ def _disagreement(p: int, count: int) -> float:
     return float(2.0 * (p - 1) / (p - 2) * ratio)
 
 
-def _weights(found: Backbone) -> Weights:
+def _estimate_weights(found: Backbone) -> Weights:
     """Return weights from the residual of a fit."""
-    deviations = [Noise.of(fit.squares, fit.size).deviation(fit.size) for fit in found.fits]
+    deviations = [
+        ChannelNoise.of(fit.unbiased_squared_error, fit.size).deviation(fit.size)
+        for fit in found.fits
+    ]
     return Weights(np.ones((1, 1)), found.level.join(deviations))

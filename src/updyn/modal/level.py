@@ -6,13 +6,13 @@ import numpy as np
 
 from updyn.modal.mode_set import ModeSet
 
-__all__ = ["leaning_peaks"]
+__all__ = ["describe_leaning"]
 
 #: Largest number of peaks in a message.
 _NAMED = 8
 
 
-def leaning_peaks(modes: ModeSet) -> str:
+def describe_leaning(modes: ModeSet) -> str:
     """Return the leaning peaks of measured modes as text; empty for none."""
     leaning = np.flatnonzero(np.isfinite(modes.lean))
     if not len(leaning):

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["poles_by_order"]
+__all__ = ["fit_orders"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -24,7 +24,7 @@ _Real = NDArray[np.float64]
 _UNSTABLE = 1e-4
 
 
-def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
+def fit_orders(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
     """Yield the stable poles s in rad/s within the band for fits of increasing order.
 
     Poles of the functions Y, shape (n_f, n_o, n_r), are common to the columns. Each matrix
@@ -60,7 +60,7 @@ def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator
         half = (vectors[:, kept] / np.sqrt(values[kept])).T  # half^T half is the inverse of R
         numerators = np.matmul(half, own).reshape(-1, size * n_r)
         M = whole - numerators.T @ numerators
-        yield _roots(M, n, n_r, step, omega)
+        yield _find_roots(M, n, n_r, step, omega)
 
 
 def _toeplitz(
@@ -72,7 +72,7 @@ def _toeplitz(
     return np.ascontiguousarray(blocks.transpose(2, 3, 0, 1))  # (row, column, a, b)
 
 
-def _roots(M: _Real, n: int, n_r: int, step: float, omega: _Real) -> _Complex:
+def _find_roots(M: _Real, n: int, n_r: int, step: float, omega: _Real) -> _Complex:
     """Return stable poles in the band; the last coefficient is one, the others solve M."""
     below = np.linalg.lstsq(M[:-n_r, :-n_r], M[:-n_r, -n_r:], rcond=None)[0]
     companion = np.zeros((n * n_r, n * n_r))

@@ -11,9 +11,9 @@ from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.axis import Axis
 from updyn.modal.envelope import Envelope
-from updyn.modal.refine import Window
+from updyn.modal.refine import LineWindow
 
-__all__ = ["Measured", "groups"]
+__all__ = ["Measured", "group_overlapping"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -80,32 +80,36 @@ class Measured:
         """Median distance of the lines in Hz."""
         return float(np.median(np.diff(self.freq)))
 
-    def lines_of(self, own: _Complex) -> slice:
+    def lines_of(self, poles: _Complex) -> slice:
         """Return the lines of a window around some poles."""
-        f, bandwidth = self.axis.frequency(own), self.bandwidth(own)
+        f, bandwidth = self.axis.frequency(poles), self.bandwidth(poles)
         first, last = np.searchsorted(
             self.freq, [np.min(f - _BEYOND * bandwidth), np.max(f + _BEYOND * bandwidth)]
         )
-        few = max(0, _LINES + 4 * len(own) - (last - first)) // 2
+        few = max(0, _LINES + 4 * len(poles) - (last - first)) // 2
         return slice(int(max(0, first - few - 1)), int(min(len(self.freq), last + few + 1)))
 
-    def window(self, lines: slice, others: _Complex, residues: _Complex | None = None) -> Window:
+    def window(
+        self, lines: slice, others: _Complex, residues: _Complex | None = None
+    ) -> LineWindow:
         """Return a window of some lines with nearby poles of other modes fixed.
 
         If residues of the others are given, shape (m, p), the contributions of distant ones are
         subtracted.
         """
         freq = self.freq[lines]
-        there = self.axis.frequency(others)
-        beyond = np.maximum(freq[0] - there, there - freq[-1])
+        frequency = self.axis.frequency(others)
+        beyond = np.maximum(freq[0] - frequency, frequency - freq[-1])
         order = np.argsort(beyond, kind="stable")[: len(freq) // _LINES_A_POLE]
         near = order[beyond[order] < freq[-1] - freq[0]]
         x, Y = self.x[lines], self.cube[lines].reshape(len(freq), -1).T
         if residues is None:
-            return Window(self.axis.basis, x, Y, others[near], envelope=self.envelope)
+            return LineWindow(self.axis.basis, x, Y, others[near], envelope=self.envelope)
         far = np.delete(np.arange(len(others)), near)
-        apart = self._part(x, others[far], residues[far]).T
-        return Window(self.axis.basis, x, Y - apart, others[near], apart, self.envelope)
+        subtracted = self._part(x, others[far], residues[far]).T
+        return LineWindow(
+            self.axis.basis, x, Y - subtracted, others[near], subtracted, self.envelope
+        )
 
     def _part(self, x: _Complex, poles: _Complex, residues: _Complex) -> _Complex:
         """Return the contribution of some modes to the functions, shape (n, p)."""
@@ -118,20 +122,20 @@ class Measured:
         """Return the half-power bandwidths in Hz."""
         return np.asarray(self.axis.frequency(poles) * np.clip(self.axis.loss(poles), 0.0, _HEAVY))
 
-    def inside(self, poles: _Complex) -> NDArray[np.bool_]:
+    def is_inside(self, poles: _Complex) -> NDArray[np.bool_]:
         """Return which poles may be modes within the band."""
         frequency, loss = self.axis.frequency(poles), self.axis.loss(poles)
         within = (frequency >= self.freq[0]) & (frequency <= self.freq[-1])
         return np.asarray(within & (loss > -_ROUNDING) & (loss < _HEAVY))
 
 
-def groups(frequency: _Real, bandwidth: _Real) -> list[slice]:
+def group_overlapping(frequency: _Real, bandwidth: _Real) -> list[slice]:
     """Return groups of neighbours with overlapping lines, at most a few in each."""
     groups, first = [], 0
     reach = np.maximum.accumulate(frequency + _BEYOND * bandwidth)
-    apart = frequency[1:] - _BEYOND * bandwidth[1:] - reach[:-1]
+    gap = frequency[1:] - _BEYOND * bandwidth[1:] - reach[:-1]
     while first < len(frequency):
-        ahead = apart[first : first + _TOGETHER]
+        ahead = gap[first : first + _TOGETHER]
         if (ahead > 0.0).any():
             last = first + 1 + int(np.argmax(ahead > 0.0))
         elif len(ahead) < _TOGETHER:

@@ -1,4 +1,4 @@
-"""`resonance_peaks`: peaks of the complex mode indicator function as approximate modes.
+"""`find_resonance_peaks`: peaks of the complex mode indicator function as approximate modes.
 
 At a well separated resonance the FRF matrix is nearly that of one mode, so its first singular
 vectors are the shape (C. Y. Shih et al., Mech. Syst. Signal Process. 2 (1988) 367-377). The cost is
@@ -14,7 +14,7 @@ from updyn.frf import FRF
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.sides import Sides
 
-__all__ = ["resonance_peaks"]
+__all__ = ["find_resonance_peaks"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -33,7 +33,7 @@ _MOST = 30
 _FEWEST, _CHANNELS = 8, 4
 
 
-def resonance_peaks(frf: FRF) -> ModeSet | None:
+def find_resonance_peaks(frf: FRF) -> ModeSet | None:
     """Return the peaks of a measurement as undamped modes of any scale; None without peaks."""
     moving = np.flatnonzero(np.abs(frf.s) > 0.0)
     if len(moving) < _FEWEST or frf.values[0].size < _CHANNELS:
@@ -44,18 +44,18 @@ def resonance_peaks(frf: FRF) -> ModeSet | None:
     level = np.linalg.svd(scaled, compute_uv=False)[:, 0]
     if not level.all():  # zero response at a line
         level = np.maximum(level, np.finfo(np.float64).tiny)
-    peaks, height = prominences(20.0 * np.log10(level))
+    peaks, height = find_prominences(20.0 * np.log10(level))
     peaks, height = peaks[height >= HEIGHT], height[height >= HEIGHT]
-    lasting = np.array([_lasts(scaled, k) for k in peaks], dtype=np.bool_)
+    lasting = np.array([_is_lasting(scaled, k) for k in peaks], dtype=np.bool_)
     peaks, height = peaks[lasting], height[lasting]
     peaks = np.sort(peaks[np.argsort(-height, kind="stable")[:_MOST]])
     if not peaks.size:
         return None
-    shapes = [_shape(sides, found.values[k]) for k in peaks]
+    shapes = [_dominant_shape(sides, found.values[k]) for k in peaks]
     return ModeSet(found.freq[peaks], np.stack(shapes, axis=1), sides.dofs, source=frf.source)
 
 
-def prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
+def find_prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
     """Return positions of the inner local maxima of a curve, and heights over adjacent valleys.
 
     The height is that over the higher of the two lowest values between the maximum and the next
@@ -73,7 +73,7 @@ def prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
     return peaks, height
 
 
-def _lasts(scaled: _Complex, k: int) -> bool:
+def _is_lasting(scaled: _Complex, k: int) -> bool:
     """Return whether the FRFs at a line are nearly proportional to those at an adjacent line."""
     here = scaled[k].ravel()
     norm = float(np.vdot(here, here).real)
@@ -84,7 +84,7 @@ def _lasts(scaled: _Complex, k: int) -> bool:
     return False
 
 
-def _shape(sides: Sides, values: _Complex) -> _Complex:
+def _dominant_shape(sides: Sides, values: _Complex) -> _Complex:
     """Return the shape from the dominant part of the FRF matrix of a line."""
     U, s, Vh = np.linalg.svd(values * sides.row_scale[:, None] * sides.column_scale)
     product = s[0] * np.outer(U[:, 0], Vh[0])

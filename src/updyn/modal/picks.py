@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from updyn.errors import DataError
 from updyn.group import is_number
-from updyn.modal.fits import Weighted
+from updyn.modal.fits import WeightedFit
 from updyn.modal.measured import Measured
-from updyn.modal.settle import poles_of, settle
+from updyn.modal.settle import collect_poles, fit_all_windows
 from updyn.modal.stabilisation import Diagram
 
-__all__ = ["add_picks", "check_picks", "pole_at"]
+__all__ = ["add_picks", "check_picks", "start_pole_at"]
 
 _Complex = NDArray[np.complex128]
 
@@ -33,7 +33,9 @@ def check_picks(poles: Sequence[float]) -> list[float]:
     return [float(frequency) for frequency in poles]
 
 
-def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: float) -> complex:
+def start_pole_at(
+    measured: Measured, diagram: Diagram, others: _Complex, frequency: float
+) -> complex:
     """Return the initial pole of a pick at a frequency in Hz.
 
     It is the stable pole of the diagram at this frequency; if there are several, that of the
@@ -59,44 +61,44 @@ def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: f
 
 
 def add_picks(
-    measured: Measured, fits: list[Weighted], begin: _Complex, shown: _Complex
-) -> list[Weighted]:
+    measured: Measured, fits: list[WeightedFit], begin: _Complex, shown: _Complex
+) -> list[WeightedFit]:
     """Return the fits including the picks `begin`, which are modes without a test.
 
     `shown` are the poles of the fits that are modes.
     """
-    axis, poles = measured.axis, poles_of(fits)
+    axis, poles = measured.axis, collect_poles(fits)
     added = np.full(len(poles), -1)
     for number, pole in enumerate(begin):
         at = float(axis.frequency(np.array([pole]))[0])
-        of = shown[_same(measured, shown, pole)]
+        of = shown[_find_same(measured, shown, pole)]
         if len(of):
             raise DataError(
                 f"modes: the pole at {at:.6g} Hz is that of the mode at"
                 f" {axis.frequency(of)[0]:.6g} Hz, which is found without it"
             )
-        twice = begin[:number][_same(measured, begin[:number], pole)]
+        twice = begin[:number][_find_same(measured, begin[:number], pole)]
         if len(twice):
             raise DataError(
                 f"modes: the pole at {at:.6g} Hz is that of another pick, at"
                 f" {axis.frequency(twice)[0]:.6g} Hz; leave one"
             )
         # A pole of the fits that is too weak to be a mode by itself.
-        hidden = _same(measured, poles, pole) & ~np.isin(poles, shown) & (added < 0)
+        hidden = _find_same(measured, poles, pole) & ~np.isin(poles, shown) & (added < 0)
         if hidden.any():
             added[int(np.argmax(hidden))] = number
         else:
             poles, added = np.append(poles, pole), np.append(added, number)
     order = np.argsort(axis.frequency(poles), kind="stable")
-    fits = settle(measured, poles[order], added[order])
-    after, chosen = poles_of(fits), np.concatenate([fit.added for fit in fits])
+    fits = fit_all_windows(measured, poles[order], added[order])
+    after, chosen = collect_poles(fits), np.concatenate([fit.added for fit in fits])
     for number, pole in enumerate(begin):
         own = chosen == number
         _check_added(measured, complex(pole), complex(after[own][0]), shown, after[~own])
     return fits
 
 
-def _same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
+def _find_same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
     """Return which poles of the fits are the same as one of the diagram."""
     width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
     return np.asarray(np.abs(poles - pole) < _SAME * width)
@@ -122,7 +124,7 @@ def _check_added(
     near = np.abs(others - last) < _MERGED * own / np.maximum(there, 1e-300) * np.abs(others)
     if near.any():
         raise DataError(f"{name} merges with the mode at {there[near][0]:.6g} Hz")
-    if not measured.inside(np.array([last]))[0]:
+    if not measured.is_inside(np.array([last]))[0]:
         raise DataError(f"{name} leaves the band or has no damping that a mode can have")
     if abs(end - begin) > reach:
         raise DataError(f"{name} leaves its place and moves to {end:.6g} Hz")

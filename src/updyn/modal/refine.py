@@ -19,21 +19,21 @@ from numpy.typing import NDArray
 
 from updyn.modal.channels import Columns
 from updyn.modal.envelope import Envelope
-from updyn.modal.vector_fitting import Basis
+from updyn.modal.vector_fitting import RationalBasis
 
 __all__ = [
     "ROUGH",
+    "ChannelNoise",
     "Errors",
-    "Noise",
-    "Solved",
+    "LineWindow",
     "Weights",
-    "Window",
+    "WindowFit",
     "deviance",
-    "errors_of",
-    "moved",
-    "pole_deviation",
-    "reweighted",
-    "solved",
+    "estimate_errors",
+    "estimate_pole_deviation",
+    "fit_poles",
+    "fit_residues",
+    "fit_with_unknown_noise",
 ]
 
 _Complex = NDArray[np.complex128]
@@ -45,11 +45,11 @@ _Real = NDArray[np.float64]
 _STEPS, _SETTLED = 30, 1e-10
 GAIN, ROUGH = 1e-3, 0.3
 #: Rounds of alternating estimation of weights from residuals and poles from weights.
-_ALIKE = 2
+_REWEIGHTINGS = 2
 #: Smallest assumed share of its noise in the residual of a value.
-_LEFT = 0.05
+_LEAST_SHARE = 0.05
 #: Iterations of the estimation of proportional noise and floor.
-_LIKELIER = 20
+_NOISE_ITERATIONS = 20
 #: Values of channels that fit into the second-level cache of a processor with their temporaries.
 _CACHED = 1 << 14
 #: Noise below this share of the largest value of a channel is rounding error.
@@ -60,46 +60,48 @@ _UNDAMPED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Window:
+class LineWindow:
     """Lines around some modes, and fixed poles next to them.
 
     Attributes
     ----------
-    basis : Basis
+    basis : RationalBasis
         Basis of the fractions; its degree is that of the polynomial.
     x : ndarray of complex, shape (n_f,)
         The variable.
     Y : ndarray of complex, shape (p, n_f)
         The channels.
-    beside : ndarray of complex, shape (m,)
+    fixed_poles : ndarray of complex, shape (m,)
         Fixed poles with free residues.
-    apart : ndarray of complex, shape (p, n_f) or (1, 1)
+    subtracted : ndarray of complex, shape (p, n_f) or (1, 1)
         Contributions that were subtracted from the channels. Proportional noise is relative to the
         sum of both.
     envelope : Envelope
         Envelope of the noise, for its correlation over lines.
     """
 
-    basis: Basis
+    basis: RationalBasis
     x: _Complex
     Y: _Complex
-    beside: _Complex
-    apart: _Complex = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
+    fixed_poles: _Complex
+    subtracted: _Complex = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
     envelope: Envelope = field(default_factory=Envelope.white)
 
     @property
-    def measured(self) -> _Complex:
-        """The measured channels with the subtracted contributions `apart`, shape (p, n_f).
+    def measured_channels(self) -> _Complex:
+        """The measured channels with the subtracted contributions `subtracted`, shape (p, n_f).
 
         Fractions of distant modes are large at low frequencies, where a polynomial cancels them, so
         `Y` can be much larger than the measurement.
         """
-        return np.asarray(self.Y + self.apart)
+        return np.asarray(self.Y + self.subtracted)
 
-    def of_lines(self, chosen: NDArray[np.bool_]) -> Window:
+    def of_lines(self, chosen: NDArray[np.bool_]) -> LineWindow:
         """Return the window restricted to some of its lines."""
-        apart = self.apart if self.apart.shape[1] == 1 else self.apart[:, chosen]
-        return replace(self, x=self.x[chosen], Y=self.Y[:, chosen], apart=apart)
+        subtracted = (
+            self.subtracted if self.subtracted.shape[1] == 1 else self.subtracted[:, chosen]
+        )
+        return replace(self, x=self.x[chosen], Y=self.Y[:, chosen], subtracted=subtracted)
 
     def width(self, poles: _Complex) -> _Real:
         """Return the distance of the half-power points from the poles in the unit of x, (k,)."""
@@ -124,8 +126,8 @@ class Window:
         powers = self.powers
         if self.basis.mirrored:  # distant modes have complex contributions
             powers = np.hstack([powers, 1j * powers])
-        beside = self.basis.fractions(self.x, self.beside)
-        return self.basis.parts(np.hstack([self.fractions(poles), beside, powers]))
+        fixed_poles = self.basis.fractions(self.x, self.fixed_poles)
+        return self.basis.parts(np.hstack([self.fractions(poles), fixed_poles, powers]))
 
     def fractions(self, poles: _Complex) -> _Complex:
         """Return the functions of the free poles, shape (n_f, m)."""
@@ -139,7 +141,7 @@ class Window:
         if self.envelope.is_white:
             return np.ones(len(poles))
         # The mirror image of a pole is far from the lines and is neglected.
-        fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.beside]))
+        fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.fixed_poles]))
         A = np.hstack([fractions, self.powers]) * weights.common[:, None]
         if moving:
             T = weights.common[:, None] / (self.x[:, None] - poles) ** 2
@@ -149,19 +151,19 @@ class Window:
         out = np.ones(len(poles))
         for r in range(len(poles)):
             Q = np.linalg.qr(np.delete(A, r, axis=1))[0]
-            own = A[:, r : r + 1]
-            out[r] = self.envelope.inflation(own - Q @ (Q.conj().T @ own))[0]
+            column = A[:, r : r + 1]
+            out[r] = self.envelope.inflation(column - Q @ (Q.conj().T @ column))[0]
         return out
 
     def derivatives(self, poles: _Complex) -> NDArray[Any]:
         """Return functions that span the derivatives by the poles, shape (rows, k or 2 k)."""
-        own = 1.0 / (self.x[:, None] - poles) ** 2
+        pole_terms = 1.0 / (self.x[:, None] - poles) ** 2
         if not self.basis.mirrored:
-            return np.asarray(own)
+            return np.asarray(pole_terms)
         image = 1.0 / (self.x[:, None] - poles.conj()) ** 2
-        return self.basis.parts(np.hstack([own + image, 1j * (own - image)]))
+        return self.basis.parts(np.hstack([pole_terms + image, 1j * (pole_terms - image)]))
 
-    def mixed(self, residues: _Complex) -> NDArray[Any]:
+    def derivative_coefficients(self, residues: _Complex) -> NDArray[Any]:
         """Return the derivatives of the channels by the poles in these functions, shape (p, k, k).
 
         For poles with mirror images, they are the derivatives by the real parts, followed by those
@@ -180,7 +182,7 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Noise:
+class ChannelNoise:
     """Noise of each channel: proportional noise and a floor.
 
     Attributes
@@ -194,7 +196,7 @@ class Noise:
     floor: _Real
 
     @classmethod
-    def of(cls, squares: _Real, size: _Real) -> Noise:
+    def of(cls, squares: _Real, size: _Real) -> ChannelNoise:
         """Return the noise of maximum likelihood for exponentially distributed squares.
 
         `squares` are squared errors, `size` squared values without noise, both of shape (p, n_f).
@@ -204,7 +206,7 @@ class Noise:
         # Channels are independent: groups of them stay in the processor's cache over all updates.
         together = max(1, _CACHED // size.shape[1])
         parts = [
-            _likeliest(squares[start : start + together], size[start : start + together])
+            _estimate_noise(squares[start : start + together], size[start : start + together])
             for start in range(0, len(size), together)
         ]
         share, floor = (np.concatenate(values) for values in zip(*parts, strict=True))
@@ -215,13 +217,13 @@ class Noise:
         return np.asarray(np.sqrt(self.share[:, None] * size + self.floor[:, None]))
 
 
-def _likeliest(squares: _Real, size: _Real) -> tuple[_Real, _Real]:
-    """Return the most likely share and floor of the noise of each channel, see `Noise.of`."""
+def _estimate_noise(squares: _Real, size: _Real) -> tuple[_Real, _Real]:
+    """Return the most likely share and floor of the noise of each channel (`ChannelNoise.of`)."""
     least = _ROUNDING**2 * size.max(axis=1) + _TINY
     floor = 0.5 * np.mean(squares, axis=1) + least
     share = floor / (np.mean(size, axis=1) + _TINY)
     inverse, ratio = np.empty_like(size), np.empty_like(size)
-    for _ in range(_LIKELIER):
+    for _ in range(_NOISE_ITERATIONS):
         np.multiply(size, share[:, None], out=inverse)
         inverse += floor[:, None]
         np.reciprocal(inverse, out=inverse)
@@ -268,9 +270,11 @@ class Weights:
         return Weights(*(a[chosen] if len(a) > 1 else a for a in (self.channel, self.line)))
 
     @classmethod
-    def left_by(cls, fitted: Solved) -> Weights:
+    def from_residual(cls, fitted: WindowFit) -> Weights:
         """Return weights from the residual of a fit: product closest to its estimated noise."""
-        return cls.near(Noise.of(fitted.squares, fitted.size).deviation(fitted.size))
+        return cls.near(
+            ChannelNoise.of(fitted.unbiased_squared_error, fitted.size).deviation(fitted.size)
+        )
 
     @classmethod
     def near(cls, deviation: _Real) -> Weights:
@@ -280,7 +284,7 @@ class Weights:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solved:
+class WindowFit:
     """The fit of a window for given poles.
 
     Attributes
@@ -299,11 +303,11 @@ class Solved:
         Level of each channel.
     columns : Columns
         Decomposed columns of the window.
-    squared : ndarray of float, shape (p, n_f)
+    normalised_squares : ndarray of float, shape (p, n_f)
         Squared errors in units of their variances.
     normals, gradients : ndarray, shapes (p, n, n) and (p, n)
         Gauss-Newton matrix and gradient of the cost of each channel by the poles, in the parameters
-        of `Window.mixed`.
+        of `LineWindow.derivative_coefficients`.
     envelope : Envelope
         Envelope of the noise.
     """
@@ -315,7 +319,7 @@ class Solved:
     weights: NDArray[Any]
     level: _Real
     columns: Columns
-    squared: _Real
+    normalised_squares: _Real
     normals: NDArray[Any]
     gradients: NDArray[Any]
     envelope: Envelope
@@ -324,29 +328,29 @@ class Solved:
     gradient: NDArray[Any] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cost", float(np.sum(self.squared)))
+        object.__setattr__(self, "cost", float(np.sum(self.normalised_squares)))
         for name in ("normal", "gradient"):
             object.__setattr__(self, name, np.sum(getattr(self, name + "s"), axis=0))
 
     @property
-    def left(self) -> _Real:
+    def squared_error(self) -> _Real:
         """Squared errors, shape (p, n_f)."""
         return np.asarray(np.abs(self.error) ** 2)
 
     @property
-    def squares(self) -> _Real:
+    def unbiased_squared_error(self) -> _Real:
         """Squared errors, divided by the share of noise that remains in the residual."""
         n_f, Q = self.error.shape[1], self.columns.Q
         if len(Q) > n_f:  # real and imaginary parts
             Q = Q[:n_f] + 1j * Q[n_f:]
         # A fit follows more of the noise if the noise is correlated over lines.
-        left = 1.0 - np.mean(self.envelope.inflation(Q)) * self.columns.leverage()
-        if left.shape[1] > n_f:  # real and imaginary parts
-            left = 0.5 * (left[:, :n_f] + left[:, n_f:])
-        return np.asarray(self.left / np.maximum(left, _LEFT))
+        remaining = 1.0 - np.mean(self.envelope.inflation(Q)) * self.columns.leverage()
+        if remaining.shape[1] > n_f:  # real and imaginary parts
+            remaining = 0.5 * (remaining[:, :n_f] + remaining[:, n_f:])
+        return np.asarray(self.squared_error / np.maximum(remaining, _LEAST_SHARE))
 
     @property
-    def own(self) -> list[list[int]]:
+    def pole_columns(self) -> list[list[int]]:
         """The columns of each pole: one, or two for a pole with a mirror image."""
         k = len(self.poles)
         if not np.isrealobj(self.weights):
@@ -355,27 +359,30 @@ class Solved:
         return [[r, int(images[r])] if self.poles[r].imag != 0 else [r] for r in range(k)]
 
     @property
-    def worths(self) -> _Real:
+    def cost_increase_by_channel(self) -> _Real:
         """Increase of the cost of each channel without each pole, shape (k, p)."""
         out = np.zeros((len(self.poles), len(self.error)))
-        for r, own in enumerate(self.own):
-            found, spread = self.weights[:, own, None], self.columns.covariance(own)
-            spread = spread + _TINY * np.eye(len(own))  # keeps it regular
+        for r, columns_of_pole in enumerate(self.pole_columns):
+            found, spread = (
+                self.weights[:, columns_of_pole, None],
+                self.columns.covariance(columns_of_pole),
+            )
+            spread = spread + _TINY * np.eye(len(columns_of_pole))  # keeps it regular
             out[r] = np.sum((found.conj() * np.linalg.solve(spread, found)).real, axis=(1, 2))
         return out
 
     @property
-    def worth(self) -> _Real:
+    def cost_increase(self) -> _Real:
         """Increase of the cost without each pole, shape (k,)."""
-        return np.asarray(np.sum(self.worths, axis=1))
+        return np.asarray(np.sum(self.cost_increase_by_channel, axis=1))
 
-    def damped(self, damping: float) -> tuple[_Complex, float]:
+    def compute_damped_step(self, damping: float) -> tuple[_Complex, float]:
         """Return a step with a relatively increased diagonal, and its expected decrease."""
         loaded = self.normal + damping * np.diag(np.diag(self.normal))
         step = np.linalg.lstsq(loaded, self.gradient, rcond=None)[0]
-        promised = float(np.vdot(self.gradient, step).real)
+        expected_decrease = float(np.vdot(self.gradient, step).real)
         k = len(self.poles)
-        return np.asarray(step if len(step) == k else step[:k] + 1j * step[k:]), promised
+        return np.asarray(step if len(step) == k else step[:k] + 1j * step[k:]), expected_decrease
 
     @property
     def deviation(self) -> _Real:
@@ -412,30 +419,32 @@ class Errors:
         return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128))
 
 
-def deviance(fitted: Solved) -> float:
+def deviance(fitted: WindowFit) -> float:
     """Return -2 log of the maximum likelihood over the noise, up to a constant."""
-    variance = Noise.of(fitted.squares, fitted.size).deviation(fitted.size) ** 2
-    return 2.0 * float(np.sum(np.log(variance) + fitted.left / variance))
+    variance = (
+        ChannelNoise.of(fitted.unbiased_squared_error, fitted.size).deviation(fitted.size) ** 2
+    )
+    return 2.0 * float(np.sum(np.log(variance) + fitted.squared_error / variance))
 
 
-def pole_deviation(window: Window, fitted: Solved, weights: Weights) -> _Real:
+def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weights) -> _Real:
     """Return the standard deviations of the poles' real and imaginary parts, shape (2, k).
 
     The noise has the standard deviations of the weights and the correlation of the envelope.
     """
-    own = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
-    return np.asarray(fitted.deviation * own)
+    inflation = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
+    return np.asarray(fitted.deviation * inflation)
 
 
-def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
-    """Return the errors of the residues of each pole, in noise as for `pole_deviation`.
+def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> list[Errors]:
+    """Return the errors of the residues of each pole, in noise as for `estimate_pole_deviation`.
 
     They follow from the normal equations of poles and residues: residues change by -A^+ dA/dpoles
     with the poles, and have the noise of a linear fit at the fitted poles.
     """
     basis, k, p = window.basis, len(fitted.poles), len(window.Y)
-    follow = fitted.columns.beyond(window.derivatives(fitted.poles))[1]
-    follow = -np.matmul(follow, window.mixed(fitted.residues / fitted.level.T))
+    follow = fitted.columns.project_out(window.derivatives(fitted.poles))[1]
+    follow = -np.matmul(follow, window.derivative_coefficients(fitted.residues / fitted.level.T))
     values, vectors = np.linalg.eigh(fitted.normal)
     kept = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
     spread = np.matmul(follow, vectors[:, kept] / np.sqrt(2.0 * values[kept]))  # (p, m, q)
@@ -446,70 +455,78 @@ def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
     errors = []
     residue = window.inflation(fitted.poles, weights)
     pole = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
-    for r, own in enumerate(fitted.own):
-        noise = np.trace(fitted.columns.covariance(own), axis1=1, axis2=2).real
+    for r, columns in enumerate(fitted.pole_columns):
+        noise = np.trace(fitted.columns.covariance(columns), axis1=1, axis2=2).real
         noise = np.broadcast_to(noise * (0.5 if basis.mirrored else 1.0), p)
         noise = noise * residue[r] * fitted.level[:, 0] ** 2
         errors.append(Errors(noise, common[:, r] * pole[r]))
     return errors
 
 
-def reweighted(
-    window: Window, poles: _Complex, weights: Weights, gain: float = GAIN
-) -> tuple[Solved, Weights]:
+def fit_with_unknown_noise(
+    window: LineWindow, poles: _Complex, weights: Weights, gain: float = GAIN
+) -> tuple[WindowFit, Weights]:
     """Return the fit of maximum likelihood for unknown noise, and its weights.
 
     Steps with an expected decrease of the cost below `gain` are omitted.
     """
-    fitted = moved(window, poles, weights, gain)
-    for _ in range(_ALIKE):
-        weights = Weights.left_by(fitted)
-        fitted = moved(window, fitted.poles, weights, gain)
+    fitted = fit_poles(window, poles, weights, gain)
+    for _ in range(_REWEIGHTINGS):
+        weights = Weights.from_residual(fitted)
+        fitted = fit_poles(window, fitted.poles, weights, gain)
     return fitted, weights
 
 
-def moved(window: Window, poles: _Complex, weights: Weights, gain: float = GAIN) -> Solved:
-    """Return the fit with poles of smallest cost for given weights; `gain` as in `reweighted`."""
-    here, damping = solved(window, poles, weights), 0.0
+def fit_poles(
+    window: LineWindow, poles: _Complex, weights: Weights, gain: float = GAIN
+) -> WindowFit:
+    """Return the fit with poles of smallest cost for given weights.
+
+    `gain` is the one of `fit_with_unknown_noise`.
+    """
+    current, damping = fit_residues(window, poles, weights), 0.0
     widths = window.width(poles)  # upper limit of a step
     for _ in range(_STEPS if len(poles) else 0):
-        step, promised = here.damped(damping)
+        step, expected_decrease = current.compute_damped_step(damping)
         longest = float(np.max(np.abs(step) / widths, initial=0.0))
-        if longest < _SETTLED or promised < gain * min(1.0, here.cost):
+        if longest < _SETTLED or expected_decrease < gain * min(1.0, current.cost):
             break
-        there = solved(window, here.poles + step / max(1.0, longest), weights)
-        if there.cost <= here.cost:
-            here, damping = there, 0.1 * damping
+        proposed = fit_residues(window, current.poles + step / max(1.0, longest), weights)
+        if proposed.cost <= current.cost:
+            current, damping = proposed, 0.1 * damping
         else:
             damping = max(10.0 * damping, 1e-3)
-    return here
+    return current
 
 
-def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
+def fit_residues(window: LineWindow, poles: _Complex, weights: Weights) -> WindowFit:
     """Return the fit with given poles by linear least squares."""
     basis, n_f = window.basis, len(window.x)
     # The noise of channels without signal is nearly zero: divide by the mean weight of each
     # channel.
-    own = np.exp(np.mean(np.log(weights.line), axis=1, keepdims=True))
-    level, line = weights.channel * own, weights.line / own
+    channel_level = np.exp(np.mean(np.log(weights.line), axis=1, keepdims=True))
+    level, line = weights.channel * channel_level, weights.line / channel_level
     Y = window.Y / level
     if basis.mirrored:
         line, Y = np.hstack([line, line]), np.hstack([Y.real, Y.imag])
     columns = Columns.of(window.columns(poles), line)
-    found, error = columns.fitted(Y)
-    squared, weighted = columns.squared(error), columns.weighted(error)
+    found, error = columns.fit(Y)
+    normalised_squares, weighted = (
+        columns.normalise_squares(error),
+        columns.divide_by_variance(error),
+    )
     if basis.mirrored:
-        squared = squared[:, :n_f] + squared[:, n_f:]
+        normalised_squares = normalised_squares[:, :n_f] + normalised_squares[:, n_f:]
         error = error[:, :n_f] + 1j * error[:, n_f:]
     error = error * level
     residues = basis.residues(found.T * level.T, poles)
     functions = window.derivatives(poles)
-    mixed = window.mixed(residues / level.T)
-    back = mixed.conj().swapaxes(1, 2)
-    normals = np.matmul(back, np.matmul(columns.beyond(functions)[0], mixed))
+    derivative_coefficients = window.derivative_coefficients(residues / level.T)
+    back = derivative_coefficients.conj().swapaxes(1, 2)
+    normals = np.matmul(back, np.matmul(columns.project_out(functions)[0], derivative_coefficients))
     gradients = np.matmul(back, (weighted @ functions.conj())[:, :, None])[:, :, 0]
-    size = np.abs(window.Y + window.apart - error) ** 2
-    return Solved(
+    size = np.abs(window.Y + window.subtracted - error) ** 2
+    return WindowFit(
         poles,
         residues,
         error,
@@ -517,7 +534,7 @@ def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
         found,
         level,
         columns,
-        squared,
+        normalised_squares,
         normals,
         gradients,
         window.envelope,

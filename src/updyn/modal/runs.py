@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.modal.fits import (
     Mode,
-    Weighted,
+    WeightedFit,
     bundle_poles,
     fit_together,
     make_mode,
@@ -28,16 +28,16 @@ from updyn.modal.leaning import Bundle, PolesByRun, find_leaning
 from updyn.modal.measured import Measured
 from updyn.modal.refine import (
     Errors,
+    LineWindow,
     Weights,
-    Window,
     deviance,
-    errors_of,
-    moved,
-    pole_deviation,
-    solved,
+    estimate_errors,
+    estimate_pole_deviation,
+    fit_poles,
+    fit_residues,
 )
 
-__all__ = ["is_split_off", "modes_of"]
+__all__ = ["extract_modes", "is_split_off"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -62,15 +62,15 @@ _PROMISED = 0.25
 _RUNS = 1.2
 
 
-def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
+def extract_modes(measured: Measured, fits: Sequence[WeightedFit]) -> list[Mode]:
     """Return the modes of fits with common poles of all runs (responses or references)."""
-    errors = [errors_of(fit.window, fit.solved, fit.weights) for fit in fits]
+    errors = [estimate_errors(fit.window, fit.window_fit, fit.weights) for fit in fits]
     bundles, by_run = [], {}
     for members in bundle_poles(measured, fits):
         fit, positions = fit_together(measured, fits, members)
         claims = []
-        for alike, roving in _alike(fit, positions, measured.runs):
-            each = _best_each(fit, alike, roving)
+        for alike, roving in _group_by_shape(fit, positions, measured.runs):
+            each = _fit_by_run(fit, alike, roving)
             if each is not None:
                 own = frozenset(members[positions.index(r)] for r in alike)
                 by_run[own] = each
@@ -85,13 +85,13 @@ def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
             taken |= own
     for bundle in bundles:
         left = [member for member in bundle.members if member not in taken]
-        modes += [_common(fits[k], r, errors[k][r]) for k, r in left]
+        modes += [_mode_with_common_pole(fits[k], r, errors[k][r]) for k, r in left]
     return modes
 
 
-def _best_each(
-    fit: Weighted, alike: list[int], roving: tuple[NDArray[np.intp], ...]
-) -> _Each | None:
+def _fit_by_run(
+    fit: WeightedFit, alike: list[int], roving: tuple[NDArray[np.intp], ...]
+) -> _ModesByRun | None:
     """Return modes with poles for each run in place of poles of a bundle; None if no better."""
     if (fit.added[alike] >= 0).any():
         return None
@@ -101,7 +101,7 @@ def _best_each(
     for of in (of for of in roving if of.max() > 0):
         criterion = _Criterion.of(fit, alike, of)
         for count in range(1, criterion.most + 1):
-            better = _each(criterion, of, count, least)
+            better = _find_modes_by_run(criterion, of, count, least)
             if better is not None:
                 each, least = better, better.gain
     return each
@@ -116,29 +116,32 @@ def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored
     """
     if mode.quality >= _SURE:
         return False
-    own, width = _sides(mode, shape), _width(mode.pole, mirrored)
+    own, width = _shapes_of_unit_length(mode, shape), _pole_width(mode.pole, mirrored)
     for other in modes:
-        reach = width + _width(other.pole, mirrored)
+        reach = width + _pole_width(other.pole, mirrored)
         if other is mode or abs(other.pole - mode.pole) > reach:
             continue
-        macs = [abs(np.vdot(a, b)) ** 2 for a, b in zip(own, _sides(other, shape), strict=True)]
+        macs = [
+            abs(np.vdot(a, b)) ** 2
+            for a, b in zip(own, _shapes_of_unit_length(other, shape), strict=True)
+        ]
         if max((mac for mac, n in zip(macs, shape, strict=True) if n > 1), default=0.0) > _ALIKE:
             return True
     return False
 
 
-def _sides(mode: Mode, shape: tuple[int, ...]) -> tuple[_Complex, _Complex]:
+def _shapes_of_unit_length(mode: Mode, shape: tuple[int, ...]) -> tuple[_Complex, _Complex]:
     """Return the shapes of unit length at responses and references."""
     U, _, Vh = np.linalg.svd(mode.residues.reshape(shape), full_matrices=False)
     return U[:, 0], Vh[0]
 
 
-def _width(pole: complex, mirrored: bool) -> float:
+def _pole_width(pole: complex, mirrored: bool) -> float:
     return abs(pole.real if mirrored else pole.imag)
 
 
-def _alike(
-    fit: Weighted, bundle: list[int], runs: tuple[NDArray[np.intp], NDArray[np.intp]]
+def _group_by_shape(
+    fit: WeightedFit, bundle: list[int], runs: tuple[NDArray[np.intp], NDArray[np.intp]]
 ) -> list[tuple[list[int], tuple[NDArray[np.intp], ...]]]:
     """Return parts of a bundle with one shape each, and the sides that may be roving.
 
@@ -146,7 +149,9 @@ def _alike(
     same shape on neither side. A side of few channels does not distinguish these cases.
     """
     rows, columns = runs
-    residues = fit.solved.residues[bundle].reshape(len(bundle), rows.max() + 1, columns.max() + 1)
+    residues = fit.window_fit.residues[bundle].reshape(
+        len(bundle), rows.max() + 1, columns.max() + 1
+    )
     parts: list[tuple[list[int], tuple[NDArray[np.intp], ...]]] = []
     left = list(range(len(bundle)))
     for side, roving in ((residues, columns), (residues.swapaxes(1, 2), rows)):
@@ -164,19 +169,19 @@ def _alike(
     return parts
 
 
-def _is_damped(pole: complex, window: Window) -> bool:
+def _is_damped(pole: complex, window: LineWindow) -> bool:
     return bool((-pole.real if window.basis.mirrored else pole.imag) > 0.0)
 
 
-def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
+def _may_rove(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     """Return whether poles may be one mode with a pole for each run.
 
     For a single pole, the expected decrease of the cost by one Gauss-Newton step in each run is an
     estimate of the gain before any fit.
     """
     if len(bundle) > 1:
-        return not _apart(fit, bundle, runs)
-    found = fit.solved
+        return not _are_in_separate_runs(fit, bundle, runs)
+    found = fit.window_fit
     own = [bundle[0]]
     if fit.window.basis.mirrored:
         own.append(bundle[0] + len(found.poles))
@@ -200,7 +205,7 @@ class _Criterion:
 
     Attributes
     ----------
-    fit : Weighted
+    fit : WeightedFit
         The fit with common poles.
     bundle : list of int
         Its poles that are compared with others.
@@ -210,7 +215,7 @@ class _Criterion:
         else by its own channel as in `chance`, so that no accepted mode is lost.
     """
 
-    fit: Weighted
+    fit: WeightedFit
     bundle: list[int]
     shapes: int
 
@@ -225,13 +230,13 @@ class _Criterion:
         return min(self.shapes, len(self.bundle) - 1, _TOGETHER) if self.fewer else 1
 
     @classmethod
-    def of(cls, fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Criterion:
+    def of(cls, fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> _Criterion:
         """Return the criterion for poles that may vary with the runs."""
-        return cls(fit, bundle, _shapes(fit, bundle, runs))
+        return cls(fit, bundle, _count_shapes(fit, bundle, runs))
 
     def gain(self, cost: float, poles: int, modes: int) -> float:
         """Return the gain of a fit with numbers of poles and modes over that with common poles."""
-        common = self.fit.solved.cost
+        common = self.fit.window_fit.cost
         misfit = max(1.0, common / self.fit.window.Y.size)  # errors common to both fits
         return 2.0 * (common - cost) / misfit - self.least(poles, modes)
 
@@ -241,37 +246,39 @@ class _Criterion:
         count = len(self.bundle)
         values = p * n_f if self.fewer else n_f
         free = (poles - count) * np.log(2 * p * n_f) + p * (modes - count) * np.log(2 * values)
-        inflation = self.fit.window.inflation(self.fit.solved.poles, self.fit.weights)
+        inflation = self.fit.window.inflation(self.fit.window_fit.poles, self.fit.weights)
         return float(2.0 * np.mean(inflation[self.bundle]) * free)
 
 
-def _shapes(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> int:
+def _count_shapes(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> int:
     """Return the number of shapes of poles at the fixed channels; 0 for a single channel."""
     count = int(runs.max()) + 1
     order = np.argsort(runs, kind="stable")
     if len(runs) == count:
         return 0
     different: list[_Complex] = []
-    for r in sorted(bundle, key=lambda r: -float(fit.solved.worth[r])):
-        shape = np.linalg.svd(fit.solved.residues[r][order].reshape(count, -1))[2][0]
+    for r in sorted(bundle, key=lambda r: -float(fit.window_fit.cost_increase[r])):
+        shape = np.linalg.svd(fit.window_fit.residues[r][order].reshape(count, -1))[2][0]
         if all(abs(np.vdot(shape, other)) ** 2 <= _ALIKE for other in different):
             different.append(shape)
     return len(different)
 
 
-def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
+def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     """Return whether each run contains only one of the poles.
 
     An example are sensors in two directions of a structure with one mode in each: poles for each
     run fit these as well, but there is one mode for each direction.
     """
-    worth = np.array([np.bincount(runs, one) for one in fit.solved.worths[bundle]])
+    worth = np.array(
+        [np.bincount(runs, one) for one in fit.window_fit.cost_increase_by_channel[bundle]]
+    )
     known = worth > _KNOWN * worth.max(axis=0)
     return bool((known.sum(axis=0) == 1).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Each:
+class _ModesByRun:
     """Modes with poles for each run.
 
     Attributes
@@ -292,15 +299,17 @@ class _Each:
     modes: list[Mode]
 
 
-def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float) -> _Each | None:
+def _find_modes_by_run(
+    criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float
+) -> _ModesByRun | None:
     """Return modes with poles for each run in place of common poles.
 
     None if the gain is not above `least`.
     """
     fit, bundle = criterion.fit, criterion.bundle
     window, p = fit.window, len(fit.window.Y)
-    others = np.delete(fit.solved.poles, bundle)
-    beside = np.concatenate([window.beside, others])
+    others = np.delete(fit.window_fit.poles, bundle)
+    beside = np.concatenate([window.fixed_poles, others])
     begin = take_means(fit, bundle, modes)
     residues, noise = np.zeros((modes, p), dtype=np.complex128), np.zeros((modes, p))
     common: list[list[_Complex]] = [[] for _ in begin]
@@ -309,19 +318,19 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
     count = int(runs.max()) + 1
     for run in range(count):
         own = runs == run
-        alone = Window(window.basis, window.x, window.Y[own], beside, envelope=window.envelope)
+        alone = LineWindow(window.basis, window.x, window.Y[own], beside, envelope=window.envelope)
         weights = fit.weights.of_channels(own)
-        one = moved(alone, begin, weights)
-        stays = _has_left(fit, bundle, one.poles)  # the run does not contain the mode
+        one = fit_poles(alone, begin, weights)
+        stays = _have_strayed(fit, bundle, one.poles)  # the run does not contain the mode
         if stays.any():
-            one = solved(alone, np.where(stays, begin, one.poles), weights)
+            one = fit_residues(alone, np.where(stays, begin, one.poles), weights)
         cost, fitted = cost + one.cost, fitted + deviance(one)
         if criterion.gain(cost, modes * count, modes) <= least:
             return None
-        residues[:, own], squares[own] = one.residues, one.left
+        residues[:, own], squares[own] = one.residues, one.squared_error
         found.append(one.poles)
-        deviations.append(np.where(stays, np.inf, pole_deviation(alone, one, weights)))
-        for r, errors in enumerate(errors_of(alone, one, weights)):
+        deviations.append(np.where(stays, np.inf, estimate_pole_deviation(alone, one, weights)))
+        for r, errors in enumerate(estimate_errors(alone, one, weights)):
             noise[r, own] = errors.noise
             part = np.zeros((len(errors.common), p), dtype=np.complex128)
             part[:, own] = errors.common
@@ -331,28 +340,28 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
         return None
     out = []
     for r in range(modes):
-        pole, spread = _mean(each[:, r], std[:, :, r])
-        without = _without(window, beside, each, r, runs, fit.weights)
+        pole, spread = _average_poles(each[:, r], std[:, :, r])
+        without = _residual_without(window, beside, each, r, runs, fit.weights)
         errors = Errors(noise[r], np.concatenate(common[r]))
         mode = make_mode(fit, pole, spread, residues[r], errors, squares, without)
         share = np.bincount(runs, np.abs(residues[r]) ** 2)
         everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
         own = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
         out.append(own)
-    evidence = deviance(fit.solved) - fitted - criterion.least(modes * count, modes)
-    return _Each(criterion.gain(cost, modes * count, modes), cost, evidence, out)
+    evidence = deviance(fit.window_fit) - fitted - criterion.least(modes * count, modes)
+    return _ModesByRun(criterion.gain(cost, modes * count, modes), cost, evidence, out)
 
 
-def _has_left(fit: Weighted, bundle: list[int], poles: _Complex) -> NDArray[np.bool_]:
+def _have_strayed(fit: WeightedFit, bundle: list[int], poles: _Complex) -> NDArray[np.bool_]:
     """Return which poles of a run are undamped, or far from the common poles."""
-    window, shared = fit.window, fit.solved.poles[bundle]
+    window, shared = fit.window, fit.window_fit.poles[bundle]
     damped = np.array([_is_damped(complex(pole), window) for pole in poles])
     along, reach = position(shared, window), _REACH * float(np.max(window.width(shared)))
     near = np.abs(position(poles, window) - 0.5 * (along.min() + along.max()))
     return ~damped | (near > 0.5 * np.ptp(along) + reach)
 
 
-def _mean(each: _Complex, std: _Real) -> tuple[complex, _Real]:
+def _average_poles(each: _Complex, std: _Real) -> tuple[complex, _Real]:
     """Return mean and spread of the poles of the runs, weighted by their variances."""
     sure = 1.0 / np.maximum(std.T, 1e-12 * np.abs(each)) ** 2
     parts = np.array([each.real, each.imag])
@@ -361,8 +370,8 @@ def _mean(each: _Complex, std: _Real) -> tuple[complex, _Real]:
     return complex(mean[0], mean[1]), spread
 
 
-def _without(
-    window: Window,
+def _residual_without(
+    window: LineWindow,
     beside: _Complex,
     each: _Complex,
     r: int,
@@ -371,33 +380,33 @@ def _without(
 ) -> _Real:
     """Return the squared residuals without mode `r`, which has a pole for each run, (p, n)."""
     if each.shape[1] == 1:
-        whole = Window(window.basis, window.x, window.Y, beside)
-        return solved(whole, each[:0, 0], weights).left
+        whole = LineWindow(window.basis, window.x, window.Y, beside)
+        return fit_residues(whole, each[:0, 0], weights).squared_error
     left = np.zeros(window.Y.shape)
     for run, poles in enumerate(each):
         own = runs == run
-        alone = Window(window.basis, window.x, window.Y[own], beside)
-        left[own] = solved(alone, np.delete(poles, r), weights.of_channels(own)).left
+        alone = LineWindow(window.basis, window.x, window.Y[own], beside)
+        left[own] = fit_residues(alone, np.delete(poles, r), weights.of_channels(own)).squared_error
     return left
 
 
-def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
+def _mode_with_common_pole(fit: WeightedFit, r: int, errors: Errors) -> Mode:
     """Return a mode with a pole common to all channels."""
-    window, found = fit.window, fit.solved
-    others = Window(
+    window, found = fit.window, fit.window_fit
+    others = LineWindow(
         window.basis,
         window.x,
         window.Y,
-        np.concatenate([window.beside, np.delete(found.poles, r)]),
+        np.concatenate([window.fixed_poles, np.delete(found.poles, r)]),
     )
-    without = solved(others, found.poles[:0], fit.weights)
+    without = fit_residues(others, found.poles[:0], fit.weights)
     mode = make_mode(
         fit,
         complex(found.poles[r]),
-        pole_deviation(window, found, fit.weights)[:, r],
+        estimate_pole_deviation(window, found, fit.weights)[:, r],
         found.residues[r],
         errors,
-        found.left,
-        without.left,
+        found.squared_error,
+        without.squared_error,
     )
     return replace(mode, added=int(fit.added[r]))

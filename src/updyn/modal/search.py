@@ -13,12 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.refine import ROUGH, Solved, Weights, Window, deviance, moved, reweighted, solved
+from updyn.modal.refine import (
+    ROUGH,
+    LineWindow,
+    Weights,
+    WindowFit,
+    deviance,
+    fit_poles,
+    fit_residues,
+    fit_with_unknown_noise,
+)
 
 __all__ = [
     "LEAST",
-    "Seen",
-    "chance",
+    "Visibility",
+    "chance_gain",
     "is_mode",
     "search_window",
     "shows_on_lines",
@@ -34,13 +43,13 @@ _Real = NDArray[np.float64]
 LEAST = 0.1
 #: Smallest share of a mode in all channels together at its own frequency; its inverse is the
 #: largest share that other modes may cancel.
-_SEEN = 0.1
+_VISIBLE_SHARE = 0.1
 #: Smallest share of a mode of a light part in one channel, for a visible peak there.
 _PEAK = 0.5
 #: Number of rejected poles after which the search ends.
-_REFUSALS = 3
+_MOST_REJECTED = 3
 #: Trial poles next to a pole are at this share of its width on either side.
-_BESIDE = 0.7
+_SIDE_DISTANCE = 0.7
 #: A trial pole is refined if its expected gain is this share of the smallest gain. A pole of half
 #: width a explains 4 a b / ((a + b)^2 + d^2) of one of half width b at a distance d: on the grid,
 #: with d up to a / 2 and b from a / 2 to 2 a, at least 0.86.
@@ -49,7 +58,7 @@ _PROMISING = 0.5
 _EXACT = 1e-11
 
 
-def chance(window: Window) -> float:
+def chance_gain(window: LineWindow) -> float:
     """Return the decrease of the deviance that a spurious mode reaches by chance.
 
     Each free number costs the logarithm of the number of values that determine it: for a residue
@@ -60,7 +69,7 @@ def chance(window: Window) -> float:
     return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
 
-def search_window(window: Window, stable: _Complex, trials: _Complex, most: int) -> Solved:
+def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: int) -> WindowFit:
     """Return the fit of a window with at most `most` modes.
 
     `stable` are stable poles of the diagram, `trials` other trial poles. Before any mode is known,
@@ -69,31 +78,33 @@ def search_window(window: Window, stable: _Complex, trials: _Complex, most: int)
     neighbours are fitted (`settle`).
     """
     none = np.zeros(0, dtype=np.complex128)
-    fitted, weights = reweighted(window, none, Weights.of(np.abs(window.Y) ** 2))
-    whole = float(np.sum(np.abs(window.Y) ** 2))
-    refused: list[complex] = []
-    while len(fitted.poles) < most and len(refused) < _REFUSALS:
-        if float(np.sum(fitted.left)) <= _EXACT * whole:
+    fitted, weights = fit_with_unknown_noise(window, none, Weights.of(np.abs(window.Y) ** 2))
+    total = float(np.sum(np.abs(window.Y) ** 2))
+    rejected: list[complex] = []
+    while len(fitted.poles) < most and len(rejected) < _MOST_REJECTED:
+        if float(np.sum(fitted.squared_error)) <= _EXACT * total:
             break
-        own = window.width(fitted.poles)
-        sides = [fitted.poles - _BESIDE * own, fitted.poles + _BESIDE * own]
-        tried = np.concatenate([stable, trials, *sides])
-        promise = _explained(window, fitted, weights, tried)
-        for pole in refused:
-            promise[np.abs(tried - pole) <= window.width(tried)] = 0.0
-        best = tried[int(np.argmax(promise))]
-        if promise.max() < _PROMISING * chance(window) * fitted.cost / fitted.error.size:
+        widths = window.width(fitted.poles)
+        sides = [fitted.poles - _SIDE_DISTANCE * widths, fitted.poles + _SIDE_DISTANCE * widths]
+        trial_poles = np.concatenate([stable, trials, *sides])
+        promise = _estimate_gains(window, fitted, weights, trial_poles)
+        for pole in rejected:
+            promise[np.abs(trial_poles - pole) <= window.width(trial_poles)] = 0.0
+        best = trial_poles[int(np.argmax(promise))]
+        if promise.max() < _PROMISING * chance_gain(window) * fitted.cost / fitted.error.size:
             break
-        more = moved(window, np.append(fitted.poles, best), weights, ROUGH)
+        more = fit_poles(window, np.append(fitted.poles, best), weights, ROUGH)
         stays = bool((np.abs(stable - best) <= window.width(stable)).any())
         if is_mode(window, fitted, more, weights, white=stays):
-            fitted, weights = reweighted(window, more.poles, weights, ROUGH)
+            fitted, weights = fit_with_unknown_noise(window, more.poles, weights, ROUGH)
         else:
-            refused.append(complex(best))
+            rejected.append(complex(best))
     return fitted
 
 
-def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, white: bool) -> bool:
+def is_mode(
+    window: LineWindow, fitted: WindowFit, more: WindowFit, weights: Weights, *, white: bool
+) -> bool:
     """Return whether the last pole of the fit `more`, which `fitted` lacks, may be a mode.
 
     With `white`, all lines are treated as independent.
@@ -102,44 +113,48 @@ def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, w
     if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
         return False
     inflation = 1.0 if white else float(window.inflation(more.poles, weights)[-1])
-    if deviance(fitted) - deviance(more) <= inflation * chance(window):
+    if deviance(fitted) - deviance(more) <= inflation * chance_gain(window):
         return False
     if not shows_on_lines(window, fitted, more, weights, inflation):
         return False
     at = window.near(pole)
-    if _told(at, fitted, more, weights) < LEAST:
+    if _compute_explained_share(at, fitted, more, weights) < LEAST:
         return False
-    shows = Seen.of(window, pole, more.residues[-1], at, more.worths[-1])
+    shows = Visibility.of(window, pole, more.residues[-1], at, more.cost_increase_by_channel[-1])
     return shows.everywhere or shows.somewhere
 
 
 def shows_on_lines(
-    window: Window, fitted: Solved, more: Solved, weights: Weights, inflation: float
+    window: LineWindow, fitted: WindowFit, more: WindowFit, weights: Weights, inflation: float
 ) -> bool:
     """Return whether the last pole of the fit `more` explains more than one line.
 
-    A disturbance affects a single line. `inflation` is that of the pole (`Window.inflation`).
+    A disturbance affects a single line. `inflation` is that of the pole (`LineWindow.inflation`).
     """
     deviation = weights.channel * weights.line
-    strongest = int(np.argmax(np.sum((fitted.left - more.left) / deviation**2, axis=0)))
+    strongest = int(
+        np.argmax(np.sum((fitted.squared_error - more.squared_error) / deviation**2, axis=0))
+    )
     if len(window.x) - 1 <= more.columns.Q.shape[1]:
         return False  # too few lines
     others = np.arange(len(window.x)) != strongest
     part = window.of_lines(others)
     weights = Weights(weights.channel, weights.line[:, others])
-    without, with_it = (solved(part, fit.poles, weights) for fit in (fitted, more))
-    return deviance(without) - deviance(with_it) > inflation * chance(part)
+    without, with_it = (fit_residues(part, fit.poles, weights) for fit in (fitted, more))
+    return deviance(without) - deviance(with_it) > inflation * chance_gain(part)
 
 
-def _told(at: NDArray[np.bool_], fitted: Solved, more: Solved, weights: Weights) -> float:
+def _compute_explained_share(
+    at: NDArray[np.bool_], fitted: WindowFit, more: WindowFit, weights: Weights
+) -> float:
     """Return the share of the residual at some lines that the last pole explains."""
     weight = 1.0 / (weights.channel * weights.line[:, at]) ** 2
-    before, after = (float(np.sum(fit.left[:, at] * weight)) for fit in (fitted, more))
+    before, after = (float(np.sum(fit.squared_error[:, at] * weight)) for fit in (fitted, more))
     return 1.0 - after / max(before, 1e-300)
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class Visibility:
     """Visibility of a pole at its own frequency.
 
     Attributes
@@ -159,50 +174,52 @@ class Seen:
     @classmethod
     def of(
         cls,
-        window: Window,
+        window: LineWindow,
         pole: complex,
         residues: _Complex,
         at: NDArray[np.bool_],
         worths: _Real,
-    ) -> Seen:
+    ) -> Visibility:
         """Return the visibility of a pole at its lines `at`.
 
         `worths`, shape (p,), is the increase of the cost of each channel without the pole. A
         channel contains the pole if this is more than chance.
         """
-        own = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
-        measured = np.abs(window.measured) ** 2
+        squares = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
+        measured = np.abs(window.measured_channels) ** 2
         whole = np.maximum(np.sum(measured[:, at], axis=1), 1e-300)
         # Median over the window, because any pole is large at an antiresonance of the channel.
         level = np.median(measured, axis=1) * np.count_nonzero(at)
         known = worths > np.log(2 * window.Y.size)
-        share = np.sum(own) / np.sum(whole)
+        share = np.sum(squares) / np.sum(whole)
         return cls(
-            bool(share >= _SEEN**2),
-            bool(np.any(known & (own >= _PEAK**2 * np.maximum(whole, level)))),
-            bool(share > 1.0 / _SEEN**2),
+            bool(share >= _VISIBLE_SHARE**2),
+            bool(np.any(known & (squares >= _PEAK**2 * np.maximum(whole, level)))),
+            bool(share > 1.0 / _VISIBLE_SHARE**2),
         )
 
 
-def _explained(window: Window, fitted: Solved, weights: Weights, tried: _Complex) -> _Real:
+def _estimate_gains(
+    window: LineWindow, fitted: WindowFit, weights: Weights, trial_poles: _Complex
+) -> _Real:
     """Return the decrease of the cost with each trial pole at its initial position."""
     inverse = weights.common
-    Q = np.linalg.qr(_complex(window, fitted.poles) * inverse[:, None])[0]
-    columns = inverse[:, None] / (window.x[:, None] - tried)
+    Q = np.linalg.qr(_complex_columns(window, fitted.poles) * inverse[:, None])[0]
+    columns = inverse[:, None] / (window.x[:, None] - trial_poles)
     columns /= np.linalg.norm(columns, axis=0)
     columns = columns - Q @ (Q.conj().T @ columns)
-    left = np.sum(np.abs(columns) ** 2, axis=0)
+    independent_part = np.sum(np.abs(columns) ** 2, axis=0)
     error = (window.Y / weights.channel * inverse).T
     error = error - Q @ (Q.conj().T @ error)
     # A column within the span of the fit is only rounding error.
     return np.where(
-        left > 1e-12,
-        np.sum(np.abs(columns.conj().T @ error) ** 2, axis=1) / np.maximum(left, 1e-12),
+        independent_part > 1e-12,
+        np.sum(np.abs(columns.conj().T @ error) ** 2, axis=1) / np.maximum(independent_part, 1e-12),
         0.0,
     )
 
 
-def _complex(window: Window, poles: _Complex) -> _Complex:
+def _complex_columns(window: LineWindow, poles: _Complex) -> _Complex:
     """Return the functions of the fit with complex weights."""
     both = window.columns(poles)
     if not window.basis.mirrored:

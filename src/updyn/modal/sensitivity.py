@@ -10,7 +10,7 @@ modes (Fox & Kapoor) gives the derivatives of all shapes at once.
 Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, if it exists
 (R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
 eigenvectors of their matrix of first derivatives; here of those by all unknowns at once). An
-example is bending in two planes: `separated` finds the basis.
+example is bending in two planes: `separate_repeated_modes` finds the basis.
 """
 
 from __future__ import annotations
@@ -31,7 +31,13 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 
-__all__ = ["WHOLE", "RealModes", "separated", "slopes", "slopes_of_all"]
+__all__ = [
+    "WHOLE",
+    "RealModes",
+    "differentiate_mode",
+    "differentiate_modes",
+    "separate_repeated_modes",
+]
 
 _Real = NDArray[np.float64]
 
@@ -85,8 +91,8 @@ class RealModes:
 
         The highest mode exceeds this frequency; there are fewer if the model has no more.
         """
-        K = _matrix(system, state, "stiffness")
-        M = _matrix(system, state, "mass")
+        K = _assemble(system, state, "stiffness")
+        M = _assemble(system, state, "mass")
         finite, limit = eigen.mass_rank(M), (2.0 * np.pi * highest) ** 2
         wanted = min(n + 6, finite)
         whole = None
@@ -109,12 +115,12 @@ class RealModes:
         """Natural frequencies in Hz, shape (n,)."""
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
-    def alike(self, which: int) -> NDArray[np.intp]:
+    def find_repeated(self, which: int) -> NDArray[np.intp]:
         """Return all modes with the eigenvalue of mode `which`, including itself."""
         return np.flatnonzero(np.abs(self.value - self.value[which]) <= _ONE * self.value[which])
 
 
-def slopes(
+def differentiate_mode(
     modes: RealModes,
     which: int,
     system: AffineSystem,
@@ -154,43 +160,47 @@ def slopes(
     SolverError
         If another mode has the same eigenvalue and an unknown couples the two.
     """
-    phi, value, group = modes.shapes[:, which], float(modes.value[which]), modes.alike(which)
+    phi, value, group = (
+        modes.shapes[:, which],
+        float(modes.value[which]),
+        modes.find_repeated(which),
+    )
     basis = modes.shapes[:, group]
-    wanted = _wanted(len(phi), rows, along)
+    wanted = _collect_vectors(len(phi), rows, along)
     number = wanted.shape[1]
     mass_basis = modes.M @ basis
     # Columns: the vectors for the derivatives, including unit loads at DOFs, and M times the basis,
     # whose solutions give its shares in the derivative.
     Z = np.zeros((len(phi), number + len(group)))
     if number:
-        pivots = _pivots(modes, basis)
+        pivots = _choose_pivots(modes, basis)
         loads = np.hstack([wanted, mass_basis])
         loads[pivots] = 0.0
-        Z = _solved(modes, value, pivots, loads)
+        Z = _solve_with_pivots(modes, value, pivots, loads)
     by_value, by_mass = np.zeros((2, unknowns.n, len(group)))
     loaded = np.zeros((unknowns.n, Z.shape[1]))
-    for owner, own, force, is_mass in _forces(system, unknowns, values, phi):
+    for owner, rows_of_term, force, is_mass in _derivative_forces(system, unknowns, values, phi):
         if is_mass:
-            by_mass[owner] += force @ basis[own]
+            by_mass[owner] += force @ basis[rows_of_term]
             force = -value * force
-        by_value[owner] += force @ basis[own]
-        loaded[owner] += force @ Z[own]
-    me = int(np.flatnonzero(group == which)[0])
-    _check_uncoupled(by_value, me, values, value)
-    d_value = by_value[:, me]
+        by_value[owner] += force @ basis[rows_of_term]
+        loaded[owner] += force @ Z[rows_of_term]
+    own_index = int(np.flatnonzero(group == which)[0])
+    _check_uncoupled(by_value, own_index, values, value)
+    d_value = by_value[:, own_index]
     # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivots.
-    v = -loaded + d_value[:, None] * (mass_basis[:, me] @ Z)
+    v = -loaded + d_value[:, None] * (mass_basis[:, own_index] @ Z)
     shares = -v[:, number:] - 0.5 * by_mass
     return d_value.copy(), v[:, :number] + shares @ (basis.T @ wanted)
 
 
-def _check_uncoupled(by_value: _Real, me: int, values: _Real, value: float) -> None:
+def _check_uncoupled(by_value: _Real, own_index: int, values: _Real, value: float) -> None:
     """Raise SolverError if an unknown couples a mode with another of its eigenvalue.
 
     `by_value`, shape (n, m), is phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue, and
-    `me` the position of the mode itself.
+    `own_index` the position of the mode itself.
     """
-    others = np.delete(by_value, me, axis=1)
+    others = np.delete(by_value, own_index, axis=1)
     if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
         raise SolverError(
             f"{by_value.shape[1]} modes of the model coincide at"
@@ -200,7 +210,7 @@ def _check_uncoupled(by_value: _Real, me: int, values: _Real, value: float) -> N
         )
 
 
-def slopes_of_all(
+def differentiate_modes(
     modes: RealModes,
     which: NDArray[np.intp],
     system: AffineSystem,
@@ -209,14 +219,14 @@ def slopes_of_all(
     rows: NDArray[np.intp] | None = None,
     along: _Real | None = None,
 ) -> tuple[_Real, _Real]:
-    """Return the derivatives of several modes by the unknowns, as `slopes`.
+    """Return the derivatives of several modes by the unknowns, as `differentiate_mode`.
 
     `along`, shape (N, m), has a vector for each mode. The derivatives of the eigenvalues in 1/s2
     have the shape (m, n), those of the shapes and along the vectors (m, n, k + 1).
     """
     if modes.whole is None:
-        own = [
-            slopes(
+        derivatives = [
+            differentiate_mode(
                 modes,
                 int(mode),
                 system,
@@ -227,11 +237,15 @@ def slopes_of_all(
             )
             for i, mode in enumerate(which)
         ]
-        return np.array([value for value, _ in own]), np.array([shape for _, shape in own])
-    return _from_whole(modes, modes.whole, which, system, unknowns, values, rows, along)
+        return np.array([value for value, _ in derivatives]), np.array(
+            [shape for _, shape in derivatives]
+        )
+    return _differentiate_by_expansion(
+        modes, modes.whole, which, system, unknowns, values, rows, along
+    )
 
 
-def _from_whole(
+def _differentiate_by_expansion(
     modes: RealModes,
     whole: tuple[_Real, _Real, _Real],
     which: NDArray[np.intp],
@@ -241,11 +255,11 @@ def _from_whole(
     rows: NDArray[np.intp] | None,
     along: _Real | None,
 ) -> tuple[_Real, _Real]:
-    """Return `slopes_of_all` by the sum over all modes of the model."""
+    """Return `differentiate_modes` by the sum over all modes of the model."""
     V, stiffness, mass = whole
     phi, value = modes.shapes[:, which], modes.value[which]
     projected, by_mass = np.zeros((2, unknowns.n, V.shape[1], len(which)))
-    for owner, own_rows, force, is_mass in _forces(system, unknowns, values, phi):
+    for owner, own_rows, force, is_mass in _derivative_forces(system, unknowns, values, phi):
         pushed = V[own_rows].T @ force
         if is_mass:
             by_mass[owner] += pushed
@@ -262,14 +276,14 @@ def _from_whole(
     d_value = np.zeros((len(which), unknowns.n))
     shape = np.zeros((len(which), unknowns.n, number + (along is not None)))
     for i, mode in enumerate(which):
-        group = modes.alike(int(mode))
+        group = modes.find_repeated(int(mode))
         # phi_j = V a, because modes of one eigenvalue may have been rotated.
         basis = modes.shapes[:, group]
         at = np.linalg.lstsq(V[:, same[:, i]], basis, rcond=None)[0]
         by_value = projected[:, same[:, i], i] @ at
-        me = int(np.flatnonzero(group == mode)[0])
-        _check_uncoupled(by_value, me, values, float(value[i]))
-        d_value[i] = by_value[:, me]
+        own_index = int(np.flatnonzero(group == mode)[0])
+        _check_uncoupled(by_value, own_index, values, float(value[i]))
+        d_value[i] = by_value[:, own_index]
         fully = shares[:, :, i].copy()
         fully[:, same[:, i]] = -0.5 * (by_mass[:, same[:, i], i] @ at) @ at.T
         if number:
@@ -279,7 +293,7 @@ def _from_whole(
     return d_value, shape
 
 
-def _wanted(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real:
+def _collect_vectors(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real:
     """Return the vectors for the derivatives of a shape, shape (n, k + p)."""
     at = np.zeros(0, dtype=np.intp) if rows is None else rows
     unit = np.zeros((n, len(at)))
@@ -287,29 +301,29 @@ def _wanted(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real
     return unit if along is None else np.hstack([unit, along])
 
 
-def separated(
+def separate_repeated_modes(
     modes: RealModes,
     system: AffineSystem,
     unknowns: Unknowns,
     values: _Real,
-    seen: Callable[[_Real], _Real],
+    shapes_at_sensors: Callable[[_Real], _Real],
     measured: _Real,
 ) -> RealModes:
     """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
     If the unknowns do not determine the basis, it follows the measured shapes of unit length,
-    (k, n_m). `seen` returns shapes, (N, m), at the sensors, (k, m).
+    (k, n_m). `shapes_at_sensors` returns shapes, (N, m), at the sensors, (k, m).
     """
     first, shapes = 0, modes.shapes
     while first < len(modes.value):
-        group = modes.alike(first)
+        group = modes.find_repeated(first)
         if len(group) > 1:
             if shapes is modes.shapes:
                 shapes = shapes.copy()
-            turned = shapes[:, group] @ _axes(
+            turned = shapes[:, group] @ _decoupling_rotation(
                 system, unknowns, values, shapes[:, group], float(modes.value[first])
             )
-            mixed = _couplings(system, unknowns, values, turned, float(modes.value[first]))
+            mixed = _compute_couplings(system, unknowns, values, turned, float(modes.value[first]))
             level = np.sum(mixed, axis=0).diagonal()
             start = 0
             for stop in range(1, len(group) + 1):
@@ -318,7 +332,9 @@ def separated(
                     or abs(level[stop] - level[start]) > _UNCOUPLED * modes.value[first]
                 ):
                     part = turned[:, start:stop]
-                    turned[:, start:stop] = part @ _towards(seen(part), measured)
+                    turned[:, start:stop] = part @ _rotate_towards_measured(
+                        shapes_at_sensors(part), measured
+                    )
                     start = stop
             shapes[:, group] = turned
         first = int(group[-1]) + 1
@@ -327,7 +343,7 @@ def separated(
     return replace(modes, shapes=shapes)
 
 
-def _forces(
+def _derivative_forces(
     system: AffineSystem, unknowns: Unknowns, values: _Real, shapes: _Real
 ) -> Iterator[tuple[int, Any, _Real, bool]]:
     """Yield unknown, DOFs, derivative times shapes, and whether it is of mass, by drive."""
@@ -345,40 +361,40 @@ def _forces(
             )
 
 
-def _couplings(
+def _compute_couplings(
     system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
 ) -> _Real:
     """Return weighted Phi^T (K' - lambda M') Phi by the logarithm of each unknown, (n, m, m)."""
     out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
-    for owner, own, force, is_mass in _forces(system, unknowns, values, basis):
+    for owner, rows_of_term, force, is_mass in _derivative_forces(system, unknowns, values, basis):
         # Arbitrary weights that are not in a simple ratio.
         weight = values[owner] * (1.0 + 0.5 * np.sin(1.0 + owner))
         if is_mass:
             weight *= -value
-        out[owner] += weight * (basis[own].T @ force)
+        out[owner] += weight * (basis[rows_of_term].T @ force)
     return out
 
 
-def _axes(
+def _decoupling_rotation(
     system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
 ) -> _Real:
     """Return the rotation, shape (m, m), after which the sum of all couplings is diagonal."""
-    whole = _couplings(system, unknowns, values, basis, value).sum(axis=0)
+    whole = _compute_couplings(system, unknowns, values, basis, value).sum(axis=0)
     return np.asarray(np.linalg.eigh((whole + whole.T) / 2)[1])
 
 
-def _towards(seen: _Real, measured: _Real) -> _Real:
+def _rotate_towards_measured(shapes_at_sensors: _Real, measured: _Real) -> _Real:
     """Return the rotation, (m, m), that orders shapes by their agreement with measured ones."""
-    if not len(seen):
-        return np.eye(seen.shape[1])
-    share = np.linalg.lstsq(seen, measured, rcond=None)[0]
-    near = np.linalg.norm(seen @ share, axis=0)
+    if not len(shapes_at_sensors):
+        return np.eye(shapes_at_sensors.shape[1])
+    share = np.linalg.lstsq(shapes_at_sensors, measured, rcond=None)[0]
+    near = np.linalg.norm(shapes_at_sensors @ share, axis=0)
     order = np.argsort(-near, kind="stable")[: len(share)]
     order = order[near[order] ** 2 > _WITHIN]
     return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 
-def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
+def _assemble(system: AffineSystem, state: State, quantity: str) -> Any:
     weights = np.where([t.quantity == quantity for t in system.terms], state.factor, 0.0)
     entries = system.real_values(weights), system.indices.copy(), system.indptr.copy()
     matrix = sp.csr_array(entries, shape=(system.n, system.n))
@@ -386,7 +402,7 @@ def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
     return matrix
 
 
-def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
+def _choose_pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
     """Return the DOFs of largest motion, one for each mode, weighted by strain energy."""
     weighted = basis.T * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))
     return np.asarray(
@@ -394,7 +410,9 @@ def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
     )
 
 
-def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real) -> _Real:
+def _solve_with_pivots(
+    modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real
+) -> _Real:
     """Solve (K - lambda M) X = loads without rows and columns `pivots`, where X is zero."""
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # equal translations and rotations

@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.envelope import Envelope
-from updyn.modal.fits import Weighted
-from updyn.modal.measured import Measured, groups
+from updyn.modal.fits import WeightedFit
+from updyn.modal.measured import Measured, group_overlapping
 from updyn.modal.refine import (
-    Noise,
-    Solved,
+    ChannelNoise,
+    LineWindow,
     Weights,
-    Window,
+    WindowFit,
     deviance,
-    moved,
-    reweighted,
-    solved,
+    fit_poles,
+    fit_residues,
+    fit_with_unknown_noise,
 )
-from updyn.modal.search import chance, shows_on_lines
+from updyn.modal.search import chance_gain, shows_on_lines
 
-__all__ = ["estimate_envelope", "poles_of", "settle"]
+__all__ = ["collect_poles", "estimate_envelope", "fit_all_windows"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -38,16 +38,18 @@ _OWN = 4096
 _NOISE_LINES = 60
 #: A pole with a gain of this multiple of the smallest gain is a mode for any noise, without a fit
 #: that omits it. The value affects only the computing time.
-_PLAIN = 20.0
+_CLEAR_EXCESS = 20.0
 
 
-def poles_of(fits: Sequence[Weighted]) -> _Complex:
+def collect_poles(fits: Sequence[WeightedFit]) -> _Complex:
     """Return the poles of all fits."""
     none = np.zeros(0, dtype=np.complex128)
-    return np.concatenate([none, *(fit.solved.poles for fit in fits)])
+    return np.concatenate([none, *(fit.window_fit.poles for fit in fits)])
 
 
-def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list[Weighted]:
+def fit_all_windows(
+    measured: Measured, poles: _Complex, added: NDArray[np.intp]
+) -> list[WeightedFit]:
     """Return the fits of all windows, each with the noise of nearby residuals.
 
     The initial poles are sorted by frequency. `added`, shape (k,), is the number of the user's pick
@@ -55,31 +57,36 @@ def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list
     """
     residuals: _Residuals | None = None
     residues: _Complex | None = None
-    fits: list[Weighted] = []
+    fits: list[WeightedFit] = []
     for _ in range(1 + _SWEEPS):
         fits = []
-        for group in groups(measured.axis.frequency(poles), measured.bandwidth(poles)):
-            own = poles[group]
+        for group in group_overlapping(measured.axis.frequency(poles), measured.bandwidth(poles)):
+            group_poles = poles[group]
             others = None if residues is None else np.delete(residues, group, axis=0)
-            window = measured.window(measured.lines_of(own), np.delete(poles, group), others)
-            noise = None if residuals is None else residuals.noise(measured, own)
-            fits.append(_pruned(measured, window, own, added[group], noise))
-        fits = [fit for fit in fits if len(fit.solved.poles)]
+            window = measured.window(
+                measured.lines_of(group_poles), np.delete(poles, group), others
+            )
+            noise = None if residuals is None else residuals.noise(measured, group_poles)
+            fits.append(_prune_poles(measured, window, group_poles, added[group], noise))
+        fits = [fit for fit in fits if len(fit.window_fit.poles)]
         if not fits:
             break
-        poles, residues = poles_of(fits), np.concatenate([fit.solved.residues for fit in fits])
+        poles, residues = (
+            collect_poles(fits),
+            np.concatenate([fit.window_fit.residues for fit in fits]),
+        )
         added = np.concatenate([fit.added for fit in fits])
         order = np.argsort(measured.axis.frequency(poles), kind="stable")
         poles, residues, added = poles[order], residues[order], added[order]
         residuals = _Residuals.of(measured, fits)
-        left = [(fit.solved, fit.weights.channel * fit.weights.line) for fit in fits]
-        measured = replace(measured, envelope=estimate_envelope(measured, left))
-        if not measured.inside(poles[added >= 0]).all():
+        with_deviations = [(fit.window_fit, fit.weights.channel * fit.weights.line) for fit in fits]
+        measured = replace(measured, envelope=estimate_envelope(measured, with_deviations))
+        if not measured.is_inside(poles[added >= 0]).all():
             break
     return [replace(fit, window=replace(fit.window, envelope=measured.envelope)) for fit in fits]
 
 
-def estimate_envelope(measured: Measured, fits: Sequence[tuple[Solved, _Real]]) -> Envelope:
+def estimate_envelope(measured: Measured, fits: Sequence[tuple[WindowFit, _Real]]) -> Envelope:
     """Return the envelope of the residuals of fits, which contain no modes; white stays white.
 
     `fits` include the standard deviations of their values, shape (p, n) or (1, n).
@@ -113,14 +120,16 @@ class _Residuals:
     sizes: list[_Real]
 
     @classmethod
-    def of(cls, measured: Measured, fits: Sequence[Weighted]) -> _Residuals:
+    def of(cls, measured: Measured, fits: Sequence[WeightedFit]) -> _Residuals:
         """Return the residuals of fits."""
-        middle = [float(np.mean(measured.axis.frequency(f.solved.poles))) for f in fits]
+        middle = [float(np.mean(measured.axis.frequency(f.window_fit.poles))) for f in fits]
         return cls(
-            np.array(middle), [f.solved.squares for f in fits], [f.solved.size for f in fits]
+            np.array(middle),
+            [f.window_fit.unbiased_squared_error for f in fits],
+            [f.window_fit.size for f in fits],
         )
 
-    def noise(self, measured: Measured, poles: _Complex) -> Noise:
+    def noise(self, measured: Measured, poles: _Complex) -> ChannelNoise:
         """Return the noise around some poles."""
         at = float(np.mean(measured.axis.frequency(poles)))
         nearest, lines = np.argsort(np.abs(self.frequency - at), kind="stable"), 0
@@ -131,50 +140,50 @@ class _Residuals:
             if lines >= _NOISE_LINES:
                 break
         squares, sizes = ([part[k] for k in chosen] for part in (self.squares, self.sizes))
-        return Noise.of(np.hstack(squares), np.hstack(sizes))
+        return ChannelNoise.of(np.hstack(squares), np.hstack(sizes))
 
 
-def _pruned(
+def _prune_poles(
     measured: Measured,
-    window: Window,
+    window: LineWindow,
     poles: _Complex,
     added: NDArray[np.intp],
-    noise: Noise | None,
-) -> Weighted:
+    noise: ChannelNoise | None,
+) -> WeightedFit:
     """Return the fit of a window without spurious poles."""
     weights = Weights.of(np.abs(window.Y) ** 2)
     if noise is not None:
-        size = solved(window, poles, weights).size
+        size = fit_residues(window, poles, weights).size
         deviation = noise.deviation(size)
         weights = Weights(np.ones((1, 1)), deviation)
         if len(deviation) > _OWN:
             weights = Weights.near(deviation)
     while True:
         if noise is None:
-            fitted, weights = reweighted(window, poles, weights)
+            fitted, weights = fit_with_unknown_noise(window, poles, weights)
         else:
-            fitted = moved(window, poles, weights)
-        fitted = _held(measured, window, poles, fitted, weights)
-        worth = np.array(list(_surpluses(measured, window, fitted, weights)))
+            fitted = fit_poles(window, poles, weights)
+        fitted = _reset_escaped_poles(measured, window, poles, fitted, weights)
+        worth = np.array(list(_yield_excess_gains(measured, window, fitted, weights)))
         worth[added >= 0] = np.inf
         if not len(poles) or worth.min() > 0.0:
-            return Weighted(window, fitted, weights, added)
+            return WeightedFit(window, fitted, weights, added)
         last = int(np.argmin(worth))
         poles, added = np.delete(fitted.poles, last), np.delete(added, last)
 
 
-def _held(
-    measured: Measured, window: Window, poles: _Complex, fitted: Solved, weights: Weights
-) -> Solved:
+def _reset_escaped_poles(
+    measured: Measured, window: LineWindow, poles: _Complex, fitted: WindowFit, weights: Weights
+) -> WindowFit:
     """Return the fit with poles reset that left the band or became unstable."""
-    left = measured.inside(poles) & ~measured.inside(fitted.poles)
-    if not left.any():
+    escaped = measured.is_inside(poles) & ~measured.is_inside(fitted.poles)
+    if not escaped.any():
         return fitted
-    return solved(window, np.where(left, poles, fitted.poles), weights)
+    return fit_residues(window, np.where(escaped, poles, fitted.poles), weights)
 
 
-def _surpluses(
-    measured: Measured, window: Window, fitted: Solved, weights: Weights
+def _yield_excess_gains(
+    measured: Measured, window: LineWindow, fitted: WindowFit, weights: Weights
 ) -> Iterator[float]:
     """Yield the gain in deviance of each pole less that by chance; above 0 for a mode.
 
@@ -182,16 +191,16 @@ def _surpluses(
     the pole, a peak with a large share of noise would have little weight at any height.
     """
     inflation = window.inflation(fitted.poles, weights)
-    least, whole = chance(window), deviance(fitted)
-    plain = 2.0 * fitted.worth / inflation - least
-    for r, inside in enumerate(measured.inside(fitted.poles)):
+    least, whole = chance_gain(window), deviance(fitted)
+    excess = 2.0 * fitted.cost_increase / inflation - least
+    for r, inside in enumerate(measured.is_inside(fitted.poles)):
         if not inside:
             yield -np.inf
             continue
-        if plain[r] > _PLAIN * least:
-            yield float(plain[r])
+        if excess[r] > _CLEAR_EXCESS * least:
+            yield float(excess[r])
             continue
-        without = solved(window, np.delete(fitted.poles, r), weights)
-        without = solved(window, without.poles, Weights.left_by(without))
+        without = fit_residues(window, np.delete(fitted.poles, r), weights)
+        without = fit_residues(window, without.poles, Weights.from_residual(without))
         shows = shows_on_lines(window, without, fitted, weights, float(inflation[r]))
         yield (deviance(without) - whole) / float(inflation[r]) - least if shows else -np.inf

@@ -76,7 +76,7 @@ class Sides:
         return cls(match.index, columns, match.sign, more, roving, dofs, row_scale, column_scale)
 
     @property
-    def scaled(self) -> bool:
+    def is_scaled(self) -> bool:
         """Whether the shapes have unit modal mass."""
         return len(self.rows) > 0
 
@@ -91,7 +91,7 @@ class Sides:
         mode.
         """
         U, W = self._factors(product)
-        if not self.scaled:
+        if not self.is_scaled:
             if self.at_references:
                 return list(W.T)
             return list(U.T)
@@ -142,9 +142,9 @@ class Sides:
         """Return the derivatives of the shape of one mode at `dofs` by U and by W."""
         N = len(self.dofs)
         by_rows, by_columns = (np.zeros((N, len(side)), dtype=np.complex128) for side in (U, W))
-        if not self.scaled:
-            own = by_columns if self.at_references else by_rows
-            np.fill_diagonal(own, 1.0)
+        if not self.is_scaled:
+            identity = by_columns if self.at_references else by_rows
+            np.fill_diagonal(identity, 1.0)
             return by_rows, by_columns
         driven = U[self.rows]
         S = np.vdot(driven, W[self.columns] * self.sign) / np.vdot(driven, driven)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.lscf import poles_by_order
+from updyn.modal.lscf import fit_orders
 
-__all__ = ["Diagram", "stabilised"]
+__all__ = ["Diagram", "find_stable_poles"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -27,7 +27,7 @@ _LARGEST, _STEP, _LINES = 32, 2, 5
 #: of the lines.
 _NEAR, _BETWEEN = 0.3, 0.2
 #: Number of consecutive orders of a stable pole.
-_STAYS = 3
+_STABLE_ORDERS = 3
 #: Largest number of columns in a fit; if there are more, their strongest combinations.
 _COLUMNS = 4
 #: Largest damping ratio of a mode.
@@ -56,19 +56,19 @@ class Diagram:
     stable: NDArray[np.bool_]
 
 
-def stabilised(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
+def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
     """Return the stable poles s in rad/s, by ascending frequency, and the diagram.
 
     The functions Y, shape (n_f, n_i, n_j), are scaled for equal weight.
     """
     found: list[_Complex] = []
     rows: list[tuple[int, complex, bool]] = []
-    for first, last, low, high in _parts(freq):
-        fits = _fits(freq[first:last], Y[first:last])
+    for first, last, low, high in _split_band(freq):
+        fits = _fit_part(freq[first:last], Y[first:last])
         lines = 2.0 * np.pi * float(np.median(np.diff(freq[first:last])))
-        chains, stable = _chains([poles for _, poles in fits], _BETWEEN * lines)
-        own = [chain for chain in chains if low <= abs(chain) / (2.0 * np.pi) < high]
-        found.append(np.array(own, dtype=np.complex128))
+        chains, stable = _find_chains([poles for _, poles in fits], _BETWEEN * lines)
+        within_part = [chain for chain in chains if low <= abs(chain) / (2.0 * np.pi) < high]
+        found.append(np.array(within_part, dtype=np.complex128))
         for (order, poles), marks in zip(fits, stable, strict=True):
             inside = (np.abs(poles) >= 2 * np.pi * low) & (np.abs(poles) < 2 * np.pi * high)
             rows += [
@@ -86,7 +86,7 @@ def stabilised(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
     return poles[np.argsort(np.abs(poles), kind="stable")], diagram
 
 
-def _parts(freq: _Real) -> list[tuple[int, int, float, float]]:
+def _split_band(freq: _Real) -> list[tuple[int, int, float, float]]:
     """Return parts of the band: first and last line, and limits of the part in frequency."""
     n = len(freq)
     count = max(1, round(n / _PART))
@@ -101,21 +101,21 @@ def _parts(freq: _Real) -> list[tuple[int, int, float, float]]:
     return out
 
 
-def _fits(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
+def _fit_part(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
     """Return orders and poles of the fits of one part."""
-    Y = _combined(Y)
+    Y = _combine_columns(Y)
     largest = max(2, min(_LARGEST, len(freq) // _LINES))
     orders = list(range(2, largest + 1, _STEP))
     omega = 2.0 * np.pi * freq
     fits = []
-    for order, poles in zip(orders, poles_by_order(omega, Y, orders), strict=True):
+    for order, poles in zip(orders, fit_orders(omega, Y, orders), strict=True):
         size = np.abs(poles)
         inside = (size <= omega[-1]) & (size >= omega[0]) & (-poles.real < _HEAVY * size)
         fits.append((order, poles[inside]))
     return fits
 
 
-def _combined(Y: _Complex) -> _Complex:
+def _combine_columns(Y: _Complex) -> _Complex:
     """Return the functions with the smaller side as columns, or its strongest combinations."""
     if Y.shape[2] > Y.shape[1]:
         Y = Y.transpose(0, 2, 1)
@@ -127,33 +127,35 @@ def _combined(Y: _Complex) -> _Complex:
     return np.asarray(Y @ strongest)
 
 
-def _chains(fits: list[_Complex], least: float) -> tuple[list[complex], list[NDArray[np.bool_]]]:
+def _find_chains(
+    fits: list[_Complex], least: float
+) -> tuple[list[complex], list[NDArray[np.bool_]]]:
     """Return the poles that are stable up to the last order, and flags for each order."""
     stable: list[NDArray[np.bool_]] = []
     length = np.zeros(0, dtype=int)
     before: _Complex = np.zeros(0, dtype=np.complex128)
     for poles in fits:
         longer, marks = np.ones(len(poles), dtype=int), np.zeros(len(poles), dtype=bool)
-        for here, there in _nearest(poles, before, least):
-            longer[here], marks[here] = length[there] + 1, True
+        for i, j in _pair_nearest(poles, before, least):
+            longer[i], marks[i] = length[j] + 1, True
         before, length = poles, longer
         stable.append(marks)
-    ended = [complex(p) for p, n in zip(before, length, strict=True) if n >= _STAYS]
-    return ended, stable
+    chains = [complex(p) for p, n in zip(before, length, strict=True) if n >= _STABLE_ORDERS]
+    return chains, stable
 
 
-def _nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple[int, int]]:
+def _pair_nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple[int, int]]:
     """Return pairs of nearly equal poles, one to one, nearest first."""
     if not len(poles) or not len(before):
         return []
-    apart = np.abs(poles[:, None] - before)
+    distance = np.abs(poles[:, None] - before)
     reach = np.maximum(_NEAR * -before.real, least)
-    share = apart / reach
+    share = distance / reach
     pairs: list[tuple[int, int]] = []
     for flat in np.argsort(share, axis=None, kind="stable"):
-        here, there = np.unravel_index(flat, share.shape)
-        if share[here, there] > 1.0:
+        i, j = np.unravel_index(flat, share.shape)
+        if share[i, j] > 1.0:
             break
-        if all(here != h and there != t for h, t in pairs):
-            pairs.append((int(here), int(there)))
+        if all(i != h and j != t for h, t in pairs):
+            pairs.append((int(i), int(j)))
     return pairs

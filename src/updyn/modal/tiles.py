@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.measured import Measured, groups
+from updyn.modal.measured import Measured, group_overlapping
 from updyn.modal.search import search_window
 
 __all__ = ["search_band"]
@@ -39,7 +39,7 @@ class _Tile:
 
     Attributes
     ----------
-    own : slice
+    candidates : slice
         Candidates in the tile.
     lines : slice
         The lines of the window.
@@ -47,7 +47,7 @@ class _Tile:
         Limits of the tile for the frequencies of its modes, in Hz.
     """
 
-    own: slice
+    candidates: slice
     lines: slice
     low: float
     high: float
@@ -56,68 +56,70 @@ class _Tile:
 def search_band(measured: Measured, candidates: _Complex) -> _Complex:
     """Return the poles that may be modes, from the stable poles of a diagram."""
     axis = measured.axis
-    candidates = candidates[measured.inside(candidates)]
+    candidates = candidates[measured.is_inside(candidates)]
     candidates = candidates[np.argsort(axis.frequency(candidates), kind="stable")]
     found = np.zeros(0, dtype=np.complex128)
-    for tile in _tiles(measured, candidates):
-        own, after = candidates[tile.own], candidates[tile.own.stop :]
+    for tile in _split_into_tiles(measured, candidates):
+        tile_candidates, after = candidates[tile.candidates], candidates[tile.candidates.stop :]
         window = measured.window(tile.lines, np.concatenate([found, after]))
         most = max(1, (tile.lines.stop - tile.lines.start) // _LINES_A_MODE)
-        poles = search_window(window, own, _grid(measured, own, tile), most).poles
+        poles = search_window(
+            window, tile_candidates, _make_trial_poles(measured, tile_candidates, tile), most
+        ).poles
         at = axis.frequency(poles)
         # Extend the tile by half a line: an estimate at the edge may fall on the other side in the
         # next tile, which contains the poles found so far.
         edge = 0.5 * measured.spacing
-        kept = measured.inside(poles) & (at >= tile.low - edge) & (at < tile.high + edge)
+        kept = measured.is_inside(poles) & (at >= tile.low - edge) & (at < tile.high + edge)
         found = np.concatenate([found, poles[kept]])
     return found[np.argsort(axis.frequency(found), kind="stable")]
 
 
-def _tiles(measured: Measured, candidates: _Complex) -> Iterator[_Tile]:
+def _split_into_tiles(measured: Measured, candidates: _Complex) -> Iterator[_Tile]:
     """Yield the tiles from the lowest line to the highest."""
     freq = measured.freq
     at = measured.axis.frequency(candidates)
     covered = 0
-    for group in groups(at, measured.bandwidth(candidates)):
+    for group in group_overlapping(at, measured.bandwidth(candidates)):
         lines = measured.lines_of(candidates[group])
         if lines.start > covered:
-            yield from _between(freq, group.start, covered, lines.start)
+            yield from _tile_gap(freq, group.start, covered, lines.start)
             covered = lines.start
         end = lines.stop
         if group.stop < len(at):
             middle = 0.5 * (at[group.stop - 1] + at[group.stop])
             end = min(end, int(np.searchsorted(freq, middle)))
         end = max(end, covered)
-        yield _Tile(group, lines, *_limits(freq, covered, end))
+        yield _Tile(group, lines, *_tile_limits(freq, covered, end))
         covered = end
     if covered < len(freq):
-        yield from _between(freq, len(at), covered, len(freq))
+        yield from _tile_gap(freq, len(at), covered, len(freq))
 
 
-def _between(freq: _Real, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
+def _tile_gap(freq: _Real, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
     """Yield tiles of lines without candidates."""
     count = max(1, round((last - first) / _TILE))
     edges = np.linspace(first, last, count + 1).astype(int)
     none = slice(next_candidate, next_candidate)
     for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         lines = slice(max(0, a - _MARGIN), min(len(freq), b + _MARGIN))
-        yield _Tile(none, lines, *_limits(freq, a, b))
+        yield _Tile(none, lines, *_tile_limits(freq, a, b))
 
 
-def _limits(freq: _Real, first: int, last: int) -> tuple[float, float]:
+def _tile_limits(freq: _Real, first: int, last: int) -> tuple[float, float]:
     """Return the limits of some lines for the frequencies of their modes."""
     low = float(freq[first]) if first else 0.0
     return low, float(freq[last]) if last < len(freq) else np.inf
 
 
-def _grid(measured: Measured, own: _Complex, tile: _Tile) -> _Complex:
+def _make_trial_poles(measured: Measured, tile_candidates: _Complex, tile: _Tile) -> _Complex:
     """Return trial poles over all lines of a tile."""
     axis, f = measured.axis, measured.freq[tile.lines]
     f = f[(f >= tile.low) & (f < tile.high)]
     if not len(f):
-        return own[:0]
-    if len(own):
-        losses = [float(np.median(axis.loss(own)))]
+        return tile_candidates[:0]
+    if len(tile_candidates):
+        losses = [float(np.median(axis.loss(tile_candidates)))]
     else:
         losses = [width * measured.spacing / f[len(f) // 2] for width in _WIDTHS]
     trials = []

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from updyn.modal.measured import Measured
 
-__all__ = ["find_unexplained", "peaks_without_modes"]
+__all__ = ["describe_unexplained", "find_unexplained"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -28,7 +28,7 @@ _BANDWIDTHS, _LINES = 1.0, 2.0
 _NAMED = 8
 
 
-def peaks_without_modes(peaks: _Real) -> str:
+def describe_unexplained(peaks: _Real) -> str:
     """Return the frequencies of significant peaks without a mode, as text; empty for none."""
     if not len(peaks):
         return ""

@@ -17,7 +17,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-__all__ = ["Basis", "Fitted", "fit", "growing", "predicting", "relocated", "stacked"]
+__all__ = [
+    "RationalBasis",
+    "RationalFit",
+    "compute_sigma_zeros",
+    "fit",
+    "fit_by_cross_validation",
+    "fit_increasing_orders",
+    "stack_equations",
+]
 
 _Complex = NDArray[np.complex128]
 
@@ -41,7 +49,7 @@ _OWN_IMAGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Basis:
+class RationalBasis:
     """Basis of a rational fit: partial fractions and powers of x.
 
     Parameters
@@ -89,12 +97,12 @@ class Basis:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
+class RationalFit:
     """A rational fit: sum of residue_k / (x - pole_k), and mirror images, plus a polynomial.
 
     Attributes
     ----------
-    basis : Basis
+    basis : RationalBasis
         Basis of the fit.
     poles : ndarray of complex, shape (k,)
         Poles in the unit of x.
@@ -104,7 +112,7 @@ class Fitted:
         Sum of squared errors.
     """
 
-    basis: Basis
+    basis: RationalBasis
     poles: _Complex
     weights: NDArray[Any]
     cost: float
@@ -119,9 +127,9 @@ class Fitted:
         return np.asarray(_columns(self.basis, x, self.poles) @ self.weights)
 
 
-def growing(
-    basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
-) -> Iterator[Fitted]:
+def fit_increasing_orders(
+    basis: RationalBasis, x: _Complex, Y: _Complex, first: _Complex, largest: int
+) -> Iterator[RationalFit]:
     """Yield fits with an increasing number of poles, up to `largest`.
 
     `first` are the initial poles; each fit has one more pole, at the largest error of the last. The
@@ -129,27 +137,29 @@ def growing(
     """
     poles = first
     for _ in range(len(first), largest + 1):
-        poles = _moved(basis, x, Y, poles)
+        poles = _relocate_poles(basis, x, Y, poles)
         fitted = fit(basis, x, Y, poles)
         yield fitted
         if fitted.cost <= _ROUNDING**2 * float(np.sum(np.abs(Y) ** 2)):
             return
-        poles = np.append(poles, _worst(basis, x, Y - fitted.at(x), poles))
+        poles = np.append(poles, _place_pole(basis, x, Y - fitted.at(x), poles))
 
 
-def predicting(
-    basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
-) -> tuple[Fitted, tuple[Fitted, Fitted]]:
+def fit_by_cross_validation(
+    basis: RationalBasis, x: _Complex, Y: _Complex, first: _Complex, largest: int
+) -> tuple[RationalFit, tuple[RationalFit, RationalFit]]:
     """Return the fit with the number of poles that best predicts omitted lines.
 
-    This avoids a fit of the noise. Arguments are those of `growing`. The fit of all lines is
-    followed by two fits of every second line with as many poles.
+    This avoids a fit of the noise. Arguments are those of `fit_increasing_orders`. The fit of all
+    lines is followed by two fits of every second line with as many poles.
     """
     halves = slice(0, None, 2), slice(1, None, 2)
     total = float(np.sum(np.abs(Y) ** 2))
     errors: list[float] = []
-    fits: list[tuple[Fitted, Fitted]] = []
-    for pair in zip(*(growing(basis, x[h], Y[h], first, largest) for h in halves), strict=False):
+    fits: list[tuple[RationalFit, RationalFit]] = []
+    for pair in zip(
+        *(fit_increasing_orders(basis, x[h], Y[h], first, largest) for h in halves), strict=False
+    ):
         squares = 0.0
         for one, other in zip(pair, halves[::-1], strict=True):
             squares += float(np.sum(np.abs(one.at(x[other]) - Y[other]) ** 2))
@@ -163,24 +173,26 @@ def predicting(
                 break
     best = int(np.flatnonzero(np.array(errors) <= _AS_GOOD * min(errors) + _EXACT)[0])
     pair = fits[best]
-    *_, last = growing(basis, x, Y, pair[0].poles, len(pair[0].poles))
+    *_, last = fit_increasing_orders(basis, x, Y, pair[0].poles, len(pair[0].poles))
     return last, pair
 
 
-def fit(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> Fitted:
+def fit(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> RationalFit:
     """Fit the residues to the functions for given poles, by linear least squares."""
     A = basis.parts(_columns(basis, x, poles))
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, norms, 1.0)  # the fraction of a distant pole may vanish
     weights = np.linalg.lstsq(A / scale, basis.parts(Y), rcond=_TINY)[0] / scale[:, None]
-    return Fitted(basis, poles, weights, float(np.sum(np.abs(basis.parts(Y) - A @ weights) ** 2)))
+    return RationalFit(
+        basis, poles, weights, float(np.sum(np.abs(basis.parts(Y) - A @ weights) ** 2))
+    )
 
 
-def _columns(basis: Basis, x: _Complex, poles: _Complex) -> _Complex:
+def _columns(basis: RationalBasis, x: _Complex, poles: _Complex) -> _Complex:
     return np.hstack([basis.fractions(x, poles), basis.powers(x)])
 
 
-def _worst(basis: Basis, x: _Complex, error: _Complex, poles: _Complex) -> complex:
+def _place_pole(basis: RationalBasis, x: _Complex, error: _Complex, poles: _Complex) -> complex:
     """Return a new pole next to the line with the largest error."""
     at = complex(x[int(np.argmax(np.sum(np.abs(error) ** 2, axis=1)))])
     away = 1j * _NEW * abs(at)
@@ -191,12 +203,12 @@ def _worst(basis: Basis, x: _Complex, error: _Complex, poles: _Complex) -> compl
     return at + away
 
 
-def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
+def _relocate_poles(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     """Relocate the poles until they converge."""
     for _ in range(_SWEEPS):
         before = poles
         try:
-            poles = _zeros(basis, x, Y, poles)
+            poles = _compute_zeros(basis, x, Y, poles)
         except np.linalg.LinAlgError:  # two poles coincide: too many poles
             break
         # The order of the poles may change.
@@ -205,32 +217,35 @@ def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     return poles
 
 
-def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
+def _compute_zeros(basis: RationalBasis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     """Return the zeros of the sigma that minimises |sigma Y - numerators| at mean |sigma|^2 = 1."""
     inner = basis.fractions(x, poles)
     Q = np.linalg.qr(basis.parts(np.hstack([inner, basis.powers(x)])))[0]
     sigma = np.hstack([inner, np.ones((len(x), 1))])
     triangle: NDArray[Any] = np.zeros((0, sigma.shape[1]))
     for y in Y.T:
-        triangle = stacked(triangle, basis.parts(y[:, None] * sigma), Q)
-    return relocated(basis, x, poles, triangle)
+        triangle = stack_equations(triangle, basis.parts(y[:, None] * sigma), Q)
+    return compute_sigma_zeros(basis, x, poles, triangle)
 
 
-def stacked(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDArray[Any]:
+def stack_equations(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDArray[Any]:
     """Return the triangle of the equations of sigma, (k, m + 1), extended by one function.
 
-    `block`, shape (n, m + 1), is the function times the fractions and 1, as from `Basis.parts`.
-    `Q`, shape (n, j), is an orthonormal basis of its numerator, which is eliminated.
+    `block`, shape (n, m + 1), is the function times the fractions and 1, as from
+    `RationalBasis.parts`. `Q`, shape (n, j), is an orthonormal basis of its numerator, which is
+    eliminated.
     """
     block = block - Q @ (Q.conj().T @ block)
     own = np.linalg.qr(block, mode="r")
     return np.asarray(np.linalg.qr(np.vstack([triangle, own]), mode="r"))
 
 
-def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]) -> _Complex:
+def compute_sigma_zeros(
+    basis: RationalBasis, x: _Complex, poles: _Complex, triangle: NDArray[Any]
+) -> _Complex:
     """Return the poles moved to the zeros of sigma at mean |sigma|^2 = 1, unstable ones reflected.
 
-    `triangle` are the equations of sigma, from `stacked`.
+    `triangle` are the equations of sigma, from `stack_equations`.
     """
     sigma = np.hstack([basis.fractions(x, poles), np.ones((len(x), 1))])
     level = np.linalg.qr(basis.parts(sigma), mode="r")
@@ -251,7 +266,7 @@ def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]
     return _stable(basis, above[finite] / below[finite])
 
 
-def _stable(basis: Basis, poles: _Complex) -> _Complex:
+def _stable(basis: RationalBasis, poles: _Complex) -> _Complex:
     """Return stable poles: unstable ones reflected, and the upper one of each mirrored pair."""
     if not basis.mirrored:
         return np.asarray(poles.real + 1j * np.maximum(np.abs(poles.imag), _TINY))

@@ -13,9 +13,9 @@ from updyn import __version__
 from updyn.correlation import auto_mac
 from updyn.frf import FRF
 from updyn.modal import ModeSet
-from updyn.modal.alike import AlikePair, alike_pairs
-from updyn.modal.level import leaning_peaks
-from updyn.modal.unexplained import peaks_without_modes
+from updyn.modal.alike import AlikePair, find_alike_pairs
+from updyn.modal.level import describe_leaning
+from updyn.modal.unexplained import describe_unexplained
 from updyn.report.formats import counted, extent, number, percentage
 from updyn.report.modes import mode_map
 from updyn.report.page import assemble
@@ -94,8 +94,8 @@ def _format_verdict(modes: ModeSet) -> str:
     least = int(np.nanargmin(modes.quality))
     missing = ""
     if len(modes.unexplained):
-        missing = f" {peaks_without_modes(modes.unexplained)}."
-    missing = f"{missing} {leaning_peaks(modes)}".rstrip()
+        missing = f" {describe_unexplained(modes.unexplained)}."
+    missing = f"{missing} {describe_leaning(modes)}".rstrip()
     return (
         f"{count}; the least sure is the one at {number(float(modes.frequency[least]))} Hz, which"
         f" explains {100.0 * float(modes.quality[least]):.2f} % of the residual of the other modes"
@@ -155,7 +155,7 @@ class ShapesSection(ReportSection):
     def context(self, content: PageContent) -> dict[str, Any]:
         """Return the pairs of similar modes in words."""
         modes: ModeSet = content.further["identified"].modes
-        pairs = alike_pairs(modes)
+        pairs = find_alike_pairs(modes)
         others = auto_mac(modes.shapes)[np.triu_indices(len(modes), 1)]
         return {
             "pairs": [(pair, pair_in_words(pair)) for pair in pairs[:_NAMED]],

@@ -28,11 +28,11 @@ def case(is_complex: bool, own: bool):
 def test_each_channel_is_fitted_as_alone(is_complex: bool, own: bool) -> None:
     A, Y, T, deviation = case(is_complex, own)
     columns = Columns.of(A, deviation)
-    found, error = columns.fitted(Y)
-    left, follow = columns.beyond(T)
+    found, error = columns.fit(Y)
+    left, follow = columns.project_out(T)
     squared, weighted, leverage = (
-        columns.squared(error),
-        columns.weighted(error),
+        columns.normalise_squares(error),
+        columns.divide_by_variance(error),
         columns.leverage(),
     )
     for c in range(len(Y)):
@@ -59,8 +59,8 @@ def test_each_channel_is_fitted_as_alone(is_complex: bool, own: bool) -> None:
 def test_a_column_that_the_others_span_counts_for_nothing() -> None:
     A, Y, _, deviation = case(True, True)
     A[:, 1] = A[:, 0]
-    found, error = Columns.of(A, deviation).fitted(Y)
-    fewer, expected = Columns.of(np.delete(A, 1, axis=1), deviation).fitted(Y)
+    found, error = Columns.of(A, deviation).fit(Y)
+    fewer, expected = Columns.of(np.delete(A, 1, axis=1), deviation).fit(Y)
     assert error == pytest.approx(expected)
     assert np.delete(found, 1, axis=1) == pytest.approx(fewer)
     assert not found[:, 1].any()
@@ -71,6 +71,6 @@ def test_memory_is_bounded_in_parts_of_the_lines(monkeypatch: pytest.MonkeyPatch
     whole = Columns.of(A, deviation)
     monkeypatch.setattr("updyn.modal.channels._BLOCK", 40)
     parts = Columns.of(A, deviation)
-    assert parts.fitted(Y)[0] == pytest.approx(whole.fitted(Y)[0])
+    assert parts.fit(Y)[0] == pytest.approx(whole.fit(Y)[0])
     assert parts.leverage() == pytest.approx(whole.leverage())
-    assert parts.beyond(T)[0] == pytest.approx(whole.beyond(T)[0])
+    assert parts.project_out(T)[0] == pytest.approx(whole.project_out(T)[0])

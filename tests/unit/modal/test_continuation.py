@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.errors import DataError
-from updyn.modal.continuation import continued
+from updyn.modal.continuation import remove_decay
 
 FREQ = np.linspace(2.0, 30.0, 281)
 
@@ -32,7 +32,7 @@ def test_the_damping_of_a_window_is_taken_out(noise, near):
     )
     frf = updyn.FRF(FREQ, slow, ["1:X", "2:X"], ["1:X"], "receptance", decay=shift)
     true = modal_sum(s)
-    found = continued(frf)
+    found = remove_decay(frf)
     assert found.decay == 0.0
     error = np.abs(found.values - true) / np.abs(true).max(axis=0)
     before = np.abs(slow - true) / np.abs(true).max(axis=0)
@@ -45,12 +45,12 @@ def test_a_line_at_0_hz_and_silent_data_stay():
     slow = modal_sum(s + 0.6)
     where = (["1:X", "2:X"], ["1:X"], "receptance")
     frf = updyn.FRF(s.imag / (2 * np.pi), slow, *where, decay=0.6)
-    found = continued(frf)
+    found = remove_decay(frf)
     assert (found.values[0] == frf.values[0]).all()
     true = modal_sum(s)[1:]
     assert np.abs(found.values[1:] - true).max() < 1e-6 * np.abs(true).max()
     silent = replace(frf, values=np.zeros_like(slow))
-    assert (continued(silent).values == 0.0).all()
+    assert (remove_decay(silent).values == 0.0).all()
 
 
 @pytest.mark.parametrize(("n", "fits"), [(1, False), (7, False), (8, True)])
@@ -58,16 +58,16 @@ def test_a_window_is_taken_out_of_eight_lines_at_least(n, fits):
     s = 2j * np.pi * FREQ[:n] + 0.5
     frf = updyn.FRF(FREQ[:n], modal_sum(s), ["1:X", "2:X"], ["1:X"], "receptance", decay=0.5)
     if fits:
-        assert continued(frf).decay == 0.0
+        assert remove_decay(frf).decay == 0.0
         return
     with pytest.raises(DataError, match=rf"at least 8 lines above 0 Hz, found {n}"):
-        continued(frf)
+        remove_decay(frf)
 
 
 def test_data_without_a_decay_stay():
     s = 2j * np.pi * FREQ
     frf = updyn.FRF(FREQ, modal_sum(s), ["1:X", "2:X"], ["1:X"], "receptance")
-    assert continued(frf) is frf
+    assert remove_decay(frf) is frf
 
 
 def test_an_update_of_repaired_data_is_that_of_data_without_the_window(chain12, add_noise):
@@ -83,7 +83,7 @@ def test_an_update_of_repaired_data_is_that_of_data_without_the_window(chain12, 
     noisy = add_noise(clean, rng, 0.01, decay=rate)
     start = chain12.scaled({name: {"stiffness": 1.2} for name in chain12.groups})
     unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
-    found = updyn.update(start, continued(noisy), unknowns)
+    found = updyn.update(start, remove_decay(noisy), unknowns)
     for p in unknowns:
         true = chain12.group(p.group).loss_factor if p.quantity == "loss_factor" else 1.0 / 1.2
         assert abs(found.values[p.name] - true) < 4.0 * found.std[p.name]

@@ -10,9 +10,9 @@ import pytest
 
 import updyn
 from updyn.cli.describe import describe_modes
-from updyn.modal.backbone import _Leaning, motion
-from updyn.modal.level import leaning_peaks
-from updyn.modal.vector_fitting import Basis
+from updyn.modal.backbone import _LeaningWindow, motion
+from updyn.modal.level import describe_leaning
+from updyn.modal.vector_fitting import RationalBasis
 from updyn.report.identified import render
 
 FREQ = np.linspace(20.0, 40.0, 400)
@@ -73,14 +73,14 @@ def test_the_motion_is_the_smallest_root_of_its_cubic(C: complex) -> None:
 def test_slopes_are_those_of_finite_differences(mirrored: bool) -> None:
     x = np.linspace(0.8, 1.2, 50) * (1j if mirrored else 1.0 + 0j)
     pole, shift = (-0.01 + 1j, 0.003 - 0.008j) if mirrored else (1 + 0.02j, -0.01 + 0.002j)
-    basis, none = Basis(3, mirrored), np.zeros(0, dtype=complex)
+    basis, none = RationalBasis(3, mirrored), np.zeros(0, dtype=complex)
     width, step = (0.01 if mirrored else 0.02), 1e-6
 
     def functions(pole: complex, shift: complex) -> np.ndarray:
-        window = _Leaning(basis, x, np.zeros((1, 50), complex), none, shift=shift)
+        window = _LeaningWindow(basis, x, np.zeros((1, 50), complex), none, shift=shift)
         return window.fractions(np.array([pole]))
 
-    slopes = _Leaning(basis, x, np.zeros((1, 50), complex), none, shift=shift).slopes(pole)
+    slopes = _LeaningWindow(basis, x, np.zeros((1, 50), complex), none, shift=shift).slopes(pole)
     changes = [(1, 0), (1j, 0), (0, 1), (0, 1j)]
     for k, (by_pole, by_shift) in enumerate(changes):
         d = step * width
@@ -144,13 +144,13 @@ def test_peaks_of_a_linear_structure_do_not_lean() -> None:
         found = updyn.identify_modes(measured(values, seed))
         assert len(found) == 2
         assert np.isnan(found.lean).all()
-    assert leaning_peaks(found) == ""
+    assert describe_leaning(found) == ""
 
 
 def test_terminal_and_page_name_a_leaning_peak() -> None:
     frf = measured(accelerance(30.0, 0.3))
     found = updyn.identify_modes(frf)
-    text = leaning_peaks(found)
+    text = describe_leaning(found)
     assert text.startswith(
         f"The peak at {found.frequency[0]:.6g} Hz ({found.lean[0]:+.2g} Hz) leans"
     )
@@ -165,4 +165,4 @@ def test_the_lean_stays_with_its_mode() -> None:
     assert modes.select(band=(1.5, 2.5)).lean == pytest.approx([-0.2])
     for same in (pickle.loads(pickle.dumps(modes)), copy.copy(modes), modes.renamed([])):  # noqa: S301
         assert same.lean == pytest.approx(modes.lean, nan_ok=True)
-    assert leaning_peaks(modes).startswith("The peaks at 2 Hz (-0.2 Hz), 3 Hz (-0.3 Hz) lean:")
+    assert describe_leaning(modes).startswith("The peaks at 2 Hz (-0.2 Hz), 3 Hz (-0.3 Hz) lean:")

@@ -12,8 +12,8 @@ import updyn
 from updyn.dynamics.affine import AffineSystem
 from updyn.elements.beam import Segment, beam
 from updyn.errors import SolverError
-from updyn.modal.sensitivity import WHOLE, RealModes, separated, slopes_of_all
-from updyn.modal.sensitivity import slopes as slopes_of_one
+from updyn.modal.sensitivity import WHOLE, RealModes, differentiate_modes, separate_repeated_modes
+from updyn.modal.sensitivity import differentiate_mode as slopes_of_one
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.parameters import ParameterSet
@@ -32,7 +32,7 @@ def springs(n: int, m: float = 2.0, k: float = 5e3) -> Model:
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
 
 
-def slopes(
+def differentiate_mode(
     modes: RealModes,
     which: int,
     system: AffineSystem,
@@ -45,7 +45,7 @@ def slopes(
     along = np.cos(np.arange(system.n))[:, None]
     value, shape = slopes_of_one(modes, which, *about, along)
     assert (modes.whole is not None) == (system.n <= WHOLE)
-    by_value, by_shape = slopes_of_all(modes, np.array([which]), *about, along)
+    by_value, by_shape = differentiate_modes(modes, np.array([which]), *about, along)
     level = np.abs(shape).max() + np.abs(modes.shapes[rows, which]).max()
     assert by_value[0] == pytest.approx(value, rel=1e-8, abs=1e-9 * modes.value[which])
     assert by_shape[0] == pytest.approx(shape, rel=1e-6, abs=1e-7 * level)
@@ -71,7 +71,7 @@ def compare(
     moved = Moved(model, parameters, n)
     modes, rows = moved.at(values), np.arange(moved.system.n)
     for which in range(n):
-        value, shape = slopes(modes, which, moved.system, moved.unknowns, values, rows)
+        value, shape = differentiate_mode(modes, which, moved.system, moved.unknowns, values, rows)
         for j in range(len(values)):
             step = np.zeros(len(values))
             step[j] = 1e-4 * values[j]
@@ -113,7 +113,7 @@ def test_all_stiffness_raises_an_eigenvalue_by_its_own_share() -> None:
         moved = Moved(model, ParameterSet((updyn.link(model, "all.it", of)[0],)), 5)
         modes = moved.at(np.ones(1))
         for which in range(5):
-            value, shape = slopes(
+            value, shape = differentiate_mode(
                 modes, which, moved.system, moved.unknowns, np.ones(1), np.arange(5)
             )
             assert value == pytest.approx([share * modes.value[which]], rel=1e-12)
@@ -182,7 +182,7 @@ def test_large_sparse_model() -> None:
     )
     modes = moved.at(values)
     for which in range(3):
-        value, shape = slopes(modes, which, moved.system, moved.unknowns, values, rows)
+        value, shape = differentiate_mode(modes, which, moved.system, moved.unknowns, values, rows)
         for j in range(2):
             step = np.zeros(2)
             step[j] = 1e-4
@@ -231,7 +231,7 @@ def turned(
     model: Model, parameters: ParameterSet, measured: np.ndarray
 ) -> tuple[Moved, RealModes, np.ndarray]:
     moved, values = Moved(model, parameters, 6), np.ones(len(parameters))
-    modes = separated(
+    modes = separate_repeated_modes(
         moved.at(values), moved.system, moved.unknowns, values, lambda shapes: shapes, measured
     )
     return moved, modes, values
@@ -254,12 +254,14 @@ def test_modes_that_no_unknown_couples_have_their_own_derivatives() -> None:
             np.kron([-np.sin(turn), np.cos(turn)], np.eye(3)),
         )
         for which in range(6):
-            assert len(modes.alike(which)) == 2
-            value, shape = slopes(modes, which, moved.system, moved.unknowns, values, np.arange(6))
+            assert len(modes.find_repeated(which)) == 2
+            value, shape = differentiate_mode(
+                modes, which, moved.system, moved.unknowns, values, np.arange(6)
+            )
             in_plane = [np.linalg.norm(a @ modes.shapes[:, which]) for a in along]
             own = int(np.argmax(in_plane))
             assert min(in_plane) < 1e-9
-            expected_value, expected_shape = slopes(
+            expected_value, expected_shape = differentiate_mode(
                 single.at(np.ones(1)),
                 which // 2,
                 single.system,
@@ -288,7 +290,9 @@ def test_what_the_unknowns_leave_undecided_follows_the_measured_shapes() -> None
     alike = np.abs(measured.T @ modes.shapes)[0] / np.linalg.norm(measured)
     assert alike.max() == pytest.approx(1.0, abs=1e-9)
     best = int(np.argmax(alike))
-    value, shape = slopes(modes, best, moved.system, moved.unknowns, values, np.arange(6))
+    value, shape = differentiate_mode(
+        modes, best, moved.system, moved.unknowns, values, np.arange(6)
+    )
     assert value[0] > 0
     # The shape changes within its own plane.
     across = np.array([-np.sin(angle), np.cos(angle)])
@@ -307,8 +311,8 @@ def test_modes_that_unknowns_couple_have_no_derivatives() -> None:
     ):
         slopes_of_one(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
     with pytest.raises(SolverError, match="2 modes of the model coincide"):
-        slopes_of_all(modes, np.arange(1), moved.system, moved.unknowns, values, np.arange(6))
+        differentiate_modes(modes, np.arange(1), moved.system, moved.unknowns, values, np.arange(6))
     either = updyn.parameters(model, stiffness=["slant"])
     moved, modes, values = turned(model, either, np.eye(6))
-    value, _ = slopes(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
+    value, _ = differentiate_mode(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
     assert np.isfinite(value).all()

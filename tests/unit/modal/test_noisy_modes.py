@@ -10,13 +10,13 @@ import pytest
 import updyn
 from updyn.modal.axis import Axis
 from updyn.modal.fits import Mode
-from updyn.modal.lscf import poles_by_order
+from updyn.modal.lscf import fit_orders
 from updyn.modal.measured import Measured
 from updyn.modal.picks import _check_added
-from updyn.modal.refine import Errors, Weights, Window, moved, solved
+from updyn.modal.refine import Errors, LineWindow, Weights, fit_poles, fit_residues
 from updyn.modal.runs import is_split_off
-from updyn.modal.stabilisation import stabilised
-from updyn.modal.vector_fitting import Basis
+from updyn.modal.stabilisation import find_stable_poles
+from updyn.modal.vector_fitting import RationalBasis
 
 FREQ = np.linspace(0.5, 100.0, 400)
 
@@ -306,7 +306,7 @@ def test_where_a_pole_that_was_picked_has_gone(
 
 def test_poles_of_exact_data_stay_from_order_to_order() -> None:
     H = FEW.frf(FREQ, 0.0, 0).values
-    poles, diagram = stabilised(FREQ, H / np.sqrt(np.mean(np.abs(H) ** 2)))
+    poles, diagram = find_stable_poles(FREQ, H / np.sqrt(np.mean(np.abs(H) ** 2)))
     for f in FEW.frequency:
         assert np.abs(np.abs(poles) / (2 * np.pi) / f - 1).min() < 1e-4
     columns = (diagram.order, diagram.frequency, diagram.damping, diagram.stable)
@@ -319,7 +319,7 @@ def test_poles_of_exact_data_stay_from_order_to_order() -> None:
 def test_matrix_fractions_with_two_references_find_a_repeated_pole_twice() -> None:
     pair = structure([40.0, 40.0], [0.01, 0.01], 4, 2, seed=1)
     H = pair.frf(np.linspace(20.0, 60.0, 200), 0.0, 0).values
-    (*_, last) = poles_by_order(2 * np.pi * np.linspace(20.0, 60.0, 200), H, [4, 8])
+    (*_, last) = fit_orders(2 * np.pi * np.linspace(20.0, 60.0, 200), H, [4, 8])
     near = np.abs(np.abs(last) / (2 * np.pi) - 40.0) < 0.02
     assert near.sum() == 2
 
@@ -330,10 +330,10 @@ def test_the_gradient_is_that_of_central_differences(mirrored: bool) -> None:
     axis = Axis(mirrored, 2 * np.pi * 100.0)
     x = axis.at(FREQ)
     Y = rng.standard_normal((3, len(x))) + 1j * rng.standard_normal((3, len(x)))
-    window = Window(Basis(2, mirrored), x, Y, axis.pole(np.array([70.0]), 0.02))
+    window = LineWindow(RationalBasis(2, mirrored), x, Y, axis.pole(np.array([70.0]), 0.02))
     poles = axis.pole(np.array([30.0, 50.0]), np.array([0.05, 0.08]))
     weights = Weights(np.ones((1, 1)), 0.5 + rng.random((3, len(x))))
-    fitted = solved(window, poles, weights)
+    fitted = fit_residues(window, poles, weights)
     gradient = fitted.gradient
     if not mirrored:  # of an analytic function: by the real, then by the imaginary part
         gradient = np.concatenate([gradient.real, gradient.imag])
@@ -341,7 +341,7 @@ def test_the_gradient_is_that_of_central_differences(mirrored: bool) -> None:
     for k, turn in enumerate((1.0, 1.0, 1j, 1j)):
         change = np.zeros(2, dtype=complex)
         change[k % 2] = step * turn
-        up, down = (solved(window, poles + s * change, weights).cost for s in (1, -1))
+        up, down = (fit_residues(window, poles + s * change, weights).cost for s in (1, -1))
         assert -2.0 * gradient[k] == pytest.approx((up - down) / (2 * step), rel=1e-4)
 
 
@@ -352,9 +352,9 @@ def test_noise_is_a_share_of_all_that_was_measured() -> None:
     own = near.frf(FREQ, 0.0, 0).values[:, :, 0].T
     axis = Axis(False, 2 * np.pi * FREQ[-1])
     none = np.zeros(0, dtype=complex)
-    window = Window(axis.basis, axis.at(FREQ), own, none, whole - own)
+    window = LineWindow(axis.basis, axis.at(FREQ), own, none, whole - own)
     poles = axis.pole(FEW.frequency[:1], FEW.loss[:1])
-    assert solved(window, poles, Weights.of(np.abs(own) ** 2)).size == pytest.approx(
+    assert fit_residues(window, poles, Weights.of(np.abs(own) ** 2)).size == pytest.approx(
         np.abs(whole) ** 2, rel=1e-6
     )
 
@@ -362,13 +362,15 @@ def test_noise_is_a_share_of_all_that_was_measured() -> None:
 def test_worth_is_what_the_cost_grows_by() -> None:
     frf = FEW.frf(FREQ, 0.02, 0)
     axis = Axis(False, 2 * np.pi * FREQ[-1])
-    window = Window(axis.basis, axis.at(FREQ), frf.values[:, :, 0].T, np.zeros(0, dtype=complex))
+    window = LineWindow(
+        axis.basis, axis.at(FREQ), frf.values[:, :, 0].T, np.zeros(0, dtype=complex)
+    )
     weights = Weights.of(np.abs(window.Y) ** 2)
     poles = axis.pole(FEW.frequency, FEW.loss)
-    fitted = moved(window, poles, weights)
+    fitted = fit_poles(window, poles, weights)
     for r in range(len(poles)):
-        fewer = solved(window, np.delete(fitted.poles, r), weights)
-        assert fitted.worth[r] == pytest.approx(fewer.cost - fitted.cost, rel=1e-6)
+        fewer = fit_residues(window, np.delete(fitted.poles, r), weights)
+        assert fitted.cost_increase[r] == pytest.approx(fewer.cost - fitted.cost, rel=1e-6)
 
 
 def test_channels_and_lines_without_signal_and_any_unit_do_no_harm() -> None:

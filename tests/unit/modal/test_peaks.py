@@ -1,10 +1,10 @@
-"""Peaks of measured FRFs as modes: `resonance_peaks`."""
+"""Peaks of measured FRFs as modes: `find_resonance_peaks`."""
 
 import numpy as np
 
 import updyn
 from updyn.correlation import mac
-from updyn.modal.peaks import HEIGHT, prominences, resonance_peaks
+from updyn.modal.peaks import HEIGHT, find_prominences, find_resonance_peaks
 
 #: Natural frequencies in Hz, and shapes at five sensors.
 FREQUENCY = np.array([12.0, 31.0, 58.0])
@@ -28,7 +28,7 @@ def frf(noise=0.0, loss=0.02):
 
 def test_peaks_are_the_modes():
     for noise in (0.0, 0.03):
-        peaks = resonance_peaks(frf(noise))
+        peaks = find_resonance_peaks(frf(noise))
         assert np.allclose(peaks.frequency, FREQUENCY, atol=0.3)
         assert (np.diag(mac(peaks.shapes, SHAPES)) > 0.98).all()
 
@@ -36,7 +36,7 @@ def test_peaks_are_the_modes():
 def test_a_reference_that_is_no_response_is_among_the_dofs():
     whole = frf()
     part = whole.select(responses=["1:Z", "3:Z", "4:Z", "5:Z"])
-    peaks = resonance_peaks(part)
+    peaks = find_resonance_peaks(part)
     assert peaks.dofs.labels == ["1:Z", "3:Z", "4:Z", "5:Z", "2:Z"]
     assert (np.diag(mac(peaks.shapes, SHAPES[[0, 2, 3, 4, 1]])) > 0.98).all()
 
@@ -46,17 +46,17 @@ def test_noise_has_no_peaks():
     z = rng.standard_normal((400, 6, 2)) + 1j * rng.standard_normal((400, 6, 2))
     sensors = [f"{i}:Z" for i in range(1, 7)]
     noise = updyn.FRF(np.arange(1.0, 401.0), z, sensors, sensors[:2], "accelerance")
-    assert resonance_peaks(noise) is None
+    assert find_resonance_peaks(noise) is None
 
 
 def test_few_lines_or_channels_have_no_peaks():
-    assert resonance_peaks(frf().select(lines=LINES[:7])) is None
-    assert resonance_peaks(frf()[["1:Z", "2:Z", "3:Z"], "1:Z"]) is None
+    assert find_resonance_peaks(frf().select(lines=LINES[:7])) is None
+    assert find_resonance_peaks(frf()[["1:Z", "2:Z", "3:Z"], "1:Z"]) is None
 
 
 def test_the_height_of_a_peak_is_that_over_the_higher_valley():
     level = np.array([0.0, 5.0, 3.0, 9.0, 1.0, 4.0, 4.0, 2.0, 8.0, 0.0])
-    peaks, height = prominences(level)
+    peaks, height = find_prominences(level)
     assert peaks.tolist() == [1, 3, 5, 8]
     assert height.tolist() == [2.0, 9.0, 2.0, 7.0]
 
@@ -69,5 +69,5 @@ def test_a_peak_is_a_factor_of_two_high():
         modal = 0.02j * wr2 / (wr2 * (1 + 0.02j) - w2)
         H = (1.0 + size * modal)[:, None, None] * np.ones((1, 2, 2))
         labels = ["1:Z", "2:Z"]
-        found = resonance_peaks(updyn.FRF(LINES, H, labels, labels, "accelerance"))
+        found = find_resonance_peaks(updyn.FRF(LINES, H, labels, labels, "accelerance"))
         assert (0 if found is None else len(found)) == seen

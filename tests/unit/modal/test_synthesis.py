@@ -11,7 +11,7 @@ import updyn
 from updyn.correlation import frac
 from updyn.errors import DataError
 from updyn.modal import cmif, synthesise
-from updyn.modal.alike import alike_pairs
+from updyn.modal.alike import find_alike_pairs
 from updyn.modal.synthesis import band_of_modes, line_weights
 
 MASS, STIFFNESS = np.diag([1.0, 2.0, 1.5]), 1e4 * np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
@@ -135,7 +135,7 @@ def test_modes_of_one_shape_are_listed(angle: float, apart: float, listed: list[
     modes = updyn.ModeSet(
         [100.0, 100.0 * (1 + apart), 300.0], shapes, ["1:X", "2:X"], [0.01, 0.01, 0.01]
     )
-    pairs = alike_pairs(modes)
+    pairs = find_alike_pairs(modes)
     assert [pair.overlap for pair in pairs] == listed
     for pair in pairs:
         assert (pair.first, pair.second) == pytest.approx((100.0, 100.0 * (1 + apart)))

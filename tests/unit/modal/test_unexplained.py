@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.modal.measured import Measured
-from updyn.modal.unexplained import find_unexplained, peaks_without_modes
+from updyn.modal.unexplained import describe_unexplained, find_unexplained
 
 FREQ = np.linspace(1.0, 500.0, 1000)
 NONE = np.zeros(0, dtype=complex)
@@ -52,7 +52,7 @@ def test_a_peak_belongs_to_a_mode_within_its_bandwidth_and_two_lines(
 
 
 def test_a_message_names_eight_peaks() -> None:
-    assert peaks_without_modes(np.zeros(0)) == ""
-    assert peaks_without_modes(np.array([50.0])) == "Peak without a mode: 50 Hz"
-    text = peaks_without_modes(np.arange(1.0, 10.0))
+    assert describe_unexplained(np.zeros(0)) == ""
+    assert describe_unexplained(np.array([50.0])) == "Peak without a mode: 50 Hz"
+    text = describe_unexplained(np.arange(1.0, 10.0))
     assert text == "Peaks without a mode: 1, 2, 3, 4, 5, 6, 7, 8, ... Hz"

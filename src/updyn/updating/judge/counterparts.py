@@ -26,7 +26,7 @@ from updyn.dynamics.modes import Modes
 from updyn.errors import DataError, InputError, SolverError
 from updyn.frf import FRF
 from updyn.modal import ModeSet, identify_modes
-from updyn.modal.peaks import resonance_peaks
+from updyn.modal.peaks import find_resonance_peaks
 from updyn.model import Model
 from updyn.text_table import counted
 from updyn.updating.judge.claim import Claim
@@ -180,7 +180,7 @@ def find_counterparts(
     Notes
     -----
     The peaks of the complex mode indicator function of FRFs are compared first
-    (`updyn.modal.peaks.resonance_peaks`), which takes milliseconds. Modes are identified
+    (`updyn.modal.peaks.find_resonance_peaks`), which takes milliseconds. Modes are identified
     (`updyn.identify_modes`) only if there are no peaks or if few of them have a counterpart.
 
     If few modes have a counterpart, variants of a beam model with exchanged section axes are
@@ -218,7 +218,7 @@ def _unknown_counterparts(why: str) -> Counterparts:
 
 def _find_in_frfs(model: Model, frf: FRF) -> Counterparts:
     """Return the counterparts of the peaks of FRFs, or else of their identified modes."""
-    peaks = resonance_peaks(frf)
+    peaks = find_resonance_peaks(frf)
     found = None if peaks is None else _pair_modes(model, peaks, "peaks")
     if found is not None and not _needs_identification(found):
         return found
