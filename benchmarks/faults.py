@@ -199,14 +199,14 @@ def force_moved(bench, frf, rng):
 
 def turned(bench, frf, rng):
     """A sensor with two directions or more is turned by 10 to 45 degrees, or by 90."""
-    from updyn.updating.judge.causes.turned import Turned, list_rotation_axes
+    from updyn.updating.judge.causes.turned import TurnedSensor, list_rotation_axes
 
     axes = list_rotation_axes(frf.responses)
     if not axes:
         return None
     axis = str(axes[int(rng.integers(len(axes)))])
     angle = float(rng.choice([-1, 1]) * rng.choice([rng.uniform(10.0, 45.0), 90.0], p=[0.8, 0.2]))
-    return Seeded(Turned((axis,), -angle).repair(frf), frf, "turned", (axis,))
+    return Seeded(TurnedSensor((axis,), -angle).repair(frf), frf, "turned", (axis,))
 
 
 def calibration(bench, frf, rng):

@@ -48,8 +48,8 @@ class AlteredPart(Part):
     @classmethod
     def of(cls, part: Part, alteration: Alteration) -> AlteredPart:
         """Return a part with an altered model; an earlier alteration is replaced."""
-        about: list[Any] = [*_list_field_values(part), alteration]
-        return cls(*about)
+        values: list[Any] = [*_list_field_values(part), alteration]
+        return cls(*values)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self.unaltered_part, self.alteration)
@@ -74,9 +74,9 @@ class AlteredPart(Part):
 
 def compute_log_ratio(part: Part, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
     """Return ln H of the altered model over H, shape (n_f, n_i, n_j); 0 where either is 0."""
-    H, own = AlteredPart.of(part, alteration).responses(x), part.responses(x)
-    usable = (H != 0.0) & (own != 0.0)
-    return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, own, 1.0)))
+    H, unaltered = AlteredPart.of(part, alteration).responses(x), part.responses(x)
+    usable = (H != 0.0) & (unaltered != 0.0)
+    return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, unaltered, 1.0)))
 
 
 def replace_system(part: Part, system: AffineSystem) -> FieldSolver:
@@ -87,9 +87,9 @@ def replace_system(part: Part, system: AffineSystem) -> FieldSolver:
 
 
 def _list_field_values(part: Part) -> tuple[Any, ...]:
-    about = (part.solver, part.unknowns, part.coordinates, part.frf)
-    where = (part.rows, part.columns, part.sign)
-    return (*about, *where, part.session, part.name, part.as_read, part.variants)
+    values = (part.solver, part.unknowns, part.coordinates, part.frf)
+    channels = (part.rows, part.columns, part.sign)
+    return (*values, *channels, part.session, part.name, part.as_read, part.variants)
 
 
 def _rebuild(part: Part, alteration: Alteration) -> AlteredPart:

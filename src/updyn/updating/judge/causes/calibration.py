@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
-from updyn.updating.judge.causes.scale import Scale
+from updyn.updating.judge.causes.scale import WrongUnit
 from updyn.updating.problem.problem import Part
 
 __all__ = ["Calibration"]
@@ -42,7 +42,7 @@ class Calibration(Fault):
 
     def list_similar_faults(self, part: Part) -> Iterable[Fault]:
         """Return the nearest factors between units."""
-        return Scale.near(self.channels, float(np.exp(self.value)))
+        return WrongUnit.near(self.channels, float(np.exp(self.value)))
 
     def is_plausible(self) -> bool:
         """Return whether the calibration is off by more than 1.5 % and less than a factor of 30."""

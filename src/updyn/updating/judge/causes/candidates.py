@@ -13,7 +13,7 @@ from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.judge.causes.promising import IN_REACH, estimate_gain, select_variants
 from updyn.updating.judge.causes.ranking import NEGLIGIBLE_SHARE, rank_faults
 from updyn.updating.judge.causes.suspects import ScoredFault, score_faults, select_likeliest
@@ -43,15 +43,15 @@ def select_candidates(
     without: Trial,
     start: _Real,
     stated: Sequence[Finding],
-    others: Sequence[OtherModel] = (),
+    models: Sequence[CompiledVariant] = (),
 ) -> list[FaultStart]:
     """Return the faults worth a full fit, the likeliest first, with their starting points.
 
     `without` is the end of a fit without a fault, `start` a point that does not depend on the data,
-    `stated` the faults already found, `others` the variants of the model.
+    `stated` the faults already found, `models` the variants of the model.
     """
     variants: list[FaultStart] = []
-    for end in _try_variants(part, others, without, start):
+    for end in _try_variants(part, models, without, start):
         assert end.fault is not None
         variants.append((end.fault, end.x))
         if _explains_all(end, without):
@@ -60,10 +60,10 @@ def select_candidates(
 
 
 def _try_variants(
-    part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
+    part: Part, models: Sequence[CompiledVariant], without: Trial, start: _Real
 ) -> Iterator[Trial]:
     """Yield the trials of the most promising variants of the model."""
-    for fault in select_variants(part, others, without, start):
+    for fault in select_variants(part, models, without, start):
         end = run_trial(part, fault, [start])
         if end is not None:
             yield end
@@ -185,7 +185,7 @@ def _list_rivals(part: Part, end: Trial) -> list[ScoredFault]:
     assert end.fault is not None
     key = (end.fault.kind, end.fault.channels)
     found = select_likeliest(score_faults(part, end.x))
-    own = [one.gain for one in found if one.key == key]
-    if not own:
+    gains = [one.gain for one in found if one.key == key]
+    if not gains:
         return []
-    return [one for one in found if one.gain > own[0] - IN_REACH and one.key != key]
+    return [one for one in found if one.gain > gains[0] - IN_REACH and one.key != key]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from updyn.errors import OptionError, suggest
 from updyn.registry import Registry
 from updyn.updating.judge.causes.calibration import Calibration
-from updyn.updating.judge.causes.conjugate import NonCausal
+from updyn.updating.judge.causes.conjugate import ConjugatedData
 from updyn.updating.judge.causes.dead_channel import DeadChannel
 from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.drive_point import DrivePoint
@@ -14,36 +14,36 @@ from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.leakage import Leakage
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.low_pass import LowPass
-from updyn.updating.judge.causes.mains import Mains
+from updyn.updating.judge.causes.mains import MainsHum
 from updyn.updating.judge.causes.mass_loading import MassLoading
 from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_mode import MissingMode
 from updyn.updating.judge.causes.missing_spring import MissingSpring
 from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.model_unit import ModelUnit
-from updyn.updating.judge.causes.moved import Moved
+from updyn.updating.judge.causes.moved import MisplacedSensor
 from updyn.updating.judge.causes.no_support import NoSupport
 from updyn.updating.judge.causes.other_test import OtherTest
-from updyn.updating.judge.causes.quantity import Quantity
+from updyn.updating.judge.causes.quantity import WrongQuantity
 from updyn.updating.judge.causes.reciprocity import Reciprocity
-from updyn.updating.judge.causes.scale import Scale
-from updyn.updating.judge.causes.sign import Sign
+from updyn.updating.judge.causes.scale import WrongUnit
+from updyn.updating.judge.causes.sign import WrongSign
 from updyn.updating.judge.causes.support import Suspension
-from updyn.updating.judge.causes.swapped import Swapped
-from updyn.updating.judge.causes.turned import Turned
+from updyn.updating.judge.causes.swapped import SwappedChannels
+from updyn.updating.judge.causes.turned import TurnedSensor
 from updyn.updating.judge.causes.window import WindowDamping
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 
 __all__ = ["CAUSES", "read_fault"]
 
 _BUILT_IN: tuple[type[Fault], ...] = (
-    Quantity,
-    Scale,
-    NonCausal,
-    Sign,
-    Swapped,
-    Turned,
-    Moved,
+    WrongQuantity,
+    WrongUnit,
+    ConjugatedData,
+    WrongSign,
+    SwappedChannels,
+    TurnedSensor,
+    MisplacedSensor,
     Calibration,
     Delay,
     LowPass,
@@ -61,7 +61,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     ModelUnit,
     WrongAxes,
     DeadChannel,
-    Mains,
+    MainsHum,
     Leakage,
     DrivePoint,
     Reciprocity,

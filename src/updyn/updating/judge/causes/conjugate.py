@@ -10,10 +10,10 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
 
-__all__ = ["NonCausal"]
+__all__ = ["ConjugatedData"]
 
 
-class NonCausal(Fault):
+class ConjugatedData(Fault):
     """All data are conjugated, and therefore not causal."""
 
     __slots__ = ()

@@ -80,7 +80,7 @@ def drop_explained_symptoms(
 ) -> list[Detection]:
     """Return the faults that data show, except symptoms that other findings explain.
 
-    `thinned` contains some lines of the data, before and after the model-based correction of the
+    `thin_data` contains some lines of the data, before and after the model-based correction of the
     findings that no change of the data alone corrects.
     """
     repaired = frf
@@ -88,13 +88,21 @@ def drop_explained_symptoms(
         if finding.written:
             with suppress(UpdynError):  # a repair that leaves too little
                 repaired = finding.repair(repaired)
+<<<<<<< /tmp/rc/pure/src/updyn/updating/judge/causes/data_alone.py
+    after = {one.fault.kind for one in detect_data_faults(repaired)}
+    before, corrected = ({one.fault.kind for one in detect_data_faults(data)} for data in thin_data)
+    removed = before - corrected
+=======
     after = {one.fault.kind for one in detect_data_faults(repaired, rigid)}
     before, corrected = (
         {one.fault.kind for one in detect_data_faults(data, rigid)} for data in thin_data
     )
     gone = before - corrected
+>>>>>>> /tmp/rc/_h
     symptoms = [one for one in detections if one.fault.is_symptom]
-    explained = [one for one in symptoms if one.fault.kind not in after or one.fault.kind in gone]
+    explained = [
+        one for one in symptoms if one.fault.kind not in after or one.fault.kind in removed
+    ]
     return [one for one in detections if one not in explained]
 
 

@@ -33,8 +33,8 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.halves import compare_band_halves
 from updyn.updating.judge.causes.misfit import NOISE_LIMIT, WeightedData, compute_log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
-from updyn.updating.judge.causes.other_model import OtherModel
-from updyn.updating.judge.causes.promising import list_other_models
+from updyn.updating.judge.causes.other_model import CompiledVariant
+from updyn.updating.judge.causes.promising import list_variants
 from updyn.updating.judge.causes.ranking import (
     USUAL_DISTANCE,
     RankedFault,
@@ -178,8 +178,8 @@ class _Explanation:
     def fit_remaining(self, frf: FRF) -> Trial | None:
         """Return a fit to the corrected data with the weights of `frf`; None without a solution."""
         part = self.part.with_data(_restrict_weights(self.part.frf, frf))
-        begin = raise_loss_factors(part, part.coordinates.home) if self.end is None else self.end
-        return run_trial(self.trial_models.prepare_part(part, [begin]), None, [begin])
+        start = raise_loss_factors(part, part.coordinates.home) if self.end is None else self.end
+        return run_trial(self.trial_models.prepare_part(part, [start]), None, [start])
 
     def mean_square_above_noise(self, frf: FRF, trial: Trial) -> float:
         """Return the mean square residual of the values above the noise.
@@ -220,20 +220,20 @@ def _try_other_units(part: Part, without: Trial) -> list[Finding]:
     """Return the unit in which the model explains data with which it has nothing in common."""
     if part.solver.system.n > _MOST_DOFS:
         return []
-    begin = raise_loss_factors(part, part.coordinates.home)
+    start = raise_loss_factors(part, part.coordinates.home)
     first: list[tuple[float, ModelUnit]] = []
     for fault in ModelUnit.list_mistakes():
         converted = part.with_data(fault.convert_data(part.frf)).thin(_FEWEST)
         with suppress(SolverError):
-            misfit = compute_log_misfit(converted.responses(begin), converted.frf)[0]
+            misfit = compute_log_misfit(converted.responses(start), converted.frf)[0]
             first.append((float(np.mean(np.abs(misfit) ** 2)), fault))
     first.sort(key=lambda one: one[0])
     ends: list[tuple[Trial, ModelUnit]] = []
     for _, fault in first[:_FOLLOWED]:
         converted = part.with_data(fault.convert_data(part.frf))
         with suppress(SolverError):
-            prepared = choose_trial_models(converted).prepare_part(converted, [begin])
-            trial = run_trial(prepared, None, [begin])
+            prepared = choose_trial_models(converted).prepare_part(converted, [start])
+            trial = run_trial(prepared, None, [start])
             if trial is not None and trial.mean_square < _GROSS**2:
                 ends.append((trial, fault))
     if not ends:
@@ -255,21 +255,21 @@ def _explain_data(
     """Return the faults that model and data show together; their sizes are fitted to all lines."""
     findings: list[Finding] = []
     end: _Real | None = None
-    others = list_other_models(part)
+    variants = list_variants(part)
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _find_likeliest(part, trial_models, others, known, [*stated, *findings], noise)
+        found = _find_likeliest(part, trial_models, variants, known, [*stated, *findings], noise)
         if not found:
             break
         best = found[0]
         sized = _fit_size(part, whole, trial_models, best, noise)
         findings.append(_make_ranked_finding([sized, *found[1:]], part.name))
         end = best.trial.x
-        if isinstance(best.fault, WrongAxes) and best.fault.other is not None:
-            other = best.fault.other
-            part, whole = other.replace_model(part), other.replace_model(whole)
-            trial_models = other.trial_models
-            others = list_other_models(part)
+        if isinstance(best.fault, WrongAxes) and best.fault.compiled_variant is not None:
+            variant = best.fault.compiled_variant
+            part, whole = variant.replace_model(part), variant.replace_model(whole)
+            trial_models = variant.trial_models
+            variants = list_variants(part)
             continue
         whole = _correct_whole_part(whole, trial_models, sized.fault, end)
         prepared = replace(trial_models.prepare_part(part, [end]), frf=part.frf)
@@ -347,7 +347,7 @@ def weight_by_noise(part: Part, trial: Trial, noise: NoiseModel) -> Part:
 def _find_likeliest(
     part: Part,
     trial_models: TrialModels,
-    others: Sequence[OtherModel],
+    variants: Sequence[CompiledVariant],
     points: Sequence[_Real],
     stated: Sequence[Finding],
     noise: NoiseModel,
@@ -366,7 +366,7 @@ def _find_likeliest(
             part = adapt_losses(part.with_data(weighted), without.x)
             current = trial_models.prepare_part(part, [without.x])
             without = run_trial(current, None, [without.x]) or without
-        fresh = select_candidates(current, without, start, stated, others)
+        fresh = select_candidates(current, without, start, stated, variants)
         ranked = _rank_by_trials(current, fresh, without)
         if not _is_likely(ranked):
             return []
@@ -421,11 +421,11 @@ def _refine_fit(
             break
         before, current = current, trial_models.prepare_part(part, [trial.x])
         gross = trial.mean_square > _GROSS**2
-        further = run_trial(current, None, [trial.x], is_short=gross) or trial
+        longer = run_trial(current, None, [trial.x], is_short=gross) or trial
         done = (
-            further.mean_square > _CONVERGED * trial.mean_square and current.solver is before.solver
+            longer.mean_square > _CONVERGED * trial.mean_square and current.solver is before.solver
         )
-        trial = further
+        trial = longer
         if done:
             break
     return current, trial

@@ -9,14 +9,14 @@ from typing import ClassVar
 import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.conjugate import NonCausal
+from updyn.updating.judge.causes.conjugate import ConjugatedData
 from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.fault import FORCE, Fault
-from updyn.updating.judge.causes.moved import Moved
-from updyn.updating.judge.causes.quantity import Quantity
+from updyn.updating.judge.causes.moved import MisplacedSensor
+from updyn.updating.judge.causes.quantity import WrongQuantity
 from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
-from updyn.updating.judge.causes.sign import Sign
-from updyn.updating.judge.causes.square import Square
+from updyn.updating.judge.causes.sign import WrongSign
+from updyn.updating.judge.causes.square import CollocatedFrfs
 
 __all__ = ["DrivePoint"]
 
@@ -56,7 +56,7 @@ class DrivePoint(DataFault):
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the affected drive points as one fault."""
-        square = Square.of(frf)
+        square = CollocatedFrfs.of(frf)
         shares, log_odds = {}, 0.0
         for i, label in enumerate(square.labels):
             clear, sure, active = _count_lines(square, i)
@@ -81,7 +81,7 @@ class DrivePoint(DataFault):
 
     def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which these values have no weight."""
-        square = Square.of(frf)
+        square = CollocatedFrfs.of(frf)
         at = [square.labels.index(label) for label in self.channels]
         return square.mask_pairs(frf, zip(at, at, strict=True))
 
@@ -99,12 +99,12 @@ class DrivePoint(DataFault):
 
 def _iter_explanations(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
     """Yield the faults without which these drive points would be passive."""
-    if _is_passive(Sign(tuple(channels)), frf, channels):
+    if _is_passive(WrongSign(tuple(channels)), frf, channels):
         yield "the opposite sign of sensor or force"
     for name, power in QUANTITIES.items():
-        if name != frf.quantity and _is_passive(Quantity((), power), frf, channels):
+        if name != frf.quantity and _is_passive(WrongQuantity((), power), frf, channels):
             yield f"data that are {name}"
-    if _is_passive(NonCausal(), frf, channels):
+    if _is_passive(ConjugatedData(), frf, channels):
         yield "conjugated data"
     for label in channels:
         yield from _iter_other_force_places(frf, label)
@@ -117,7 +117,7 @@ def _iter_explanations(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
 
 def _is_passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
     """Return whether drive points are passive after the repair of a fault."""
-    square = Square.of(fault.repair(frf))
+    square = CollocatedFrfs.of(fault.repair(frf))
     for label in channels:
         clear, _, active = _count_lines(square, square.labels.index(label))
         if active > _BY_CHANCE * clear:
@@ -132,16 +132,19 @@ def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
     with a significant sign has to be so large that, with the share of negative signs of the stated
     place, all would be positive only by a small chance at any of the sensors.
     """
-    square = Square.of(frf)
+    square = CollocatedFrfs.of(frf)
     _, sure, active = _count_lines(square, square.labels.index(stated))
     share = min(active / max(sure, 1), 0.5)
     taken = {str(abs(dof)) for dof in frf.references}
     others = [str(abs(dof)) for dof in frf.responses if str(abs(dof)) not in taken]
     found = []
     for place in others:
-        moved = Moved((f"{FORCE}{stated}", f"{FORCE}{place}")).repair(frf)
-        for fault, sign in ((None, ""), (Sign((f"{FORCE}{place}",)), " with the opposite sign")):
-            repaired = Square.of(moved if fault is None else fault.repair(moved))
+        relabelled = MisplacedSensor((f"{FORCE}{stated}", f"{FORCE}{place}")).repair(frf)
+        for fault, sign in (
+            (None, ""),
+            (WrongSign((f"{FORCE}{place}",)), " with the opposite sign"),
+        ):
+            repaired = CollocatedFrfs.of(relabelled if fault is None else fault.repair(relabelled))
             clear, sure, active = _count_lines(repaired, repaired.labels.index(place))
             certain = -min(sure, _MOST) * float(np.log1p(-share))
             if active <= _BY_CHANCE * clear and certain > LIKELY + float(np.log(len(others))):
@@ -160,7 +163,7 @@ def _log_likelihood_ratio(share: float) -> float:
     return float(share * np.log(share / _BY_CHANCE) + quiet)
 
 
-def _count_lines(square: Square, i: int) -> tuple[int, int, int]:
+def _count_lines(square: CollocatedFrfs, i: int) -> tuple[int, int, int]:
     """Return the numbers of lines above the noise, with a certain sign of Re(Y), and negative."""
     H, noise = square.values[:, i, i], square.noise[:, i, i]
     clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)

@@ -74,15 +74,15 @@ class AddedElement(Alteration):
     def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the model with the element and the data of a part at a block of lines."""
         frf, s = part.frf, part.frf.s[lines]
-        own = part.solver.system.dofs.match(list(self.labels)).index
+        dofs = part.solver.system.dofs.match(list(self.labels)).index
         rate = s ** QUANTITIES[frf.quantity]
         H, dH = sensitivity.receptance(
             part.solver,
             part.unknowns,
             part.values(x),
             frf.freq[lines],
-            np.concatenate([part.rows, own]),
-            np.concatenate([part.columns, own]),
+            np.concatenate([part.rows, dofs]),
+            np.concatenate([part.columns, dofs]),
             derivatives=derivatives,
             lines=frf.freq,
             weights=part.coordinates.slope(x)[:, None] * rate,
@@ -100,11 +100,14 @@ class AddedElement(Alteration):
             gains.apply(x, altered, dH)
         return LineBlock(lines, altered, dH, frf.values[lines])
 
-    def _effective_stiffness(self, within: _Complex, s: _Complex) -> _Complex:
+    def _effective_stiffness(self, own_receptance: _Complex, s: _Complex) -> _Complex:
         """Return (1 / D + U^T H U)^-1, shape (n_f, k, k)."""
         D = (self.value * self.unit_stiffness(s))[:, None, None]
         return np.asarray(
-            np.linalg.solve(np.eye(within.shape[-1]) + D * within, D * np.eye(within.shape[-1]))
+            np.linalg.solve(
+                np.eye(own_receptance.shape[-1]) + D * own_receptance,
+                D * np.eye(own_receptance.shape[-1]),
+            )
         )
 
 
@@ -179,8 +182,8 @@ class Receptances:
             "receptance",
             decay=part.frf.decay,
         )
-        there = part.with_data(square)
-        return cls(dofs, there.responses(x), there.frf.s)
+        square_part = part.with_data(square)
+        return cls(dofs, square_part.responses(x), square_part.frf.s)
 
     def log_change(self, element: AddedElement) -> _Complex:
         """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""
@@ -194,10 +197,10 @@ class Receptances:
         left, right = self._cross_receptances(at, U)
         unit = element.unit_stiffness(self.s)[:, None, None]
         k = U.shape[1]
-        within = np.eye(k) + element.value * unit * (U.T @ self.H[:, at][:, :, at] @ U)
+        own_receptance = np.eye(k) + element.value * unit * (U.T @ self.H[:, at][:, :, at] @ U)
         by_size = -unit * (
-            np.linalg.solve(within.swapaxes(1, 2), left.swapaxes(1, 2)).swapaxes(1, 2)
-            @ np.linalg.solve(within, right)
+            np.linalg.solve(own_receptance.swapaxes(1, 2), left.swapaxes(1, 2)).swapaxes(1, 2)
+            @ np.linalg.solve(own_receptance, right)
         )
         H, added = self._response_and_reduction(element)
         altered = H - added
@@ -218,8 +221,8 @@ class Receptances:
     def flexibility(self, element: AddedElement) -> float:
         """Return the median over the lines of |D(s) u^T H u| for an element of size 1."""
         U, at = element.incidence, self.dofs.find_positions(element.labels)
-        within = U.T @ self.H[:, at][:, :, at] @ U
-        own = np.abs(np.einsum("fkk->fk", within)).max(axis=1) * np.abs(
+        own_receptance = U.T @ self.H[:, at][:, :, at] @ U
+        sizes = np.abs(np.einsum("fkk->fk", own_receptance)).max(axis=1) * np.abs(
             element.unit_stiffness(self.s)
         )
-        return float(np.median(own))
+        return float(np.median(sizes))

@@ -134,17 +134,21 @@ class Evidence:
             part.frf.quantity,
             decay=part.frf.decay,
         )
-        there = part.with_data(blank)
+        blank_part = part.with_data(blank)
 
         def compute() -> Record:
             found = list(
+<<<<<<< /tmp/rc/pure/src/updyn/updating/judge/causes/evidence.py
+                blank_part.each(_solve_block, [(self.x, lines) for lines in blank_part.partition()])
+=======
                 there.map_lines(_solve_block, [(self.x, lines) for lines in there.partition()])
+>>>>>>> /tmp/rc/_h
             )
             return tuple(
                 np.concatenate(one, axis=i) for i, one in enumerate(zip(*found, strict=True))
             )
 
-        H, dH = there.recall("derivatives", self.x, compute)
+        H, dH = blank_part.recall("derivatives", self.x, compute)
         return _ModelResponses(labels, references, H, np.asarray(dH / np.where(H == 0, 1.0, H)))
 
     @cached_property
@@ -415,10 +419,10 @@ class Evidence:
         return np.asarray(self._jacobian_with_prior.T @ self._jacobian_with_prior)
 
 
-def _find_differing_dofs(own: DofSet, other: DofSet) -> NDArray[np.bool_]:
+def _find_differing_dofs(one: DofSet, other: DofSet) -> NDArray[np.bool_]:
     """Return which DOFs of two sets of the same length differ, shape (n,)."""
     return np.asarray(
-        (own.nodes != other.nodes) | (own.axes != other.axes) | (own.signs != other.signs)
+        (one.nodes != other.nodes) | (one.axes != other.axes) | (one.signs != other.signs)
     )
 
 

@@ -21,7 +21,7 @@ __all__ = [
     "FORCE",
     "ChannelIndices",
     "Fault",
-    "Irreparable",
+    "IrreparableFault",
     "divide_data",
     "divide_odds",
     "find_channels",
@@ -366,7 +366,7 @@ class Fault(ABC):
         return cls(names, number)
 
 
-class Irreparable(Fault):
+class IrreparableFault(Fault):
     """A fault that no change of the data corrects."""
 
     __slots__ = ()
@@ -405,7 +405,7 @@ def remove_channels(fault: Fault, frf: FRF) -> FRF:
     columns = np.setdiff1d(np.arange(len(frf.references)), indices.columns)
     if not (fault.channels and len(rows) and len(columns)):
         raise DataError(
-            f"repair {fault.repair_text!r}: without {fault.channel_text} no data are left"
+            f"repair {fault.repair_text!r}: without {fault.channel_text} no data remain"
         )
     return frf.select(
         responses=[frf.responses[int(i)] for i in rows],

@@ -55,7 +55,7 @@ class SolverWithSupports(ReducedSolver):
 
     Attributes
     ----------
-    supports : Holding
+    supports : ModelSupports
         Supports of the whole model.
     """
 
@@ -114,7 +114,7 @@ def _couples_nodes(system: AffineSystem, term: Term) -> bool:
 def _find_resisted_directions(system: AffineSystem, term: Term) -> frozenset[str]:
     """Return the directions in which a stiffness resists a rigid translation of the whole model."""
     axes = system.dofs.axes[term.rows]
-    moved = np.stack([axes == DIRECTIONS.index(d) for d in sorted(_TRANSLATIONS)], axis=1)
-    force = np.abs(term.local @ moved.astype(float)).max(axis=0, initial=0.0)
+    is_moved = np.stack([axes == DIRECTIONS.index(d) for d in sorted(_TRANSLATIONS)], axis=1)
+    force = np.abs(term.local @ is_moved.astype(float)).max(axis=0, initial=0.0)
     large = force > _ROUNDING * np.abs(term.data).max()
     return frozenset(d for d, one in zip(sorted(_TRANSLATIONS), large, strict=True) if one)

@@ -21,14 +21,14 @@ from updyn.updating.judge.causes.altered import (
     replace_system,
 )
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
+from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
 from updyn.updating.judge.causes.missing_element import list_directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import LineBlock, Part
 
-__all__ = ["LossOverFrequency", "LossPower"]
+__all__ = ["LossOverFrequency", "LossPowerLaw"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -51,7 +51,7 @@ _DIGITS, _ROUNDED = 4, 5e-4
 
 
 @dataclass(frozen=True, slots=True)
-class LossPower(Alteration):
+class LossPowerLaw(Alteration):
     """Change of the model: loss moduli of groups are multiplied by (f / middle)^exponent.
 
     Attributes
@@ -92,8 +92,8 @@ class LossPower(Alteration):
 
     def acts_on(self, term: Term) -> bool:
         """Return whether the change applies to the loss factor of a term."""
-        own = not self.groups or term.group in self.groups
-        return own and term.quantity == "stiffness" and term.table is None
+        is_affected = not self.groups or term.group in self.groups
+        return is_affected and term.quantity == "stiffness" and term.table is None
 
     def loss_ratio(self, freq: _Real) -> _Real:
         """Return the factors at some lines; at 0 Hz that of the next line, shape (n,)."""
@@ -135,17 +135,17 @@ class CausalSystem(AffineSystem):
 
     Attributes
     ----------
-    loss_power : LossPower or None
+    loss_power : LossPowerLaw or None
         Variation over frequency.
     varying : tuple of bool
         Whether each term varies.
     """
 
-    loss_power: LossPower | None = None
+    loss_power: LossPowerLaw | None = None
     varying: tuple[bool, ...] = ()
 
     @classmethod
-    def of(cls, system: AffineSystem, loss_power: LossPower, varying: Sequence[bool]) -> Self:
+    def of(cls, system: AffineSystem, loss_power: LossPowerLaw, varying: Sequence[bool]) -> Self:
         """Return a system with the loss tables of a power law and its storage moduli."""
         return cls(**_field_values(system), loss_power=loss_power, varying=tuple(varying))
 
@@ -171,7 +171,7 @@ class CausalSystem(AffineSystem):
 
 
 @dataclass(frozen=True, slots=True)
-class LossOverFrequency(Irreparable):
+class LossOverFrequency(IrreparableFault):
     """The loss factor of a group, or of all groups, is proportional to f^value.
 
     By the Kramers-Kronig relations the storage modulus varies as well, by about 2 / pi times the
@@ -236,27 +236,27 @@ class LossOverFrequency(Irreparable):
             yield replace(plain, value=_BEGIN, causal=True)
 
     @property
-    def loss_power(self) -> LossPower:
+    def loss_power(self) -> LossPowerLaw:
         """The variation of the loss factors."""
-        return LossPower(self.groups, self.value, self.mid_frequency, self.causal)
+        return LossPowerLaw(self.groups, self.value, self.mid_frequency, self.causal)
 
     def slope(self, evidence: Evidence) -> _Complex:
         """Return the derivative of the model's ln H by the exponent.
 
         It is the derivative by the loss factor, times the ratio of the two changes of the modulus.
         """
-        freq, own = evidence.frf.freq, self.loss_power
-        known: _Complex | complex = 1j
+        freq, law = evidence.frf.freq, self.loss_power
+        modulus: _Complex | complex = 1j
         if isinstance(evidence.part, AlteredPart):
-            there = evidence.part.alteration
-            if isinstance(there, LossPower):
-                own = replace(there, exponent=there.exponent + self.value)
-                known = there.complex_modulus(freq)
+            earlier = evidence.part.alteration
+            if isinstance(earlier, LossPowerLaw):
+                law = replace(earlier, exponent=earlier.exponent + self.value)
+                modulus = earlier.complex_modulus(freq)
         total = np.zeros(evidence.frf.values.shape, dtype=np.complex128)
         for i, p in _list_loss_factors(evidence.part):
             if not self.groups or {drive.group for drive in p.acts_on} <= set(self.groups):
                 total += float(evidence.x[i]) * evidence.slopes_by_unknown[i]
-        return np.asarray(total * (own.slope(freq) / known)[:, None, None])
+        return np.asarray(total * (law.slope(freq) / modulus)[:, None, None])
 
     def repair_with_model(self, evidence: Evidence) -> FRF:
         """Return the data divided by H with these loss factors over the model's H."""
@@ -304,7 +304,7 @@ class LossOverFrequency(Irreparable):
 
     def statement(self) -> str:
         """Return a sentence with the groups and the range of their loss factor."""
-        course = "rises" if self.value > 0.0 else "falls"
+        trend = "rises" if self.value > 0.0 else "falls"
         low, high = self.lines[0], self.lines[-1]
         ends = self.loss_power.loss_ratio(np.array([low, high]))
         if self.loss:
@@ -317,7 +317,7 @@ class LossOverFrequency(Irreparable):
             change = self.loss * np.ptp(self.loss_power.storage_change(np.array([low, high])))
             stiffer = f", and its stiffness rises by {100.0 * change:.2g} %"
         return (
-            f"The loss factor of {self._group_text} {course} with frequency: {extent}, as"
+            f"The loss factor of {self._group_text} {trend} with frequency: {extent}, as"
             f" f^{self.value:.2f}{stiffer}; in the model it is constant."
         )
 
@@ -376,9 +376,9 @@ def _list_viscous_damping(
     if len(groups) > 1:
         return ()
     n_places = len(list(list_directed_places(evidence.frf))) + len(evidence.slopes_by_rate)
-    own, found = groups[0] if groups else ALL, []
+    group, found = groups[0] if groups else ALL, []
     for quantity in MATRICES:
-        names = (f"{own}.{quantity}", f"{ALL}.{quantity}")
+        names = (f"{group}.{quantity}", f"{ALL}.{quantity}")
         found += [name for name in names if name in evidence.slopes_by_rate][:1]
     return tuple(ProportionalDamping((name,), n_places=n_places) for name in found)
 

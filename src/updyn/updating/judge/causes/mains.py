@@ -13,7 +13,7 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
 
-__all__ = ["Mains"]
+__all__ = ["MainsHum"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -40,7 +40,7 @@ _RESONANT, _SHARP = 3.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Mains(DataFault):
+class MainsHum(DataFault):
     """Lines at multiples of `value` Hz contain mains hum.
 
     Attributes
@@ -106,7 +106,7 @@ class Mains(DataFault):
         return f"{self.kind}={self.value:g}"
 
     @classmethod
-    def parse(cls, channels: str, value: str) -> Mains:
+    def parse(cls, channels: str, value: str) -> MainsHum:
         """Return the fault from its text.
 
         Raises

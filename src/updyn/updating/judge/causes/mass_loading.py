@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divide_data
+from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 
 __all__ = ["MassLoading"]
 
 
-class MassLoading(Irreparable):
+class MassLoading(IrreparableFault):
     """A mass of `value` kg at the response of each row only.
 
     H_ij / (1 - omega^2 m H_ii) is measured instead of H_ij (Ewins, Modal Testing, 2nd ed. 2000,

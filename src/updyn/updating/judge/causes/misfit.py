@@ -53,13 +53,13 @@ class WeightedData(FRF):
     @classmethod
     def of(cls, frf: FRF, variance: NDArray[np.float64], relative_noise: float) -> Self:
         """Return the data with the variance of their noise."""
-        about = {one.name: getattr(frf, one.name) for one in fields(FRF)}
-        about["variance"] = variance
-        return cls(relative_noise=relative_noise, **about)
+        field_values = {one.name: getattr(frf, one.name) for one in fields(FRF)}
+        field_values["variance"] = variance
+        return cls(relative_noise=relative_noise, **field_values)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        about = {one.name: getattr(self, one.name) for one in fields(self)}
-        return _rebuild, (type(self), about)
+        field_values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return _rebuild, (type(self), field_values)
 
     @property
     def misfit_scale(self) -> NDArray[np.float64]:
@@ -73,8 +73,8 @@ class WeightedData(FRF):
         return scale * (self.values - H) * unit, scale * size
 
 
-def _rebuild(cls: type[WeightedData], about: dict[str, Any]) -> WeightedData:
-    return cls(**about)
+def _rebuild(cls: type[WeightedData], field_values: dict[str, Any]) -> WeightedData:
+    return cls(**field_values)
 
 
 def compute_log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:

@@ -14,7 +14,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.altered import AlteredPart
 from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
+from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
 from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.problem.problem import Part
 
@@ -27,7 +27,7 @@ _NEXT = 8
 
 
 @dataclass(frozen=True, slots=True)
-class MissingElement(Irreparable):
+class MissingElement(IrreparableFault):
     """An element of size `value` at `channels` that the model lacks.
 
     Attributes

@@ -154,8 +154,8 @@ class MissingMode(Fault):
                     f"repair {self.kind!r}: the shape of the mode at {self.value:.6g} Hz is not"
                     f" known at {missing[0]!r}{in_all(len(missing))}"
                 )
-            own = np.array([known[label] for label in labels], dtype=np.complex128)
-            parts.append(np.asarray(own * dofs.signs))
+            factors = np.array([known[label] for label in labels], dtype=np.complex128)
+            parts.append(np.asarray(factors * dofs.signs))
         a, b = parts
         return Pole(self.value, self.loss, a, b)
 
@@ -277,10 +277,10 @@ class _LocalResidual:
         away = np.abs(frf.freq / frequency - 1.0)
         at = np.flatnonzero(away <= max(_NEAR, float(np.sort(away)[_FEWEST - 1])))
         H = evidence.model_response(frf)[at]
-        there = frf.select(lines=frf.freq[at])
-        level = np.sqrt(np.abs(H) ** 2 + np.abs(there.values) ** 2)
-        clear = compute_log_misfit(H, there)[1] / np.maximum(level, np.finfo(float).tiny)
-        return cls(there.freq, there.values - H, clear, there)
+        near_lines = frf.select(lines=frf.freq[at])
+        level = np.sqrt(np.abs(H) ** 2 + np.abs(near_lines.values) ** 2)
+        clear = compute_log_misfit(H, near_lines)[1] / np.maximum(level, np.finfo(float).tiny)
+        return cls(near_lines.freq, near_lines.values - H, clear, near_lines)
 
     def _basis(self, mode: MissingMode) -> _Complex:
         """Return the mode and a constant receptance by channel, weighted, (n_i, n_j, n, 2)."""

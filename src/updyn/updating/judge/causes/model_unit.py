@@ -10,7 +10,7 @@ import numpy as np
 
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable
+from updyn.updating.judge.causes.fault import IrreparableFault
 
 __all__ = ["UNITS_OF_MODELS", "ModelUnit"]
 
@@ -29,7 +29,7 @@ UNITS_OF_MODELS: tuple[tuple[str, float, str], ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class ModelUnit(Irreparable):
+class ModelUnit(IrreparableFault):
     """All stiffnesses or all masses of the model have to be multiplied by `value`.
 
     Attributes

@@ -14,10 +14,10 @@ from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places
 
-__all__ = ["Moved"]
+__all__ = ["MisplacedSensor"]
 
 
-class Moved(Fault):
+class MisplacedSensor(Fault):
     """The response or reference with the label of the first channel is at the second one."""
 
     __slots__ = ()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divide_data
+from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import list_ground_springs
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
@@ -28,7 +28,7 @@ _LEAST, _WIDE_DEVIATION = 1e-4, 5.0
 _STEP = 1e-3
 
 
-class NoSupport(Irreparable):
+class NoSupport(IrreparableFault):
     """A group that holds the model to the ground has at most exp(value) times its stiffness.
 
     Its channel is the name of the group, whose stiffness is not an unknown.

@@ -1,4 +1,4 @@
-"""`OtherModel`: a compiled variant of the model of a part, and its reduced model for trials."""
+"""`CompiledVariant`: a variant of the model of a part, with a reduced model for trials."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
 from updyn.updating.problem.problem import Part
 from updyn.variants import Variant, variants_of
 
-__all__ = ["OtherModel"]
+__all__ = ["CompiledVariant"]
 
 
 @dataclass(slots=True, eq=False)
-class OtherModel:
+class CompiledVariant:
     """A variant of the model of a part, compiled and reduced at its first use.
 
     Parameters

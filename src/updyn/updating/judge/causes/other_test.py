@@ -56,8 +56,8 @@ class OtherTest(Fault):
         assert frf.variance is not None
         clear = np.abs(frf.values) ** 2 > frf.variance
         for channels in list_channels(frf):
-            own = find_channels(channels, frf).channel_mask(frf)
-            if clear[:, own].any() and clear[:, ~own].any():
+            is_own = find_channels(channels, frf).channel_mask(frf)
+            if clear[:, is_own].any() and clear[:, ~is_own].any():
                 yield from (cls(channels, shift) for shift in _SHIFTS)
 
     def repair(self, frf: FRF) -> FRF:
@@ -95,11 +95,11 @@ class OtherTest(Fault):
         prefix = FORCE if self.channels[0].startswith(FORCE) else ""
         dofs = part.frf.references if prefix else part.frf.responses
         labels = [f"{prefix}{abs(dof)}" for dof in dofs]
-        own = dofs[labels.index(self.channels[0])].direction
+        direction = dofs[labels.index(self.channels[0])].direction
         others = [
             label
             for label, dof in zip(labels, dofs, strict=True)
-            if dof.direction == own and label != self.channels[0]
+            if dof.direction == direction and label != self.channels[0]
         ]
         if len(others) == 1:
             yield replace(self, channels=(others[0],), value=-self.value)

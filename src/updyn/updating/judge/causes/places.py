@@ -70,9 +70,9 @@ class _KnownDofs:
 
     def find_near(self, dof: Dof) -> list[Dof]:
         """Return the other directions of a node, then the same direction of coupled nodes."""
-        dofs, own = self.part.solver.system.dofs, self.of_node[dof.node]
-        near = [i for i in own if _is_rotation(dofs[i]) == _is_rotation(dof)]
-        coupled = [i for i in _find_coupled_dofs(self.part, own) if i in self.all_dofs]
+        dofs, node_dofs = self.part.solver.system.dofs, self.of_node[dof.node]
+        near = [i for i in node_dofs if _is_rotation(dofs[i]) == _is_rotation(dof)]
+        coupled = [i for i in _find_coupled_dofs(self.part, node_dofs) if i in self.all_dofs]
         near += [i for i in coupled if dofs[i].direction == dof.direction]
         return [abs(dofs[i]) for i in near]
 
@@ -81,9 +81,9 @@ def _is_rotation(dof: Dof) -> bool:
     return dof.direction.startswith("R")
 
 
-def _find_coupled_dofs(part: Part, own: list[int]) -> list[int]:
+def _find_coupled_dofs(part: Part, node_dofs: list[int]) -> list[int]:
     """Return the DOFs of other nodes coupled to those of a node, nearest in number first."""
     coupled: set[int] = set()
-    for i in own:
+    for i in node_dofs:
         coupled.update(part.solver.coupled_dofs(i).tolist())
-    return sorted(coupled - set(own), key=lambda i: int(np.abs(i - own[0])))
+    return sorted(coupled - set(node_dofs), key=lambda i: int(np.abs(i - node_dofs[0])))

@@ -83,8 +83,8 @@ class _PoleProblem:
     def pack_variables(self, x: _Real, pole: Pole) -> _Real:
         """Return the variables of a point, with a in units of its largest entry."""
         a = pole.a / self.size
-        own = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
-        return np.concatenate([x, own])
+        pole_variables = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
+        return np.concatenate([x, pole_variables])
 
     def unpack_variables(self, z: _Real) -> tuple[_Real, Pole]:
         """Return x and the pole of a point."""
@@ -140,9 +140,9 @@ class _PoleProblem:
         """Return the derivatives of the pole's contribution by its own variables."""
         share = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
         below = (1.0 + 1j * pole.loss + share)[:, None, None]
-        course = pole.frequency_factor(frf)[:, None, None]
-        by_a = [self.size * course * np.outer(row, pole.b) for row in np.eye(len(pole.a))]
-        by_b = [course * np.outer(pole.a, column) for column in np.eye(len(pole.b))]
+        factor = pole.frequency_factor(frf)[:, None, None]
+        by_a = [self.size * factor * np.outer(row, pole.b) for row in np.eye(len(pole.a))]
+        by_b = [factor * np.outer(pole.a, column) for column in np.eye(len(pole.b))]
         out = [2.0 * share[:, None, None] / below * T, -1j * pole.loss / below * T]
         for group in (by_a, by_b):
             out += group + [1j * one for one in group]
@@ -178,9 +178,9 @@ def fit_pole(part: Part, x: _Real, pole: Pole) -> Pole:
 
 def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:
     """Return the number of lines that each line represents, 0 for omitted lines, shape (n_f,)."""
-    about = np.abs(freq / pole.frequency - 1.0) <= _ABOUT * pole.loss
+    is_near = np.abs(freq / pole.frequency - 1.0) <= _ABOUT * pole.loss
     count = np.zeros(len(freq))
-    for group in (about, ~about):
+    for group in (is_near, ~is_near):
         lines = np.flatnonzero(group)
         chosen = lines[:: max(-(-len(lines) // _LINES), 1)]
         count[chosen] = len(lines) / max(len(chosen), 1)
@@ -191,10 +191,10 @@ def _fit_from(part: Part, x: _Real, pole: Pole, most: int, count: _Real) -> tupl
     """Return the end of a fit of model and pole after at most `most` evaluations."""
     problem = _PoleProblem(part, x, pole, count)
     bounds = problem.bounds()
-    begin = np.clip(problem.pack_variables(x, pole), *bounds)
+    start = np.clip(problem.pack_variables(x, pole), *bounds)
     found = scipy.optimize.least_squares(
         problem.residual,
-        begin,
+        start,
         problem.slopes,
         bounds=bounds,
         x_scale="jac",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import ModelError, SolverError
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import Trial
@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.problem import Part
 from updyn.variants import LARGEST_TRIED
 
-__all__ = ["IN_REACH", "estimate_gain", "list_other_models", "select_variants"]
+__all__ = ["IN_REACH", "estimate_gain", "list_variants", "select_variants"]
 
 _Real = NDArray[np.float64]
 
@@ -29,27 +29,27 @@ _LINES, _FOLLOWED = 20, 3
 IN_REACH = 50.0
 
 
-def list_other_models(part: Part) -> list[OtherModel]:
+def list_variants(part: Part) -> list[CompiledVariant]:
     """Return the variants of the whole model of a part; empty for a large model."""
     if part.solver.system.n > LARGEST_TRIED:
         return []
-    return [OtherModel(part, variant) for variant in part.variants]
+    return [CompiledVariant(part, variant) for variant in part.variants]
 
 
 def select_variants(
-    part: Part, others: Sequence[OtherModel], without: Trial, start: _Real
+    part: Part, variants: Sequence[CompiledVariant], without: Trial, start: _Real
 ) -> list[WrongAxes]:
     """Return the variants worth a fit from the start, the most promising first.
 
     `without` is the end of a fit of the unchanged model, `start` a point that does not depend on
     the data.
     """
-    faults = [WrongAxes(one.variant.groups, 0.0, one, len(others)) for one in others]
+    faults = [WrongAxes(one.variant.groups, 0.0, one, len(variants)) for one in variants]
     if not faults or _is_needless(without, faults[0].prior):
         return []
     few = part.thin(_LINES)
     found: list[tuple[float, WrongAxes]] = []
-    for fault, one in zip(faults, others, strict=True):
+    for fault, one in zip(faults, variants, strict=True):
         part.session.check(often=True)
         with suppress(SolverError, ModelError):
             found.append((_compare_parts(few, one.replace_model(few), fault, start), fault))
@@ -69,9 +69,11 @@ def estimate_gain(part: Part, fault: WrongAxes, x: _Real) -> float:
     return _compare_parts(part, fault.correct_part(part, x), fault, x)
 
 
-def _compare_parts(part: Part, there: Part, fault: WrongAxes, x: _Real) -> float:
-    own, other = (fit_first_order(Evidence(one, x), None)[0] for one in (part, there))
-    return 0.5 * (own - other) + float(np.log(fault.prior))
+def _compare_parts(part: Part, variant_part: Part, fault: WrongAxes, x: _Real) -> float:
+    cost, variant_cost = (
+        fit_first_order(Evidence(one, x), None)[0] for one in (part, variant_part)
+    )
+    return 0.5 * (cost - variant_cost) + float(np.log(fault.prior))
 
 
 def _is_needless(without: Trial, prior: float) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.altered import AlteredPart, compute_log_ratio
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, Irreparable, divide_data, divide_odds
+from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
 from updyn.updating.judge.causes.rates import (
     ALL,
     MATRICES,
@@ -31,7 +31,7 @@ _UNITS = {"stiffness_damping": "s", "mass_damping": "1/s"}
 
 
 @dataclass(frozen=True, slots=True)
-class ProportionalDamping(Irreparable):
+class ProportionalDamping(IrreparableFault):
     """A group, or all groups, has viscous damping of `value` times its stiffness or mass.
 
     Its channel is the unknown that the model lacks: ``"floors.mass_damping"``.

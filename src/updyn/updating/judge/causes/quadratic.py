@@ -27,7 +27,7 @@ from updyn.updating.judge.causes.evidence import (
     stack_real_imag,
 )
 
-__all__ = ["SHARES", "Quadratic", "QuadraticOutcome"]
+__all__ = ["SHARES", "QuadraticMisfit", "QuadraticOutcome"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
@@ -57,7 +57,7 @@ class QuadraticOutcome:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Quadratic:
+class QuadraticMisfit:
     """The misfit at a point to second order, and the priors of the unknowns.
 
     Attributes

@@ -14,12 +14,12 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, multiply_channels
 from updyn.updating.judge.causes.labels import list_response_labels
 
-__all__ = ["Quantity"]
+__all__ = ["WrongQuantity"]
 
 _NAMES = {power: name for name, power in QUANTITIES.items()}
 
 
-class Quantity(Fault):
+class WrongQuantity(Fault):
     """The channels are (i omega)**value times receptance, which is another quantity than stated."""
 
     __slots__ = ()

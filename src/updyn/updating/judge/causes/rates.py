@@ -94,10 +94,10 @@ def list_fixed_coefficients(part: Part) -> list[str]:
     sought = {drive.name for p in part.coordinates.parameters for drive in p.acts_on}
     found: list[str] = []
     for quantity in MATRICES:
-        every = RayleighIncrement(ALL, quantity).list_groups(system)
-        free = [group for group in every if f"{group}.{quantity}" not in sought]
-        if free == every:
-            free = [*(every if len(every) > 1 else []), ALL]
+        groups = RayleighIncrement(ALL, quantity).list_groups(system)
+        free = [group for group in groups if f"{group}.{quantity}" not in sought]
+        if free == groups:
+            free = [*(groups if len(groups) > 1 else []), ALL]
         found += [f"{group}.{quantity}" for group in free]
     return found
 
@@ -117,10 +117,12 @@ def compute_rayleigh_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[
     system = replace(part.solver.system, start=part.state(x))
     solver = replace_system(part, system)
     members = {name: RayleighIncrement.from_name(name).make_unknowns(system) for name in names}
-    each = list(dict.fromkeys(one for own in members.values() for one in own))
-    unknowns = Unknowns.find(system, each)
-    where = (part.frf.freq, part.rows, part.columns)
-    H, dH = sensitivity.receptance(solver, unknowns, system.start.rate[unknowns.at], *where)
+    coefficients = list(dict.fromkeys(one for parameters in members.values() for one in parameters))
+    unknowns = Unknowns.find(system, coefficients)
+    channels = (part.frf.freq, part.rows, part.columns)
+    H, dH = sensitivity.receptance(solver, unknowns, system.start.rate[unknowns.at], *channels)
     assert dH is not None
-    by_one = dict(zip(each, dH / np.where(H == 0.0, 1.0, H), strict=True))
-    return {name: np.asarray(sum(by_one[p] for p in own)) for name, own in members.items()}
+    by_one = dict(zip(coefficients, dH / np.where(H == 0.0, 1.0, H), strict=True))
+    return {
+        name: np.asarray(sum(by_one[p] for p in parameters)) for name, parameters in members.items()
+    }

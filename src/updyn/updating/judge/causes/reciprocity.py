@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
-from updyn.updating.judge.causes.square import Square
+from updyn.updating.judge.causes.square import CollocatedFrfs
 
 __all__ = ["Reciprocity"]
 
@@ -50,7 +50,7 @@ class Reciprocity(DataFault):
     @classmethod
     def detect_faults(cls, frf: FRF) -> Iterable[Detection]:
         """Yield the pairs that are not reciprocal, the worst first."""
-        square = Square.of(frf)
+        square = CollocatedFrfs.of(frf)
         found = []
         for a, b in square.iter_pairs():
             difference = _Difference.of(square, a, b)
@@ -87,7 +87,7 @@ class Reciprocity(DataFault):
 
     def mask_values(self, frf: FRF) -> FRF:
         """Return the data in which neither of the two FRFs has weight."""
-        square = Square.of(frf)
+        square = CollocatedFrfs.of(frf)
         a, b = (square.labels.index(label) for label in self.channels)
         return square.mask_pairs(frf, [(a, b), (b, a)])
 
@@ -101,7 +101,7 @@ class _Difference:
     freq: _Real
 
     @classmethod
-    def of(cls, square: Square, a: int, b: int) -> _Difference:
+    def of(cls, square: CollocatedFrfs, a: int, b: int) -> _Difference:
         H, G = square.values[:, a, b], square.values[:, b, a]
         h, g = square.noise[:, a, b], square.noise[:, b, a]
         clear = (np.abs(H) > _CLEAR * h) & (np.abs(G) > _CLEAR * g)

@@ -13,7 +13,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, multiply_channels
 
-__all__ = ["UNITS", "Scale"]
+__all__ = ["UNITS", "WrongUnit"]
 
 #: Factors by which data are too large, by cause: units of motion, of force, and of both together.
 UNITS: Mapping[str, float] = MappingProxyType(
@@ -38,7 +38,7 @@ _NEAR = 1e-6
 _ABOUT = 0.12
 
 
-class Scale(Fault):
+class WrongUnit(Fault):
     """All data are `value` times their values in SI."""
 
     __slots__ = ()

@@ -11,7 +11,7 @@ import numpy as np
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable
+from updyn.updating.judge.causes.fault import IrreparableFault
 from updyn.updating.problem.problem import Part
 
 __all__ = ["LIKELY", "DataFault", "Detection"]
@@ -26,7 +26,7 @@ class Detection:
 
     Attributes
     ----------
-    fault : ShownFault
+    fault : DataFault
         The fault.
     log_odds : float
         Logarithm of the odds that the data have it.
@@ -39,7 +39,7 @@ class Detection:
     share: float
 
 
-class DataFault(Irreparable):
+class DataFault(IrreparableFault):
     """A fault that is found in the data alone, without comparison with the model.
 
     Attributes

@@ -11,10 +11,10 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, list_channels, multiply_channels
 
-__all__ = ["Sign"]
+__all__ = ["WrongSign"]
 
 
-class Sign(Fault):
+class WrongSign(Fault):
     """The opposite sign of a sensor or of a force; without channels, of all data."""
 
     __slots__ = ()

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise.neighbours import estimate_scatter
 
-__all__ = ["Square"]
+__all__ = ["CollocatedFrfs"]
 
 #: Variance of a value without weight, in units of the square of the largest value.
 _WITHOUT_WEIGHT = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Square:
+class CollocatedFrfs:
     """Values between DOFs that have both a sensor and a force, without signs of labels.
 
     Attributes
@@ -50,7 +50,7 @@ class Square:
     quantity: str
 
     @classmethod
-    def of(cls, frf: FRF) -> Square:
+    def of(cls, frf: FRF) -> CollocatedFrfs:
         """Return the values of data."""
         responses = {str(abs(dof)): i for i, dof in enumerate(frf.responses)}
         references = {str(abs(dof)): j for j, dof in enumerate(frf.references)}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divide_data
+from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import is_free
 
 __all__ = ["Suspension"]
@@ -21,7 +21,7 @@ _LOW, _HIGH = (0.4, 1.1, 3.0), (0.13, 0.4)
 _STEP = 1e-4
 
 
-class Suspension(Irreparable):
+class Suspension(IrreparableFault):
     """The structure is suspended at `value` Hz, while the model is free.
 
     Distributed springs in proportion to the mass, K + (2 pi value)^2 M, increase the squares of all

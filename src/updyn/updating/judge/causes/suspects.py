@@ -13,7 +13,7 @@ from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, find_held
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import count_values
-from updyn.updating.judge.causes.quadratic import Quadratic
+from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.problem.problem import Part
 
@@ -112,7 +112,7 @@ def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
     frf = slope = None
     if fault is not None:
         frf, slope = fault.repair_with_model(evidence), fault.slope(evidence)
-    quadratic = Quadratic.at_point(evidence, frf, slope)
+    quadratic = QuadraticMisfit.at_point(evidence, frf, slope)
     return quadratic.find_best_share(count_values(evidence.frf), evidence.rms_misfit**2)[
         1
     ].log_evidence

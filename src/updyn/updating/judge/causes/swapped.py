@@ -11,13 +11,13 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault, find_channels
 
-__all__ = ["Swapped"]
+__all__ = ["SwappedChannels"]
 
 #: Number of sensors up to which all pairs are tried; of more sensors only the first ones.
 _MOST = 80
 
 
-class Swapped(Fault):
+class SwappedChannels(Fault):
     """Two responses, or two references, are exchanged."""
 
     __slots__ = ()

@@ -22,7 +22,7 @@ from updyn.updating.judge.causes.evidence import (
 )
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
-from updyn.updating.judge.causes.quadratic import Quadratic
+from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
@@ -84,7 +84,7 @@ class Trial:
         Number of real values with weight.
     n_parameters : int
         Number of parameters of the fault that the data determine.
-    quadratic : Quadratic or None
+    quadratic : QuadraticMisfit or None
         The misfit near the end, to second order; None without held quantities.
     """
 
@@ -95,7 +95,7 @@ class Trial:
     correlation: float
     n_values: int
     n_parameters: int = 0
-    quadratic: Quadratic | None = None
+    quadratic: QuadraticMisfit | None = None
 
     @property
     def n_held(self) -> int:
@@ -251,7 +251,7 @@ def _has_converged(fault: Fault | None, better: Fault | None) -> bool:
     return not fault.has_free_size or abs(better.value - fault.value) < 1e-3 * abs(better.value)
 
 
-def _approximate_misfit(corrected: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
+def _approximate_misfit(corrected: Part, fault: Fault | None, x: _Real) -> QuadraticMisfit | None:
     """Return the misfit near the end of a trial, to second order, with a free size of the fault."""
     try:
         evidence = Evidence(corrected, x)
@@ -259,7 +259,7 @@ def _approximate_misfit(corrected: Part, fault: Fault | None, x: _Real) -> Quadr
         if fault is not None and fault.has_free_size:
             # For faults that add up, the size counts from 0 after the correction.
             slope = (replace(fault, value=0.0) if fault.is_additive else fault).slope(evidence)
-        return Quadratic.at_point(evidence, slope=slope)
+        return QuadraticMisfit.at_point(evidence, slope=slope)
     except SolverError:
         return None
 

@@ -17,7 +17,7 @@ from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.misfit import NOISE_LIMIT
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Turned", "list_rotation_axes"]
+__all__ = ["TurnedSensor", "list_rotation_axes"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -31,7 +31,7 @@ _STEP = np.radians(5.0)
 _ANGLES = np.arange(-np.pi, np.pi, _STEP)
 
 
-class Turned(Fault):
+class TurnedSensor(Fault):
     """The sensor or the force at a node is turned about an axis by `value` degrees.
 
     ``"3:Z"`` turns the responses of node 3 about Z, ``"force 3:Z"`` its references. A positive

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Irreparable, divide_odds
-from updyn.updating.judge.causes.other_model import OtherModel
+from updyn.updating.judge.causes.fault import IrreparableFault, divide_odds
+from updyn.updating.judge.causes.other_model import CompiledVariant
 from updyn.updating.problem.problem import Part
 from updyn.variants import exchanged_axes
 
@@ -19,18 +19,18 @@ __all__ = ["WrongAxes"]
 
 
 @dataclass(frozen=True, slots=True)
-class WrongAxes(Irreparable):
+class WrongAxes(IrreparableFault):
     """The beams of the groups in `channels` have exchanged section axes in the model.
 
     Attributes
     ----------
-    other : OtherModel or None
+    compiled_variant : CompiledVariant or None
         The model with the correct axes.
     n_places : int
         Number of variants of the model that were compared; they share the odds of the kind.
     """
 
-    other: OtherModel | None = field(default=None, compare=False, repr=False)
+    compiled_variant: CompiledVariant | None = field(default=None, compare=False, repr=False)
     n_places: int = 1
 
     kind: ClassVar[str] = "wrong-axes"
@@ -49,7 +49,9 @@ class WrongAxes(Irreparable):
 
     def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""
-        return part if self.other is None else self.other.prepare_part(part, [x])
+        return (
+            part if self.compiled_variant is None else self.compiled_variant.prepare_part(part, [x])
+        )
 
     def prepare_next_search(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part with the other model."""
@@ -63,4 +65,4 @@ class WrongAxes(Irreparable):
     @property
     def remedy(self) -> str:
         """Line of the model to change."""
-        return "" if self.other is None else self.other.variant.remedy
+        return "" if self.compiled_variant is None else self.compiled_variant.variant.remedy

@@ -10,7 +10,7 @@ import updyn
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
-from updyn.updating.judge.causes.moved import Moved
+from updyn.updating.judge.causes.moved import MisplacedSensor
 from updyn.updating.problem.problem import Part
 
 
@@ -32,7 +32,7 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
     part = Part.build(chain12, frf, unknowns)
     evidence = Evidence(part, part.coordinates.home)
-    moved = Moved(("7:X", "8:X")).repair_with_model(evidence)
+    moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
     assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
@@ -48,7 +48,7 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = Part.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
     evidence = Evidence(part, part.coordinates.home)
-    moved = Moved(("7:X", "8:X")).repair_with_model(evidence)
+    moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
     assert evidence.project_out_unknowns(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-6)

@@ -133,7 +133,7 @@ def test_the_stiffness_of_another_state_is_undone_exactly(chain12_true, clean):
 def test_a_force_is_left_out_and_the_last_one_is_not(data):
     assert read_fault("other-test:force 5:X=0.1").repair(data).references.labels == ["12:X"]
     one = data.select(references=["5:X"])
-    with pytest.raises(DataError, match="no data are left"):
+    with pytest.raises(DataError, match="no data remain"):
         read_fault("other-test:force 5:X=0.1").repair(one)
 
 

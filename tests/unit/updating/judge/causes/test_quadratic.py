@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from updyn.updating.judge.causes.quadratic import SHARES, Quadratic
+from updyn.updating.judge.causes.quadratic import SHARES, QuadraticMisfit
 from updyn.updating.judge.causes.trial import Trial
 
 
@@ -21,7 +21,7 @@ def linear():
 
 
 def quadratic(J, e, x, spread, held):
-    return Quadratic(J.T @ J, J.T @ e, float(e @ e), x, spread, held, len(e))
+    return QuadraticMisfit(J.T @ J, J.T @ e, float(e @ e), x, spread, held, len(e))
 
 
 def solved(J, y, sigma, spread):
@@ -123,6 +123,6 @@ def test_directions_that_the_data_fix_by_far_leave_the_others_to_their_priors():
     direction = np.array([1.0, 1.0 / 3.0, 0.7])
     spread, held = np.array([0.4, 0.05, 0.05]), np.array([False, True, True])
     normal = 1e24 * np.outer(direction, direction)
-    about = Quadratic(normal, 1e11 * direction, 1.0, np.zeros(3), spread, held, 400)
+    about = QuadraticMisfit(normal, 1e11 * direction, 1.0, np.zeros(3), spread, held, 400)
     found = about.evaluate_share(0.5, 400.0, 1e-6)
     assert np.isfinite([found.mean_square, found.log_evidence]).all()

@@ -9,8 +9,8 @@ import updyn
 from updyn.elements.beam import beam
 from updyn.elements.structure import Beam, rectangle, structure
 from updyn.updating.judge.causes.data_alone import with_variance
-from updyn.updating.judge.causes.other_model import OtherModel
-from updyn.updating.judge.causes.promising import list_other_models, select_variants
+from updyn.updating.judge.causes.other_model import CompiledVariant
+from updyn.updating.judge.causes.promising import list_variants, select_variants
 from updyn.updating.judge.causes.trial import Trial, raise_loss_factors
 from updyn.updating.judge.counterparts import find_counterparts
 from updyn.updating.problem.noise import choose_noise
@@ -144,7 +144,7 @@ def test_a_reduced_variant_answers_as_the_variant_does(frf):
     data = with_variance(data, choose_noise({"relative": 0.01}, data))
     part = Part.build(wrong, data, unknowns(wrong), session=Session(cache=RecentCache()))
     assert part.solver.system.n > 100
-    other = next(one for one in list_other_models(part) if one.variant.groups == ("girder",))
+    other = next(one for one in list_variants(part) if one.variant.groups == ("girder",))
     home = part.coordinates.home
     as_it_is = part.responses(home)
     there = other.prepare_part(part, [home])
@@ -166,12 +166,12 @@ def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
     part = Part.build(start, data, unknowns(start))
     home = part.coordinates.home
     without = Trial(None, home, power, far, 0.0, 2 * part.n_values)
-    found = select_variants(part, list_other_models(part), without, raise_loss_factors(part, home))
+    found = select_variants(part, list_variants(part), without, raise_loss_factors(part, home))
     assert [one.channels for one in found] == expected
 
 
 def test_none_are_tried_of_a_large_model(monkeypatch, frf):
     part = Part.build(portal(("girder",)), frf, unknowns(portal()))
-    assert [type(one) for one in list_other_models(part)] == [OtherModel] * 4
+    assert [type(one) for one in list_variants(part)] == [CompiledVariant] * 4
     monkeypatch.setattr("updyn.updating.judge.causes.promising.LARGEST_TRIED", 30)
-    assert list_other_models(part) == []
+    assert list_variants(part) == []
