@@ -88,17 +88,11 @@ def drop_explained_symptoms(
         if finding.written:
             with suppress(UpdynError):  # a repair that leaves too little
                 repaired = finding.repair(repaired)
-<<<<<<< /tmp/rc/pure/src/updyn/updating/judge/causes/data_alone.py
-    after = {one.fault.kind for one in detect_data_faults(repaired)}
-    before, corrected = ({one.fault.kind for one in detect_data_faults(data)} for data in thin_data)
-    removed = before - corrected
-=======
     after = {one.fault.kind for one in detect_data_faults(repaired, rigid)}
     before, corrected = (
         {one.fault.kind for one in detect_data_faults(data, rigid)} for data in thin_data
     )
-    gone = before - corrected
->>>>>>> /tmp/rc/_h
+    removed = before - corrected
     symptoms = [one for one in detections if one.fault.is_symptom]
     explained = [
         one for one in symptoms if one.fault.kind not in after or one.fault.kind in removed

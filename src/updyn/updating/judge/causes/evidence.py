@@ -138,11 +138,9 @@ class Evidence:
 
         def compute() -> Record:
             found = list(
-<<<<<<< /tmp/rc/pure/src/updyn/updating/judge/causes/evidence.py
-                blank_part.each(_solve_block, [(self.x, lines) for lines in blank_part.partition()])
-=======
-                there.map_lines(_solve_block, [(self.x, lines) for lines in there.partition()])
->>>>>>> /tmp/rc/_h
+                blank_part.map_lines(
+                    _solve_block, [(self.x, lines) for lines in blank_part.partition()]
+                )
             )
             return tuple(
                 np.concatenate(one, axis=i) for i, one in enumerate(zip(*found, strict=True))
