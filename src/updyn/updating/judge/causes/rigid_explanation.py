@@ -1,0 +1,198 @@
+"""Simple faults that explain a sensor that does not follow rigid-body motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DIRECTIONS, Dof
+from updyn.updating.judge.causes.rigid_motion import AS_LIKELY, RANK, RigidMotion, RowMask
+
+__all__ = ["Explanation", "explain_sensors"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Deviation in standard deviations up to which a fault explains the values of a sensor.
+_FITS = 2.0
+#: Trial angles in degrees.
+_ANGLES = np.concatenate([np.arange(3.0, 86.0, 0.5), -np.arange(3.0, 86.0, 0.5)])
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A fault that may explain the values of a sensor.
+
+    Attributes
+    ----------
+    words : str
+        The fault in words.
+    repair_text : str
+        Its text for a job; empty if no change of the data corrects it.
+    deviation : float
+        Largest deviation of the corrected sensor in standard deviations.
+    """
+
+    words: str
+    repair_text: str
+    deviation: float
+
+    @property
+    def place(self) -> str:
+        """Kind and channels of the repair."""
+        return self.repair_text.partition("=")[0]
+
+    def __str__(self) -> str:
+        return f"{self.words} ({self.repair_text})" if self.repair_text else self.words
+
+
+def explain_sensors(
+    motion: RigidMotion, wrong: Sequence[int]
+) -> dict[tuple[int, ...], list[Explanation]]:
+    """Return the faults that explain the values of some sensors, the simplest first.
+
+    One list for all sensors if the same fault explains them, else one for each.
+    """
+    found = {(i,): _explain_one(motion, i, wrong) for i in wrong}
+    common = set.intersection(*({one.place for one in each} for each in found.values())) - {""}
+    joint = [one for one in found[wrong[0],] if one.place in common]
+    return {tuple(wrong): joint} if joint else found
+
+
+def _explain_one(motion: RigidMotion, i: int, wrong: Sequence[int]) -> list[Explanation]:
+    found = [one for one in _try_faults(motion, i, wrong) if one.deviation <= _FITS]
+    best = min((one.deviation for one in found), default=0.0)
+    return [one for one in found if one.deviation**2 <= best**2 + AS_LIKELY]
+
+
+def _try_faults(motion: RigidMotion, i: int, wrong: Sequence[int]) -> Iterator[Explanation]:
+    """Yield each kind of fault of a sensor with its best size or place."""
+    sensor = _Sensor.of(motion, motion.leave_out(wrong), i)
+    dof = motion.sensors[i]
+    own = sensor.predict([dof])[0]
+    yield Explanation("the opposite sign", f"sign:{dof}", sensor.compare(-own))
+    for k in wrong:
+        if k != i:
+            there = motion.sensors[k]
+            other = _Sensor.of(motion, sensor.rows, k)
+            deviation = max(sensor.compare(sensor.predict([there])[0]), other.compare(own))
+            pair = ",".join(str(motion.sensors[one]) for one in sorted((i, k)))
+            yield Explanation(f"an exchange with {there}", f"swapped:{pair}", deviation)
+    yield from _try_turns(sensor, dof, own)
+    yield from _try_places(sensor, dof)
+    gain = sensor.fit_gain(own)
+    if gain > 0.0:
+        text = f"calibration:{dof}={np.log(gain):.4g}"
+        yield Explanation(f"a factor of {gain:.3g}", text, sensor.compare(gain * own))
+
+
+def _try_places(sensor: _Sensor, dof: Dof) -> Iterator[Explanation]:
+    """Yield the best of the places near a sensor, and of those of the other sensors."""
+    motion = sensor.motion
+    turning = dof.direction.startswith("R")
+    near = motion.rigid.list_near(motion.data, dof)
+    others = [k for k in motion.sensors if k != dof and k.direction.startswith("R") == turning]
+    for places, text in ((near, f"moved:{dof},"), (others, "")):
+        known = sensor.select_determined(places)
+        if known:
+            deviations = sensor.compare(sensor.predict(known))
+            best = int(np.argmin(deviations))
+            there = str(known[best])
+            words = f"the motion of {there}"
+            yield Explanation(words, text and text + there, float(deviations[best]))
+
+
+def _try_turns(sensor: _Sensor, dof: Dof, own: _Complex) -> Iterator[Explanation]:
+    """Yield the best turn towards each other direction of the node.
+
+    If that is measured, too, both turn together where this explains both.
+    """
+    motion = sensor.motion
+    prefix, k = dof.direction[:-1], DIRECTIONS.index(dof.direction[-1])
+    angles = np.radians(_ANGLES)[:, None]
+    for step, sense in ((1, 1.0), (2, -1.0)):
+        across = Dof(dof.node, prefix + DIRECTIONS[(k + step) % 3])
+        if not sensor.select_determined([across]):
+            continue
+        other = sensor.predict([across])[0]
+        deviations = sensor.compare(np.cos(angles) * own + np.sin(angles) * other)
+        text = ""
+        if across in motion.sensors:
+            second = _Sensor.of(motion, sensor.rows, motion.sensors.index(across))
+            turned = second.compare(np.cos(angles) * other - np.sin(angles) * own)
+            if np.maximum(deviations, turned).min() <= _FITS:
+                deviations = np.maximum(deviations, turned)
+                text = f"turned:{dof.node}:{DIRECTIONS[(k - step) % 3]}="
+        best = int(np.argmin(deviations))
+        angle = float(_ANGLES[best])
+        sign = "-" if angle < 0.0 else ""
+        words = f"a turn by {abs(angle):.3g} degrees towards {sign}{across.direction}"
+        yield Explanation(words, text and f"{text}{sense * angle:.3g}", float(deviations[best]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sensor:
+    """The values of a sensor, and the rigid-body motion that other sensors show.
+
+    Attributes
+    ----------
+    motion : RigidMotion
+        All sensors.
+    rows : ndarray of bool, shape (n,)
+        The other sensors.
+    values : ndarray of complex, shape (m,)
+        Values of the sensor, by reference.
+    std : ndarray of float, shape (m,)
+        Standard deviation of their difference from the motion of the others.
+    amplitudes : ndarray of complex, shape (r, m)
+        Motion of the others.
+    determined : ndarray of float, shape (r, r)
+        Projection onto the motion that they determine.
+    """
+
+    motion: RigidMotion
+    rows: RowMask
+    values: _Complex
+    std: _Real
+    amplitudes: _Complex
+    determined: _Real
+
+    @classmethod
+    def of(cls, motion: RigidMotion, rows: RowMask, i: int) -> _Sensor:
+        R, std = motion.shapes[rows], motion.standard_deviation(rows)
+        inverses = [np.linalg.pinv(R / s[:, None], rcond=RANK) / s for s in std[rows].T]
+        values = motion.values[rows].T
+        amplitudes = np.stack([one @ v for one, v in zip(inverses, values, strict=True)], axis=1)
+        spread = [
+            np.linalg.norm(motion.shapes[i] @ one * s)
+            for one, s in zip(inverses, std[rows].T, strict=True)
+        ]
+        determined = np.linalg.pinv(R, rcond=RANK) @ R
+        own = np.hypot(std[i], spread)
+        return cls(motion, rows, motion.values[i], own, amplitudes, determined)
+
+    def select_determined(self, dofs: Sequence[Dof]) -> list[Dof]:
+        """Return those DOFs of the model whose motion the other sensors determine."""
+        dofs = [dof for dof in dofs if self.motion.rigid.has(dof)]
+        R = self.motion.rigid.at(dofs)
+        lacking = np.linalg.norm(R - R @ self.determined, axis=1)
+        known = lacking <= RANK * np.linalg.norm(R, axis=1)
+        return [dof for dof, one in zip(dofs, known, strict=True) if one]
+
+    def predict(self, dofs: Sequence[Dof]) -> _Complex:
+        """Return the motion of DOFs by that of the other sensors, shape (k, m)."""
+        return np.asarray(self.motion.rigid.at(dofs) @ self.amplitudes)
+
+    def compare(self, values: _Complex) -> Any:
+        """Return the largest deviation from values of shape (..., m), shape (...)."""
+        return np.max(np.abs(self.values - values) / self.std, axis=-1)
+
+    def fit_gain(self, own: _Complex) -> float:
+        """Return the real factor of its motion that best explains the values."""
+        weight = 1.0 / self.std**2
+        power = max(float(np.sum(weight * np.abs(own) ** 2)), np.finfo(float).tiny)
+        return float(np.sum(weight * (self.values * own.conj()).real)) / power
