@@ -26,6 +26,7 @@ from updyn.updating.judge.causes.no_support import NoSupport
 from updyn.updating.judge.causes.other_test import OtherTest
 from updyn.updating.judge.causes.quantity import WrongQuantity
 from updyn.updating.judge.causes.reciprocity import Reciprocity
+from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.scale import WrongUnit
 from updyn.updating.judge.causes.sign import WrongSign
 from updyn.updating.judge.causes.support import Suspension
@@ -65,6 +66,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     Leakage,
     DrivePoint,
     Reciprocity,
+    RigidBody,
 )
 
 #: Kinds of faults by name. A further kind derives from `Fault` and is registered here.
