@@ -1,11 +1,11 @@
-"""Text for the terminal: aligned columns, counted nouns, escaped control characters."""
+"""Text for the terminal: aligned columns, numbers with nouns, escaped control characters."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
 
-__all__ = ["counted", "percent", "printable", "text_table"]
+__all__ = ["format_count", "percent", "printable", "text_table"]
 
 #: Characters that a terminal would interpret, or that change the text direction.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -40,7 +40,7 @@ def text_table(
     return "\n".join(lines)
 
 
-def counted(n: int, noun: str) -> str:
+def format_count(n: int, noun: str) -> str:
     """Return a number and a noun, such as ``"1 line"`` and ``"2 lines"``.
 
     Parameters

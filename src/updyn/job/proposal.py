@@ -31,7 +31,7 @@ from updyn.job.schema import (
 from updyn.matching import Matching, match
 from updyn.matching.result import MatchError
 from updyn.model import Model
-from updyn.text_table import counted, printable
+from updyn.text_table import format_count, printable
 from updyn.updating.before_search import REMEDY
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 
@@ -246,7 +246,7 @@ def describe_inputs(inputs: Inputs) -> str:
         f" {len(inputs.frf.references)} references",
         matched,
         *_describe_counterparts(inputs),
-        f"proposed: {counted(inputs.n_unknowns, 'unknown')}",
+        f"proposed: {format_count(inputs.n_unknowns, 'unknown')}",
     ]
     texts += [f"Before it can run, state {text}" for text in inputs.missing_keys]
     return "\n".join(texts)

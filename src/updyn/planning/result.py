@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.model import Model
-from updyn.text_table import counted, text_table
+from updyn.text_table import format_count, text_table
 from updyn.updating.problem.parameters import ParameterSet
 
-__all__ = ["BandWorth", "Plan", "Rival", "Worth"]
+__all__ = ["BandWorth", "Plan", "RivalLayout", "Worth"]
 
 #: Number of further sensors in a summary.
 _NAMED = 3
@@ -54,7 +54,7 @@ class BandWorth:
 
 
 @dataclass(frozen=True, slots=True)
-class Rival:
+class RivalLayout:
     """The layout of another criterion, from the same candidates in the same band.
 
     Attributes
@@ -168,7 +168,7 @@ class Plan:
     parameters: ParameterSet
     model: Model
     bands: tuple[BandWorth, ...] = ()
-    rivals: tuple[Rival, ...] = ()
+    rivals: tuple[RivalLayout, ...] = ()
     draws: int = 0
     off: float = 0.0
     seed: int = 0
@@ -182,18 +182,23 @@ class Plan:
 
     def summary(self) -> str:
         """Return layout, expected standard deviations and gains as text."""
-        blocks = [self._head(), self._layout(), self._expected_text(), self._worth()]
+        blocks = [
+            self._format_head(),
+            self._format_layout(),
+            self._format_expected(),
+            self._format_worth(),
+        ]
         if self.rivals:
-            blocks.append(self._comparison())
+            blocks.append(self._format_rivals())
         return "\n\n".join(blocks)
 
-    def _head(self) -> str:
+    def _format_head(self) -> str:
         noise = f"{100 * self.noise['relative']:g} % of |H|, floor {self.noise['floor']:g} rms"
         low, high = self.band
         lines = [
-            f"{self.criterion}: {counted(len(self.responses), 'sensor')},"
-            f" {counted(len(self.references), 'force')}; {self.quantity},"
-            f" {counted(len(self.freq), 'line')} from {low:g} to {high:g} Hz",
+            f"{self.criterion}: {format_count(len(self.responses), 'sensor')},"
+            f" {format_count(len(self.references), 'force')}; {self.quantity},"
+            f" {format_count(len(self.freq), 'line')} from {low:g} to {high:g} Hz",
             f"Expected noise: {noise}",
         ]
         if self.draws:
@@ -206,23 +211,25 @@ class Plan:
         for band in self.bands:
             text = "chosen"
             if band.gain:
-                text = f"standard deviations {_percent(band.gain)} larger"
+                text = f"standard deviations {_format_percent(band.gain)} larger"
             lines.append(f"Band {band.low:g} to {band.high:g} Hz: {text}")
         return "\n".join(lines)
 
-    def _layout(self) -> str:
+    def _format_layout(self) -> str:
         rows = []
         for kind, labels, gains in (
             ("sensor", self.responses, self.gain),
             ("force", self.references, self.reference_gain),
         ):
             for number, (label, gain) in enumerate(zip(labels, gains, strict=True)):
-                rows.append([kind, label, _percent(gain) if number else "first"])
-        rows += [["next sensor", w.label, _percent(w.gain)] for w in self.further[:_NAMED]]
-        rows += [["next force", w.label, _percent(w.gain)] for w in self.further_references[:1]]
+                rows.append([kind, label, _format_percent(gain) if number else "first"])
+        rows += [["next sensor", w.label, _format_percent(w.gain)] for w in self.further[:_NAMED]]
+        rows += [
+            ["next force", w.label, _format_percent(w.gain)] for w in self.further_references[:1]
+        ]
         return text_table(["", "DOF", "gain"], rows, left=(0, 1))
 
-    def _expected_text(self) -> str:
+    def _format_expected(self) -> str:
         header = ["unknown", "start", "std"]
         if self.std_range:
             header += ["least", "largest"]
@@ -234,15 +241,15 @@ class Plan:
             rows.append(row)
         return text_table(header, rows)
 
-    def _worth(self) -> str:
+    def _format_worth(self) -> str:
         lines = [
-            f"Twice the {name}: standard deviations {_percent(gain)} smaller"
+            f"Twice the {name}: standard deviations {_format_percent(gain)} smaller"
             for name, gain in self.doubled.items()
         ]
-        rows = [[f"{p.low:.4g} to {p.high:.4g} Hz", _percent(p.gain)] for p in self.parts]
+        rows = [[f"{p.low:.4g} to {p.high:.4g} Hz", _format_percent(p.gain)] for p in self.parts]
         return "\n".join([*lines, "", text_table(["part of the band", "gain"], rows)])
 
-    def _comparison(self) -> str:
+    def _format_rivals(self) -> str:
         rows = [[self.criterion, "1", ", ".join(self.responses), ", ".join(self.references)]]
         for rival in self.rivals:
             ratio = rival.note or f"{rival.ratio:.3g}"
@@ -252,5 +259,5 @@ class Plan:
         return text_table(header, rows, left=(0, 2, 3))
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"

@@ -11,7 +11,7 @@ import numpy as np
 from updyn import __version__
 from updyn.report.agreement import compute_agreement
 from updyn.report.data import ReportData
-from updyn.report.formats import counted, extent, number, percentage, quantity_words
+from updyn.report.formats import extent, format_count, number, percentage, quantity_words
 from updyn.report.head import VerdictPart, key_figure
 from updyn.report.page import assemble
 from updyn.report.section import PageContent, ReportSection
@@ -65,7 +65,10 @@ def _head(content: PageContent, start: Start) -> str:
     return render_template(
         "updyn.report/head.html",
         title=start.title,
-        about=f"Before any fit; {counted(len(start.parameters), 'unknown')}; {extent(start.data)}",
+        about=(
+            f"Before any fit; {format_count(len(start.parameters), 'unknown')};"
+            f" {extent(start.data)}"
+        ),
         badge=badge,
         kind=kind,
         parts=[
@@ -82,10 +85,10 @@ def _head(content: PageContent, start: Start) -> str:
 
 def _judge_identifiability(start: Start) -> VerdictPart:
     rank, n = start.identifiability.rank, start.identifiability.n_parameters
-    text = f"The data can determine all of {counted(n, 'unknown')}."
+    text = f"The data can determine all of {format_count(n, 'unknown')}."
     if rank < n:
-        combinations = counted(rank, "independent combination")
-        text = f"The data can determine {combinations} of {counted(n, 'unknown')}."
+        combinations = format_count(rank, "independent combination")
+        text = f"The data can determine {combinations} of {format_count(n, 'unknown')}."
     return VerdictPart("Determined", rank >= n, text)
 
 

@@ -17,7 +17,7 @@ from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits, reason
 from updyn.frf import FRF
 from updyn.report.data import EVALUATION_BUDGET, compute_frfs, fine_grid, keep_lines
-from updyn.report.formats import counted, decibels, extent, number, unit
+from updyn.report.formats import decibels, extent, format_count, number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import (
     MODEL_COLOURS,
@@ -101,9 +101,8 @@ class ComparisonContent:
 # -- head ----------------------------------------------------------------------------------------
 def _head(comparison: Comparison) -> str:
     run = [row for row in comparison if row.applies]
-    about = (
-        f"{counted(len(comparison), 'method')}, {counted(len(comparison.parameters), 'unknown')}"
-    )
+    unknowns = format_count(len(comparison.parameters), "unknown")
+    about = f"{format_count(len(comparison), 'method')}, {unknowns}"
     if len(comparison.tests) > 1:
         about += f", {len(comparison.tests)} tests"
     else:
@@ -125,7 +124,7 @@ def _head(comparison: Comparison) -> str:
 
 def _format_verdict(comparison: Comparison, run: Sequence[Row]) -> str:
     """Return a sentence: how many methods apply, and which recover the unknowns or converged."""
-    start = f"{len(run)} of {counted(len(comparison), 'method')} can be used on these data."
+    start = f"{len(run)} of {format_count(len(comparison), 'method')} can be used on these data."
     if comparison.truth:
         within = f"{100 * comparison.tolerance:g} %"
         recovered = [row.method for row in run if row.error_max <= comparison.tolerance]
@@ -366,8 +365,8 @@ class LimitsSection(ComparisonSection):
             remarks = []
             if reason(row):
                 remarks.append(f"{row.status}: {reason(row)}")
-            if row.applies and row.left:
-                remarks.append(f"kept at their start: {', '.join(row.left)}")
+            if row.applies and row.fixed:
+                remarks.append(f"kept at their start: {', '.join(row.fixed)}")
             rows.append([row.method, _typeset(limits(row)), row.reference, "; ".join(remarks)])
         return {"rows": rows}
 

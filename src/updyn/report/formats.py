@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -23,12 +23,12 @@ __all__ = [
     "change",
     "chi_hint",
     "combination_words",
-    "counted",
     "decibels",
     "estimate",
     "extent",
     "figure_name",
     "figure_of_agreement",
+    "format_count",
     "format_padded",
     "interval",
     "noise_is_fitted",
@@ -209,12 +209,12 @@ def extent(data: FRF | ModeSet) -> str:
         found = "frequencies" if len(data) > 1 else "frequency"
         return f"{len(data)} natural {found}, {_span(data.frequency, '')}"
     if isinstance(data, ModeSet):
-        modes, dofs = counted(len(data), "mode"), counted(len(data.dofs), "DOF")
+        modes, dofs = format_count(len(data), "mode"), format_count(len(data.dofs), "DOF")
         return f"{modes} at {dofs}, {_span(data.frequency, '')}"
     frf = data
-    responses = counted(len(frf.responses), "response")
-    references = counted(len(frf.references), "reference")
-    lines = counted(len(frf.freq), "line")
+    responses = format_count(len(frf.responses), "response")
+    references = format_count(len(frf.references), "reference")
+    lines = format_count(len(frf.freq), "line")
     return f"{responses} × {references}, {lines} {_span(frf.freq, 'from ', 'at ')}"
 
 

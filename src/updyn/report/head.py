@@ -10,10 +10,10 @@ from urllib.parse import quote
 
 from updyn.report.formats import (
     chi_hint,
-    counted,
     decibels,
     extent,
     figure_of_agreement,
+    format_count,
     noise_is_fitted,
     number,
     percentage,
@@ -93,7 +93,7 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
     str
     """
     judgement = verdict(result)
-    unknowns = counted(len(result.parameters), "unknown")
+    unknowns = format_count(len(result.parameters), "unknown")
     return render_template(
         "updyn.report/head.html",
         title=result.title,
@@ -286,7 +286,7 @@ def verdict(result: UpdateResult) -> Verdict:
         return Verdict(badge, kind, *_list_parts(result, result.trust))
     first, _, rest = result.message.partition(". ")
     text = f"{first.removesuffix('.')}." if first else ""
-    steps = f"After {counted(result.iterations, 'iteration')}."
+    steps = f"After {format_count(result.iterations, 'iteration')}."
     converged, determined = VerdictPart("Converged", True, steps), _judge_identifiability(result)
     if result.status == "not-identifiable":
         if not result.is_ambiguous:
@@ -300,7 +300,7 @@ def verdict(result: UpdateResult) -> Verdict:
 
 def _list_parts(result: UpdateResult, trust: Trust) -> tuple[tuple[VerdictPart, ...], str]:
     """Return the parts of the verdict and the remainder of the message."""
-    steps = f" After {counted(result.iterations, 'iteration')}."
+    steps = f" After {format_count(result.iterations, 'iteration')}."
     parts = []
     for name, claim in trust.items():
         why = claim.why + steps if name == "converged" else claim.why
@@ -324,5 +324,7 @@ def _judge_identifiability(result: UpdateResult) -> VerdictPart:
     elif rank == 0:
         text = f"The data determine none of the {n} unknowns."
     else:
-        text = f"The data determine {counted(rank, 'independent combination')} of {n} unknowns."
+        text = (
+            f"The data determine {format_count(rank, 'independent combination')} of {n} unknowns."
+        )
     return VerdictPart("Determined", rank >= n, text)

@@ -16,7 +16,7 @@ from updyn.modal import ModeSet
 from updyn.modal.alike import AlikePair, find_alike_pairs
 from updyn.modal.level import describe_leaning
 from updyn.modal.unexplained import describe_unexplained
-from updyn.report.formats import counted, extent, number, percentage
+from updyn.report.formats import extent, format_count, number, percentage
 from updyn.report.modes import mode_map
 from updyn.report.page import assemble
 from updyn.report.picker import IdentifiedModes, picker_data, picker_figure
@@ -88,7 +88,7 @@ def render(
 
 def _format_verdict(modes: ModeSet) -> str:
     """Return a sentence with the number of modes, the least certain mode, and unexplained peaks."""
-    count = counted(len(modes), "mode")
+    count = format_count(len(modes), "mode")
     if not np.isfinite(modes.quality).any():
         return f"{count}."
     least = int(np.nanargmin(modes.quality))

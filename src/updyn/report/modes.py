@@ -14,7 +14,13 @@ from updyn.correlation.modes import ModeCorrelation
 from updyn.dynamics.modes import Modes
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
-from updyn.report.formats import counted, figure_of_agreement, format_padded, number, percentage
+from updyn.report.formats import (
+    figure_of_agreement,
+    format_count,
+    format_padded,
+    number,
+    percentage,
+)
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
     MODEL_COLOURS,
@@ -172,7 +178,7 @@ def comac_bars(table: ModalTable) -> Figure | None:
             {
                 "type": "scatter",
                 "mode": "markers",
-                "name": f"{name} ({counted(n, 'pair')})",
+                "name": f"{name} ({format_count(n, 'pair')})",
                 "x": encode_numbers(values[shown]),
                 "y": list(range(len(names))),
                 "text": names,
@@ -318,7 +324,7 @@ def _format_verdict(table: ModalTable) -> str:
     alone = len(found.unpaired_computed)
     if alone:
         are = "is" if alone == 1 else "are"
-        modes = counted(alone, "mode")
+        modes = format_count(alone, "mode")
         text += f" {modes} of the model in this band {are} not found in the test."
     return text
 

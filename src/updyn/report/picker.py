@@ -16,7 +16,7 @@ from updyn.modal import ModeSet, cmif, synthesise
 from updyn.modal.indicator import Indicator
 from updyn.modal.stabilisation import Diagram
 from updyn.modal.synthesis import REACH, band_of_modes, line_weights
-from updyn.report.formats import counted
+from updyn.report.formats import format_count
 from updyn.report.overlay import DRAWING_BUDGET
 from updyn.report.plots import Figure, encode_array, encode_numbers, escape_label
 
@@ -106,7 +106,7 @@ class IdentifiedModes:
                 " with the lowest FRAC are drawn."
             )
         if not channels.all():
-            zero = counted(int(np.count_nonzero(~channels)), "channel")
+            zero = format_count(int(np.count_nonzero(~channels)), "channel")
             parts.append(f"Not drawn, as it is zero at all lines: {zero}.")
         return " ".join(parts)
 

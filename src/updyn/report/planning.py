@@ -13,7 +13,7 @@ import numpy as np
 from updyn import __version__
 from updyn.planning.criteria import CRITERIA
 from updyn.planning.result import Plan
-from updyn.report.formats import counted, number, percentage, quantity_words, unknown_words
+from updyn.report.formats import format_count, number, percentage, quantity_words, unknown_words
 from updyn.report.page import assemble
 from updyn.report.picture import picture
 from updyn.report.plots import Figure, drop_missing, escape_labels, log_bars, rows_height
@@ -75,17 +75,17 @@ def render(plan: Plan, title: str = "") -> str:
 def _head(plan: Plan, title: str) -> str:
     low, high = plan.band
     layout = (
-        f"{counted(len(plan.responses), 'sensor')} and {counted(len(plan.references), 'force')},"
-        f" {plan.criterion}"
+        f"{format_count(len(plan.responses), 'sensor')} and"
+        f" {format_count(len(plan.references), 'force')}, {plan.criterion}"
     )
     about = (
-        f"{layout}; {plan.quantity}, {counted(len(plan.freq), 'line')} from {number(low)} to"
+        f"{layout}; {plan.quantity}, {format_count(len(plan.freq), 'line')} from {number(low)} to"
         f" {number(high)} Hz; noise {percentage(plan.noise['relative'])} of |H|, floor"
         f" {percentage(plan.noise['floor'])} of the rms"
     )
     worst = max(plan.std, key=lambda name: _relative_std(plan, name))
     verdict = (
-        f"The least known of {counted(len(plan.parameters), 'unknown')} is expected to be the"
+        f"The least known of {format_count(len(plan.parameters), 'unknown')} is expected to be the"
         f" {unknown_words(worst)}, to ±{_format_std(plan, worst)} (one standard deviation)."
     )
     notes = []

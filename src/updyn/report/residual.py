@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.report.agreement import level_difference
 from updyn.report.data import ReportData
-from updyn.report.formats import counted, noise_is_fitted, number, option_words, unknown_words
+from updyn.report.formats import format_count, noise_is_fitted, number, option_words, unknown_words
 from updyn.report.plots import (
     MODEL_COLOURS,
     SEQUENTIAL,
@@ -105,7 +105,7 @@ def _format_misfit(place: Misfit) -> list[str]:
     """Return the table cells of a channel and band with a suspicious residual."""
     correlated = "–"
     if place.kind == "structure":
-        correlated = counted(round(place.correlation_length), "line")
+        correlated = format_count(round(place.correlation_length), "line")
     return [
         f"{place.response} / {place.reference}",
         f"{number(place.low)} to {number(place.high)}",

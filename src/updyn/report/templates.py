@@ -31,10 +31,10 @@ __all__ = ["asset", "render_template", "write_page"]
 _FILTERS = (
     "agreement_name",
     "combination_words",
-    "counted",
     "decibels",
     "extent",
     "figure_of_agreement",
+    "format_count",
     "number",
     "option_words",
     "quantity_words",

@@ -20,7 +20,7 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.notebook import badge, card, spans, table
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, find_differences
@@ -37,7 +37,7 @@ from updyn.updating.problem.parameters import Parameter, ParameterSet
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of", "interval", "result_of_test"]
+__all__ = ["STATUSES", "JointResult", "UpdateResult", "estimated_gains", "find_result", "interval"]
 
 STATUSES = (
     "converged",
@@ -298,12 +298,13 @@ class UpdateResult:
         return pd.DataFrame(rows, index=pd.Index(self.parameters.names, name="unknown"))
 
     def _repr_html_(self) -> str:
-        return _shown(self, self.title)
+        return _format_html(self, self.title)
 
     def __repr__(self) -> str:
         return (
-            f"UpdateResult({self.status}, {self.method}, {counted(len(self.values), 'unknown')},"
-            f" {counted(self.iterations, 'iteration')})"
+            f"UpdateResult({self.status}, {self.method},"
+            f" {format_count(len(self.values), 'unknown')},"
+            f" {format_count(self.iterations, 'iteration')})"
         )
 
     def _verdict_lines(self) -> list[str]:
@@ -318,7 +319,9 @@ class UpdateResult:
             lines.append(rest)
         if self.remedy:
             first, *others = self.remedy.split(STEP)
-            folded = f" ({counted(len(others), 'further step')} in the report)" if others else ""
+            folded = (
+                f" ({format_count(len(others), 'further step')} in the report)" if others else ""
+            )
             lines.append(f"What to do next: {first}{folded}")
         return lines
 
@@ -327,8 +330,8 @@ class UpdateResult:
         width = max(28, 2 + max(map(len, self.parameters.names)))
         title = self.title or "Update"
         lines = [
-            f"{title}: {self.status} after {counted(self.iterations, 'iteration')} ({self.method})."
-            f" {self.badge.phrase}.",
+            f"{title}: {self.status} after {format_count(self.iterations, 'iteration')}"
+            f" ({self.method}). {self.badge.phrase}.",
             *self._verdict_lines(),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
@@ -352,16 +355,18 @@ class UpdateResult:
         advice = ident.advice
         if advice in self.remedy:
             advice = ""
-        determined = f"The data determine {ident.rank} of {counted(ident.n_parameters, 'unknown')}."
+        determined = (
+            f"The data determine {ident.rank} of {format_count(ident.n_parameters, 'unknown')}."
+        )
         if self.trust is not None and self.trust.determined:  # stated by that part of the verdict
             determined = ""
         lines += ["", f"{determined} {advice}".strip()]
         for number, direction in enumerate(ident.null_directions, 1):
-            lines.append(f"  undetermined combination {number}: {_combination(direction)}")
+            lines.append(f"  undetermined combination {number}: {_format_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
-            lines.append(f"  of these, determined {number}: {_combination(direction)}")
+            lines.append(f"  of these, determined {number}: {_format_combination(direction)}")
         for number, other in enumerate(self.alternatives, 2):
-            lines.append(f"  answer {number} fits as well: {_answer(other, self)}")
+            lines.append(f"  answer {number} fits as well: {_describe_alternative(other, self)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:
             error = self.options["error"]
             shown = str(error)
@@ -372,12 +377,12 @@ class UpdateResult:
                 f" {shown}."
             )
         if self.adequacy is not None:
-            lines += _residual_lines(self.adequacy, self.message)
+            lines += _describe_residual(self.adequacy, self.message)
         if any(p.is_channel for p in self.parameters):
             lines.append(
                 "After: the updated model as the sensors read it, times their calibration factors."
             )
-        agreement = _agreement(self.correlation)
+        agreement = _format_agreement(self.correlation)
         if agreement:
             lines += ["", agreement]
         # Remove the gaps of empty paragraphs.
@@ -504,30 +509,30 @@ class JointResult:
         return self.first.findings
 
     def _repr_html_(self) -> str:
-        return _shown(self.first, self.title, tests=len(self.results))
+        return _format_html(self.first, self.title, tests=len(self.results))
 
     def __repr__(self) -> str:
-        tests = counted(len(self.results), "test")
-        return f"JointResult({self.status}, {tests}, {counted(len(self.values), 'unknown')})"
+        tests = format_count(len(self.results), "test")
+        return f"JointResult({self.status}, {tests}, {format_count(len(self.values), 'unknown')})"
 
     def summary(self) -> str:
         """Return the result as text: the unknowns once, and the agreement of each test."""
-        of_first = _residual_lines(self.first.adequacy, self.first.message)
-        agreement = _agreement(self.first.correlation)
+        of_first = _describe_residual(self.first.adequacy, self.first.message)
+        agreement = _format_agreement(self.first.correlation)
         lines = []
         for line in self.first.summary().removesuffix(agreement).rstrip().splitlines():
             if line not in of_first:
                 lines.append(line)
         lines[0] = lines[0].replace(self.first.title or "Update", self.title or "Update", 1)
         for name, result in self.results.items():
-            for line in _residual_lines(result.adequacy, result.message):
+            for line in _describe_residual(result.adequacy, result.message):
                 lines.append(f"{name}: {line.strip()}")
         for name, result in self.results.items():
-            lines += ["", name, _agreement(result.correlation)]
+            lines += ["", name, _format_agreement(result.correlation)]
         return "\n".join(lines).rstrip()
 
 
-def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
+def _format_html(result: UpdateResult, title: str, tests: int = 1) -> str:
     """Return a result as HTML: verdict, unknowns with their intervals, changes."""
     kind = result.badge.colour
     intervals = result.intervals()
@@ -537,7 +542,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         low, high = intervals.get(p.name, (math.nan, math.nan))
         span, notes = "", []
         if math.isfinite(low):
-            span = f"{_rounded(low, std)} to {_rounded(high, std)}"
+            span = f"{_format_value(low, std)} to {_format_value(high, std)}"
         else:
             notes.append(result.why_open(p.name))
         if p.name in result.at_bound:
@@ -545,7 +550,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         if p.value_unit:
             notes.append(f"in {p.value_unit}")
         deviation = f"{std:.2g}" if math.isfinite(std) else ""
-        shown = _rounded(value, std)
+        shown = _format_value(value, std)
         rows.append([p.name, f"{p.start:.4g}", shown, deviation, span, "; ".join(notes)])
         if p.start > 0.0:
             ends = [100.0 * (v / p.start - 1.0) for v in (low, value, high)]
@@ -558,7 +563,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         "method": result.method,
         "iterations": result.iterations,
         "tests": tests if tests > 1 else "",
-        "determined": f"{result.identifiability.rank} of {counted(len(rows), 'unknown')}",
+        "determined": f"{result.identifiability.rank} of {format_count(len(rows), 'unknown')}",
         "FRAC, median": " → ".join(agreement) if all(agreement) else "",
     }
     header = ["unknown", "start", "value", "std. dev.", "95 % interval", "note"]
@@ -574,7 +579,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
     )
 
 
-def _rounded(value: float, std: float) -> str:
+def _format_value(value: float, std: float) -> str:
     """Return a number with two digits of its standard deviation, or five digits without one."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return f"{value:.5g}"
@@ -597,19 +602,19 @@ def interval(
     return max(value - wide * std, 0.0), value + wide * std
 
 
-def _combination(direction: Mapping[str, float]) -> str:
+def _format_combination(direction: Mapping[str, float]) -> str:
     """Return a combination of unknowns as text, the largest weight first."""
     largest_first = sorted(direction.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
 
 
-def _answer(other: Alternative, result: UpdateResult) -> str:
+def _describe_alternative(other: Alternative, result: UpdateResult) -> str:
     """Return the unknowns in which another answer differs, as text."""
     different = find_differences(result.values, result.std, [other])
     return ", ".join(f"{name} {values[1]:.6g}" for name, values in different)
 
 
-def _agreement(correlation: Mapping[str, Any]) -> str:
+def _format_agreement(correlation: Mapping[str, Any]) -> str:
     """Return the figures of agreement before and after, also on held-out data, as a table."""
     held = correlation.get("validation") or {}
     return agreement_table(
@@ -622,7 +627,7 @@ def _agreement(correlation: Mapping[str, Any]) -> str:
     )
 
 
-def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
+def _describe_residual(found: Adequacy | None, message: str) -> list[str]:
     """Return the summary lines on the residual; no verdict if `message` contains it."""
     if found is None:
         return []
@@ -648,7 +653,7 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
     return lines
 
 
-def result_of_test(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
+def find_result(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
     """Return the result of one test of an update; `test` is None for an update with one test.
 
     Raises
@@ -668,7 +673,7 @@ def result_of_test(result: UpdateResult | JointResult, test: str | None) -> Upda
     raise OptionError(f"test = {test!r}: which test's model is meant? {suggest(str(test), names)}")
 
 
-def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:
+def estimated_gains(result: UpdateResult) -> NDArray[np.float64] | None:
     """Return the estimated calibration factor of each channel, shape (n_i, n_j), or None."""
     if isinstance(result.data, ModeSet):
         return None

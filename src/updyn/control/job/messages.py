@@ -10,7 +10,7 @@ from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.plant import Plant
 from updyn.job.prepared import Prepared
-from updyn.text_table import counted, text_table
+from updyn.text_table import format_count, text_table
 
 __all__ = ["describe_plant_result", "describe_request"]
 
@@ -28,10 +28,11 @@ def describe_plant_result(result: PlantResult) -> str:
     else:
         lines += [
             (
-                f"{counted(found.n_states, 'state')}, {counted(len(found.inputs), 'input')},"
-                f" {counted(len(found.outputs), 'output')};"
-                f" {counted(found.rigid, 'rigid-body mode')},"
-                f" {counted(len(found.modes) - found.rigid, 'flexible mode')}"
+                f"{format_count(found.n_states, 'state')},"
+                f" {format_count(len(found.inputs), 'input')},"
+                f" {format_count(len(found.outputs), 'output')};"
+                f" {format_count(found.rigid, 'rigid-body mode')},"
+                f" {format_count(len(found.modes) - found.rigid, 'flexible mode')}"
             ),
             (
                 f"relative error {_percent(found.relative_error)} at most; error"
@@ -62,7 +63,7 @@ def describe_plant_result(result: PlantResult) -> str:
 def _zeros(plant: Plant) -> str:
     """Return the shift of the antiresonances as text."""
     known = [zero for zero in plant.zero_shift if not math.isnan(zero.shift)]
-    text = f"{counted(len(plant.zero_shift), 'antiresonance')}"
+    text = f"{format_count(len(plant.zero_shift), 'antiresonance')}"
     if known:
         worst = max(known, key=lambda zero: abs(zero.shift))
         text += (
@@ -108,8 +109,8 @@ def describe_request(ready: Prepared) -> str:
     outputs = ", ".join(p.name for p in table.output_ports)
     lines = [
         f"Plant from {band[0]:g} to {band[1]:g} Hz, tolerance {_percent(table.tolerance)}:"
-        f" {counted(len(table.inputs), 'input')} ({inputs}),"
-        f" {counted(len(table.outputs), 'output')} ({outputs})"
+        f" {format_count(len(table.inputs), 'input')} ({inputs}),"
+        f" {format_count(len(table.outputs), 'output')} ({outputs})"
     ]
     if servo is not None and servo.controller is not None:
         lines.append(f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}")

@@ -10,7 +10,7 @@ import numpy as np
 from updyn.control.job.servo import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
-from updyn.report.formats import counted
+from updyn.report.formats import format_count
 from updyn.report.formats import number as formatted
 from updyn.report.plots import (
     Figure,
@@ -69,7 +69,7 @@ def nonlinear_context(number: int, found: Nonlinear) -> dict[str, Any]:
 
 
 def _verdict(found: Nonlinear) -> str:
-    count = counted(len(found.cycles), "limit cycle") if found.cycles else "no limit cycle"
+    count = format_count(len(found.cycles), "limit cycle") if found.cycles else "no limit cycle"
     prediction = f"Harmonic balance predicts {count}."
     ended = found.simulation
     if ended is None:

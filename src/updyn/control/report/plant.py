@@ -13,7 +13,7 @@ from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.weight import UncertaintyWeight
-from updyn.report.formats import counted, number
+from updyn.report.formats import format_count, number
 from updyn.report.plots import (
     Figure,
     Panel,
@@ -250,10 +250,10 @@ def _introduction(result: PlantResult) -> str:
     if result.updated:
         of = "the updated model"
     return (
-        f"A real state-space model of {of}: {counted(len(plant.inputs), 'input')},"
-        f" {counted(len(plant.outputs), 'output')}, {counted(plant.n_states, 'state')}. From"
-        f" {band} its error is at most {share(plant.relative_error)} of a channel's magnitude at"
-        f" each line, and {share(plant.error)} of its peak."
+        f"A real state-space model of {of}: {format_count(len(plant.inputs), 'input')},"
+        f" {format_count(len(plant.outputs), 'output')}, {format_count(plant.n_states, 'state')}."
+        f" From {band} its error is at most {share(plant.relative_error)} of a channel's magnitude"
+        f" at each line, and {share(plant.error)} of its peak."
     )
 
 
@@ -269,7 +269,7 @@ def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
         ("Route", plant.route, _CONVERSIONS.get(plant.route, ("", ""))[0]),
     ]
     if result.sampled is not None and result.sampled.dt is not None:
-        states = counted(result.sampled.n_states, "state")
+        states = format_count(result.sampled.n_states, "state")
         if result.sampled.delay:
             states += f", input late by {result.sampled.delay} intervals"
         tiles.append(("Sampled", f"{number(1e3 * result.sampled.dt, 4)} ms", states))
@@ -295,10 +295,10 @@ def _zero_tiles(plant: Plant) -> list[tuple[str, str, str]]:
     """Return the tile of the antiresonances, with the number of those missing in the plant."""
     known = [abs(zero.shift) for zero in plant.zero_shift if math.isfinite(zero.shift)]
     lacking = len(plant.zero_shift) - len(known)
-    missing = f"{counted(lacking, 'antiresonance')} not in the plant"
+    missing = f"{format_count(lacking, 'antiresonance')} not in the plant"
     if not known:
         return [("Zeros moved by", "–", missing)] if lacking else []
-    hint = f"at most, of {counted(len(known), 'antiresonance')}"
+    hint = f"at most, of {format_count(len(known), 'antiresonance')}"
     if lacking:
         hint += f"; {missing}"
     return [("Zeros moved by", f"{number(max(known), 2)} %", hint)]
@@ -393,7 +393,7 @@ def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
         state = state_of(found.name, plant) or state
         rows.append(_conversion_row(result, found, (found.name, words, state, found.note)))
     if plant is not None and rows:
-        words = f"{route_of(plant)}; {counted(plant.n_states, 'state')}"
+        words = f"{route_of(plant)}; {format_count(plant.n_states, 'state')}"
         rows.append(_conversion_row(result, plant, ("the plant", words, "", "")))
     return rows
 

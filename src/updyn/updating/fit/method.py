@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
@@ -253,7 +253,7 @@ class Method(ABC):
         numbers = problem.n_numbers
         if numbers >= problem.n:
             return ""
-        return f"The data hold {numbers} real numbers for {counted(problem.n, 'unknown')}."
+        return f"The data hold {numbers} real numbers for {format_count(problem.n, 'unknown')}."
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return the starting points of the fit; by default the unknowns' start.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.group import is_number
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.fit.method import Fit, Method, Regularisation, Starts, divide_by_std
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
@@ -356,7 +356,7 @@ class Regularised(Method):
             if number > free.sum():
                 raise OptionError(
                     f"regularise {self.how!r}: expected at most"
-                    f" {counted(int(free.sum()), 'direction')}, one for each unknown without a"
+                    f" {format_count(int(free.sum()), 'direction')}, one for each unknown without a"
                     " prior",
                     key=("regularise",),
                 )

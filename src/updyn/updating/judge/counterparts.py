@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from updyn.correlation.clusters import CLOSE, PairingRule, pair_clusters, pair_frequencies
 from updyn.correlation.modes import LEAST_MAC, undamped_modes
-from updyn.correlation.shapes import moving
+from updyn.correlation.shapes import find_moving
 from updyn.dynamics.modes import Modes
 from updyn.errors import DataError, InputError, SolverError
 from updyn.frf import FRF
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.peaks import find_resonance_peaks
 from updyn.model import Model
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.judge.claim import Claim
 from updyn.variants import LARGEST_TRIED, variants_of
 
@@ -350,7 +350,7 @@ class _ModeSets:
 def _select_dofs(of: Modes, at: NDArray[np.intp]) -> Modes:
     """Return the modes at some of their DOFs, without modes that do not move there."""
     shapes = of.shapes[at]
-    move = moving(shapes, of.shapes)
+    move = find_moving(shapes, of.shapes)
     return Modes(of.frequency[move], of.loss_factor[move], shapes[:, move], of.dofs[at])
 
 
@@ -397,7 +397,7 @@ def _modes_at_sensors(model: Model, test: ModeSet) -> _ModeSets:
         modes = undamped_modes(model, np.inf)
     match = modes.dofs.match(test.dofs, "DOF of the measured modes")
     shapes = np.asarray(modes.shapes[match.index] * match.sign[:, None])
-    move = moving(shapes, modes.shapes) if len(test.dofs) else np.ones(len(modes), np.bool_)
+    move = find_moving(shapes, modes.shapes) if len(test.dofs) else np.ones(len(modes), np.bool_)
     computed = Modes(modes.frequency, modes.loss_factor, shapes, test.dofs).select(move)
     length = _rotation_length(measured)
     weight = np.where(test.dofs.axes >= 3, length, 1.0)[:, None]
@@ -546,7 +546,7 @@ def _compose_statement(found: Counterparts, other: Counterparts | None) -> str:
     if not found.n_sensors:
         return (
             f"{count} a mode of the model within a factor of {RANGE:g} in frequency; whether shapes"
-            f" agree is not known, as that takes at least {counted(FEWEST_SENSORS, 'sensor')}."
+            f" agree is not known, as that takes at least {format_count(FEWEST_SENSORS, 'sensor')}."
         )
     head = f"{count} a counterpart in the model"
     if other is not None and found.mistake:
@@ -563,7 +563,7 @@ def _compose_statement(found: Counterparts, other: Counterparts | None) -> str:
             f" one by shape, at about {found.factor:.2g} times the measured frequency: the units of"
             " the model, or all its stiffnesses or masses, may be wrong."
         )
-    sensors = counted(found.n_sensors, "sensor")
+    sensors = format_count(found.n_sensors, "sensor")
     if not found.known:
         return (
             f"{head}; whether that is more than shapes of another structure would have is not"

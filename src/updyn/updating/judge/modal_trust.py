@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from updyn.correlation.figures import figure_text
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.judge.claim import Claim
 
 __all__ = [
@@ -51,7 +51,7 @@ def describe_modes(after: _Figures) -> str:
     error = after["frequency_error_rms"]
     least = figure_text("mac_min", after["mac_min"])
     close = int(after.get("modes_close", 0))
-    in_subspaces = f", that of {counted(close, 'close mode')} by subspaces" if close else ""
+    in_subspaces = f", that of {format_count(close, 'close mode')} by subspaces" if close else ""
     lowest = f"; the lowest MAC is {least}{in_subspaces}" if paired == measured else ""
     return f"{text}, with an rms error of frequency of {error:.2g} %{lowest}."
 

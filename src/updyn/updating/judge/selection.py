@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
-from updyn.text_table import counted
+from updyn.text_table import format_count
 from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import analyse_identifiability
@@ -82,7 +82,7 @@ def select_columns(
             state.take(i)
         state.waiting.remove(i)
     for i in state.waiting:
-        requested = counted(len(state.order), "unknown")
+        requested = format_count(len(state.order), "unknown")
         state.left_out[i] = f"asked for: {requested}; what is kept is determined better"
     return state.order, state.left_out
 
@@ -331,7 +331,7 @@ def select_jointly(
     order, reasons = select_columns(R, given.names, count, max_collinearity)
     if not order:
         raise ParameterError(
-            f"select: of {counted(len(given), 'unknown')} the data see none;"
+            f"select: of {format_count(len(given), 'unknown')} the data see none;"
             " nothing would be left to fit"
         )
     kept = [given[i] for i in sorted(order)]

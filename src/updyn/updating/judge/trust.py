@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from updyn.errors import in_all
-from updyn.text_table import counted, percent
+from updyn.text_table import format_count, percent
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import PARTS, Claim
 from updyn.updating.judge.distant import DistantUnknown
@@ -244,7 +244,7 @@ def _claim_determined(status: str, rank: tuple[int, int], n_solutions: int) -> C
     if n_solutions > 1:
         return Claim(False, f"At least {n_solutions} answers fit the data equally well.")
     if found < all_:
-        return Claim(False, f"The data determine {found} of {counted(all_, 'unknown')}.")
+        return Claim(False, f"The data determine {found} of {format_count(all_, 'unknown')}.")
     which = "the one unknown" if all_ == 1 else f"all {all_} unknowns"
     return Claim(True, f"The data determine {which}.")
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.model import Model
-from updyn.text_table import counted, printable, text_table
+from updyn.text_table import format_count, printable, text_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -318,7 +318,7 @@ class ParameterSet(Sequence[Parameter]):
             left={at for at, i in enumerate(keep) if i in (0, 5)},
         )
         more = f"\n... and {len(self) - _SHOWN} more" if len(self) > _SHOWN else ""
-        return f"ParameterSet({counted(len(self), 'unknown')})\n{table}{more}"
+        return f"ParameterSet({format_count(len(self), 'unknown')})\n{table}{more}"
 
     def __len__(self) -> int:
         return len(self.items)
