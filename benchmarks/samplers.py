@@ -25,7 +25,7 @@ from cases import chain12
 import updyn
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
 from updyn.uncertainty.restored import restore
-from updyn.uncertainty.sampling import Mixture, diagnose
+from updyn.uncertainty.sampling import Mixture, compute_diagnostics
 
 WITH_SLOPES = 3
 #: Independent ensembles, or chains.
@@ -243,7 +243,7 @@ def main() -> None:
             except ImportError as error:
                 print(f"{label:<50}{error}")
                 continue
-            seconds, found = time.perf_counter() - begun, diagnose(chains, groups)
+            seconds, found = time.perf_counter() - begun, compute_diagnostics(chains, groups)
             effective = float(min(found["ess_bulk"].min(), found["ess_tail"].min()))
             print(
                 f"{label:<50}{target.count:>12}{effective:>10.0f}{found['r_hat'].max():>8.3f}"

@@ -25,7 +25,7 @@ from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.result import JointResult, UpdateResult, result_of_test
+from updyn.updating.result import JointResult, UpdateResult, find_result
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -318,7 +318,7 @@ def plant_family(
         raise OptionError(f"plant_family: n = {n}; expected at most {_MOST:,} members")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
-    test_result = _check_ended(result_of_test(result, test))
+    test_result = _check_ended(find_result(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if draws is None:
         drawn = _draw_from_covariance(test_result, int(n), seed)

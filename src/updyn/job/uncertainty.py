@@ -18,7 +18,7 @@ from updyn.uncertainty.bootstrap import bootstrap
 from updyn.uncertainty.counts import MOST_DRAWS
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
-from updyn.uncertainty.restored import LIKELIHOOD, WITH_NOISE, positions_of
+from updyn.uncertainty.restored import LIKELIHOOD, STATES_NOISE, find_positions
 from updyn.uncertainty.sampling import sample
 from updyn.updating.fit.methods import methods_with
 from updyn.updating.fit.monitor import Progress
@@ -65,8 +65,8 @@ class _UncertaintyJobTable(JobTable):
         # A selection may cluster unknowns under new names.
         if table.names is not None and job.selection is None:
             with key_path("uncertainty", "names"):
-                positions_of(table.names, prepared.parameters.names)
-        methods = methods_with(WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
+                find_positions(table.names, prepared.parameters.names)
+        methods = methods_with(STATES_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
         if job.method.name not in methods:
             valid = " or ".join(repr(m) for m in methods)
             raise OptionError(

@@ -15,7 +15,7 @@ from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.report.start import Start
-from updyn.updating.result import UpdateResult, gains_of
+from updyn.updating.result import UpdateResult, estimated_gains
 
 __all__ = [
     "EVALUATION_BUDGET",
@@ -127,7 +127,7 @@ def gather(result: UpdateResult) -> ReportData:
     `EVALUATION_BUDGET` (lines x DOFs), lines are thinned with their peaks kept, and a note reports
     it.
     """
-    gains = gains_of(result)
+    gains = estimated_gains(result)
     made = _compute_data(
         result.frf,
         (result.parameters.at_start(result.start), result.model),

@@ -37,7 +37,7 @@ from updyn.report.plots import Figure
 from updyn.report.start import Start
 from updyn.report.templates import render_template
 from updyn.updating.judge.modal_table import ModalTable
-from updyn.updating.modes import modal_table, start_table
+from updyn.updating.modes import compare_start_modes, modal_table
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["SECTIONS", "PageContent", "ReportSection", "list_shown_objects", "select_sections"]
@@ -114,7 +114,7 @@ class PageContent:
     def modes(self) -> ModalTable:
         """Modal table, computed at first use if the result has none."""
         if self.start is not None:
-            return start_table(self.start.model, self.start.data, self.start.modes)
+            return compare_start_modes(self.start.model, self.start.data, self.start.modes)
         return self.result.modes or modal_table(self.result)
 
 

@@ -26,7 +26,7 @@ from updyn.report.section import PageContent, ReportSection
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.prediction import Band, predict
 from updyn.uncertainty.profile import Profiles
-from updyn.updating.result import JointResult, UpdateResult, gains_of
+from updyn.updating.result import JointResult, UpdateResult, estimated_gains
 
 __all__ = ["UNCERTAINTY", "band_figure", "find_intervals", "find_level", "intervals_figure"]
 
@@ -265,7 +265,7 @@ def _draw_band(
 ) -> Figure:
     """Return the band of one channel with the updated model and the data."""
     freq = band.frf.freq
-    gains = gains_of(result)  # the band is that of the structure, without sensor gains
+    gains = estimated_gains(result)  # the band is that of the structure, without sensor gains
     measured = np.abs(result.frf.select(lines=lines).values[:, i, j])
     if gains is not None:
         measured = measured / np.abs(gains[i, j])

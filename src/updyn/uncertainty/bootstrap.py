@@ -18,9 +18,9 @@ from updyn.uncertainty.counts import MOST_DRAWS, check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
-from updyn.uncertainty.progress import Progress, WorkCounter
-from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore, std_of
-from updyn.uncertainty.surrogate import excess, run_about
+from updyn.uncertainty.progress import WorkCounter, WorkProgress
+from updyn.uncertainty.restored import STATES_NOISE, RestoredFit, restore, std_of
+from updyn.uncertainty.surrogate import describe_excess, run_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
@@ -82,7 +82,7 @@ def bootstrap(
     *,
     accuracy: float = ACCURACY,
     engine: int | Client | Engine | None = None,
-    callback: Callable[[Progress], bool | None] | None = None,
+    callback: Callable[[WorkProgress], bool | None] | None = None,
 ) -> Draws:
     """Refit the unknowns to many sets of generated data.
 
@@ -106,7 +106,7 @@ def bootstrap(
     engine : None, int, dask.distributed Client or Engine
         Workers for the refits, as in `updyn.update`; the draws do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every refit; returning True stops with the draws so far.
+        Called with a `WorkProgress` after every refit; returning True stops with the draws so far.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def bootstrap(
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), RESAMPLING)}")
     with opened_engine(engine) as made:
         session = Session(made)
-        restored = restore(result, session, WITH_NOISE)
+        restored = restore(result, session, STATES_NOISE)
         counter = WorkCounter("bootstrap", n, callback)
         counter.attach(session)
         found: list[tuple[str, _Vector]] = []
@@ -156,7 +156,7 @@ def bootstrap(
             counter.done = 0
             solved = restored.with_problem(problem)
             acceleration[:] = _acceleration(solved)
-            refits = _refits(solved, kind)
+            refits = _prepare_refits(solved, kind)
             for ended in session.map(_refit, refits, items, spread=not problem.spreads):
                 found.append(ended)
                 if counter.step():
@@ -166,10 +166,10 @@ def bootstrap(
         with suppress(Stopped):
             reduction = run_about(restored, accuracy, seed, refit_all)
     options = {"n": n, "seed": seed, "resampling": kind, **reduction}
-    return _draws(result, restored, found, acceleration, options)
+    return _collect_draws(result, restored, found, acceleration, options)
 
 
-def _refits(restored: RestoredFit, kind: str) -> _Refits:
+def _prepare_refits(restored: RestoredFit, kind: str) -> _Refits:
     # The fitted unknowns make the residual smaller than the noise.
     count = 2 * restored.problem.n_values
     scale = np.sqrt(count / max(count - restored.problem.n, 1))
@@ -196,7 +196,7 @@ def _refits(restored: RestoredFit, kind: str) -> _Refits:
 def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
     """Return why a refit failed (empty if it did not) and its x, shape (n,)."""
     rng = np.random.default_rng(item)
-    problem = _with_priors(refits, rng)
+    problem = _draw_priors(refits, rng)
     parts = []
     for i, part in enumerate(problem.parts):
         shape = refits.H[i].shape
@@ -217,7 +217,7 @@ def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
     return fit.reason, fit.x
 
 
-def _with_priors(refits: _Refits, rng: np.random.Generator) -> Problem:
+def _draw_priors(refits: _Refits, rng: np.random.Generator) -> Problem:
     """Return the problem with the centres of its priors drawn about the estimate."""
     coordinates = refits.problem.coordinates
     weight = coordinates.prior[1]
@@ -262,7 +262,7 @@ def _acceleration(restored: RestoredFit) -> _Vector:
     return np.asarray(np.sum(U**3, axis=0) / (6.0 * np.where(power > 0, power, 1.0) ** 1.5))
 
 
-def _draws(
+def _collect_draws(
     result: UpdateResult | JointResult,
     restored: RestoredFit,
     found: list[tuple[str, _Vector]],
@@ -297,7 +297,7 @@ def _draws(
         messages.append(
             f"On a bound the bootstrap says little: use a profile for {', '.join(bounded)}."
         )
-    if errs := excess(options, "the furthest draws"):
+    if errs := describe_excess(options, "the furthest draws"):
         messages.append(errs)
         reliable = False
     if noise_only := model_error_remark(model_error_of(restored.first)):

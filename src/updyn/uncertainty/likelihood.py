@@ -29,7 +29,7 @@ __all__ = [
     "Gaussian",
     "Likelihood",
     "Point",
-    "furthest",
+    "select_furthest",
 ]
 
 _Vector = NDArray[np.float64]
@@ -105,14 +105,14 @@ class Likelihood:
             return np.inf
         return cost
 
-    def descend(self, x: _Vector, held: int | None = None) -> Point | None:
+    def descend(self, x: _Vector, fixed: int | None = None) -> Point | None:
         """Minimise the cost from x within the bounds.
 
         Parameters
         ----------
         x : ndarray of float, shape (n,)
             Start.
-        held : int, optional
+        fixed : int, optional
             A fixed unknown.
 
         Returns
@@ -121,10 +121,10 @@ class Likelihood:
             None if the model cannot be solved at the start.
         """
         free = np.ones(len(x), dtype=np.bool_)
-        if held is not None:
-            free[held] = False
+        if fixed is not None:
+            free[fixed] = False
         lower, upper = self.bounds
-        seen: dict[bytes, Local] = {}
+        evaluated: dict[bytes, Local] = {}
 
         def evaluate(y: _Vector) -> Local | None:
             full = np.array(x)
@@ -132,7 +132,7 @@ class Likelihood:
             local = self.local(full)
             if local is None:
                 return None
-            seen[y.tobytes()] = local
+            evaluated[y.tobytes()] = local
             return Local(local.cost, local.R[:, free], local.q)
 
         start = np.clip(x[free], lower[free], upper[free])
@@ -140,15 +140,20 @@ class Likelihood:
             return None
         settings = TrustRegion(_STEPS, 1e-8, min_decrease=1e-6)
         outcome = settings.minimise(
-            lambda y: _again(seen, free, y) or evaluate(y), start, lower[free], upper[free]
+            lambda y: _recall_local(evaluated, free, y) or evaluate(y),
+            start,
+            lower[free],
+            upper[free],
         )
         full = np.array(x)
         full[free] = outcome.x
-        return Point(full, seen[outcome.x.tobytes()])
+        return Point(full, evaluated[outcome.x.tobytes()])
 
 
-def _again(seen: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector) -> Local | None:
-    known = seen.get(y.tobytes())
+def _recall_local(
+    evaluated: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector
+) -> Local | None:
+    known = evaluated.get(y.tobytes())
     if known is None:
         return None
     return Local(known.cost, known.R[:, free], known.q)
@@ -188,7 +193,7 @@ class Gaussian:
         return np.asarray(self.mean + z @ self.root.T)
 
 
-def furthest(X: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def select_furthest(X: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return the points with the largest Mahalanobis distance from the mean, shape (count, n).
 
     Parameters

@@ -78,19 +78,21 @@ def find_minima(
         return found
     problem = likelihood.problem
     items = [
-        *_random(likelihood, best.x, starts, seed),
+        *_random_starts(likelihood, best.x, starts, seed),
         *_exchange_parts(likelihood, whole, best.x),
     ]
-    for top in problem.session.map(_climb, likelihood, items, spread=not problem.spreads):
-        if top is not None and not any(_is_same(top, other) for other in found):
-            found.append(top)
+    for minimum in problem.session.map(
+        _descend_from_start, likelihood, items, spread=not problem.spreads
+    ):
+        if minimum is not None and not any(_is_same(minimum, other) for other in found):
+            found.append(minimum)
         if counter is not None:
-            counter.asks()
+            counter.report()
     found.sort(key=lambda p: p.cost)
     return [p for p in found if p.cost < found[0].cost + _NEGLIGIBLE]
 
 
-def _random(
+def _random_starts(
     likelihood: Likelihood, x: _Vector, starts: int, seed: int
 ) -> Iterator[tuple[_Vector, bool]]:
     lower, upper = likelihood.bounds
@@ -116,7 +118,7 @@ def _exchange_parts(
             yield tries[at], False
 
 
-def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
+def _descend_from_start(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
     """Return the minimum reached from a start, or None if the model cannot be solved there."""
     x, far = item
     if far:

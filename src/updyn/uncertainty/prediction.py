@@ -14,13 +14,13 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.likelihood import furthest
-from updyn.uncertainty.restored import estimate_of, restore, solved_by
-from updyn.uncertainty.surrogate import Surrogate, excess
+from updyn.uncertainty.likelihood import select_furthest
+from updyn.uncertainty.restored import estimate_of, restore, solver_options
+from updyn.uncertainty.surrogate import Surrogate, describe_excess
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.result import JointResult, UpdateResult, result_of_test
+from updyn.updating.result import JointResult, UpdateResult, find_result
 
 __all__ = [
     "Band",
@@ -121,20 +121,20 @@ def predict(
     if not isinstance(about, UpdateResult | JointResult):
         found = type(about).__name__
         raise OptionError(f"expected the result of an update or draws, found {found}")
-    result = result_of_test(about, test)
-    problem = _problem(result, freq, responses, references, quantity, as_read=noise)
+    result = find_result(about, test)
+    problem = _build_part(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
-    at = x[None] if draws is None else _some(draws, problem)
-    problem = _in_fewer(result, problem, x, at, accuracy)
+    at = x[None] if draws is None else _select_draws(draws, problem)
+    problem = _reduce_if_faster(result, problem, x, at, accuracy)
     variance = None
     if noise:
-        variance = _noise(result, problem, x)
+        variance = _noise_variance(result, problem, x)
     if draws is not None:
-        return _from_draws(problem, x, at, draws.kind, level, variance, seed)
-    return _from_laplace(problem, x, about, result, level, variance)
+        return _propagate_draws(problem, x, at, draws.kind, level, variance, seed)
+    return _propagate_covariance(problem, x, about, result, level, variance)
 
 
-def _problem(
+def _build_part(
     result: UpdateResult,
     freq: ArrayLike,
     responses: Iterable[str | Dof],
@@ -147,12 +147,12 @@ def _problem(
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
     # Calibration factors belong to a measurement by the same sensors, not to the structure.
-    tier, backend = solved_by(result)
+    tier, backend = solver_options(result)
     part = Part.build(result.start, frf, result.parameters, tier=tier, backend=backend)
     return replace(part, as_read=as_read)
 
 
-def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
+def _noise_variance(result: UpdateResult, part: Part, x: _Real) -> _Real:
     """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of H squared."""
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
@@ -169,7 +169,7 @@ def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
     # The floor is relative to the level of the measured FRFs of the same unit.
     measured = result.frf.select(lines=result.lines, responses=result.fitted_responses)
     levels = level_by_unit(measured)[0]
-    measured_units, units = _units(measured), _units(part.frf)
+    measured_units, units = _unit_numbers(measured), _unit_numbers(part.frf)
     level = np.zeros(H.shape[1:])
     for at in np.ndindex(*level.shape):
         same_unit = levels[measured_units == units[at]]
@@ -184,13 +184,13 @@ def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
     return np.asarray((relative**2 + floor**2) * inflation)
 
 
-def _units(frf: FRF) -> NDArray[np.int_]:
+def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
     """Return a number for the unit of each FRF, by which of its DOFs are rotations."""
     rotates = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
     return np.asarray(rotates, dtype=np.int_)
 
 
-def _from_laplace(
+def _propagate_covariance(
     part: Part,
     x: _Real,
     about: UpdateResult | JointResult,
@@ -219,15 +219,15 @@ def _from_laplace(
         phase = u.imag**2 * rr + u.real**2 * ii + 2.0 * u.real * u.imag * ri
         z = float(ndtri(0.5 + 0.5 * level))
         spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
-        turn = np.where(is_open, np.inf, z * np.sqrt(np.maximum(phase, 0.0)))
-        turn = np.minimum(turn, np.pi)
+        phase_spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(phase, 0.0)))
+        phase_spread = np.minimum(phase_spread, np.pi)
         size = np.abs(H)
         low = np.where(size > 0, size * np.exp(-spread), 0.0)
         high = np.where(size > 0, size * np.exp(spread), np.inf)
     angle = np.angle(H)
     return Band(
         _frf(part, H), level, "Laplace", noise is not None,
-        low, high, angle - turn, angle + turn, np.sqrt(rr), np.sqrt(ii),
+        low, high, angle - phase_spread, angle + phase_spread, np.sqrt(rr), np.sqrt(ii),
     )  # fmt: skip
 
 
@@ -256,7 +256,7 @@ def _solve(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     return np.concatenate(H), np.concatenate(dH, axis=1)
 
 
-def _some(draws: Draws, part: Part) -> _Real:
+def _select_draws(draws: Draws, part: Part) -> _Real:
     """Return evenly chosen draws in the optimiser's coordinates, shape (m, n)."""
     values = draws.values
     if len(values) < 2:
@@ -266,7 +266,7 @@ def _some(draws: Draws, part: Part) -> _Real:
     return np.array([part.coordinates.to_x(values[i]) for i in chosen])
 
 
-def _from_draws(
+def _propagate_draws(
     part: Part, x: _Real, X: _Real, kind: str, level: float, noise: _Real | None, seed: int
 ) -> Band:
     H, drawn = part.responses(x), np.array([part.responses(one) for one in X])
@@ -277,15 +277,18 @@ def _from_draws(
     low, high = np.quantile(np.abs(drawn), tails, axis=0)
     angle = np.angle(H)
     # The branch of each phase that is nearest to the prediction.
-    turned = angle + np.angle(drawn * np.exp(-1j * angle))
-    left, right = np.quantile(turned, tails, axis=0)
+    phases = angle + np.angle(drawn * np.exp(-1j * angle))
+    phase_low, phase_high = np.quantile(phases, tails, axis=0)
     return Band(
         _frf(part, H), level, kind, noise is not None,
-        low, high, left, right, drawn.real.std(axis=0, ddof=1), drawn.imag.std(axis=0, ddof=1),
+        low, high, phase_low, phase_high,
+        drawn.real.std(axis=0, ddof=1), drawn.imag.std(axis=0, ddof=1),
     )  # fmt: skip
 
 
-def _in_fewer(result: UpdateResult, part: Part, x: _Real, X: _Real, accuracy: float) -> Part:
+def _reduce_if_faster(
+    result: UpdateResult, part: Part, x: _Real, X: _Real, accuracy: float
+) -> Part:
     """Return a part with a reduced model about x, if it takes less time at points, shape (m, n)."""
     few = len(X) * part.n_lines < _SOLVES
     if part.solver.tier == "dense" or few or part.frf.freq[-1] == 0.0:
@@ -293,9 +296,9 @@ def _in_fewer(result: UpdateResult, part: Part, x: _Real, X: _Real, accuracy: fl
     surrogate = Surrogate(Problem.of([part]), [result], accuracy)
     surrogate.begin(x)
     if len(X) > 1:
-        surrogate.enrich(list(furthest(X, min(_POINTS, len(X)))))
+        surrogate.enrich(list(select_furthest(X, min(_POINTS, len(X)))))
     reduction = surrogate.settle_run(lambda problem: X)
-    if errs := excess(reduction, "the furthest points"):
+    if errs := describe_excess(reduction, "the furthest points"):
         raise SolverError(f"{errs} Allow it by accuracy=, or predict a narrower band")
     return surrogate.problem().parts[0]
 

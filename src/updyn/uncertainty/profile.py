@@ -18,9 +18,9 @@ from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
-from updyn.uncertainty.progress import Progress, WorkCounter
-from updyn.uncertainty.restored import RestoredFit, positions_of, restore
-from updyn.uncertainty.surrogate import excess, run_about
+from updyn.uncertainty.progress import WorkCounter, WorkProgress
+from updyn.uncertainty.restored import RestoredFit, find_positions, restore
+from updyn.uncertainty.surrogate import describe_excess, run_about
 from updyn.updating.fit.search import MOST_STARTS
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.problem import Problem
@@ -56,7 +56,7 @@ def profile(
     seed: int = 0,
     accuracy: float = ACCURACY,
     engine: int | Client | Engine | None = None,
-    callback: Callable[[Progress], bool | None] | None = None,
+    callback: Callable[[WorkProgress], bool | None] | None = None,
 ) -> Profiles:
     """Compute intervals by profile likelihood.
 
@@ -85,8 +85,8 @@ def profile(
     engine : None, int, dask.distributed Client or Engine
         Where the work is done, as for `updyn.update`; the figures do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every piece of work; returning True stops with the profiles
-        so far.
+        Called with a `WorkProgress` after every piece of work; returning True stops with the
+        profiles so far.
 
     Returns
     -------
@@ -121,10 +121,10 @@ def profile(
     with opened_engine(engine) as made:
         session = Session(made)
         restored = restore(result, session)
-        at = positions_of(names, restored.names)
+        at = find_positions(names, restored.names)
         counter = WorkCounter("profile", len(at), callback)
         counter.attach(session)
-        run = _Run(restored, at, 0.5 * float(chi2.ppf(level, 1)), starts, seed, counter)
+        run = _ProfileRun(restored, at, 0.5 * float(chi2.ppf(level, 1)), starts, seed, counter)
         reduction: Mapping[str, Any] = {}
         with suppress(Stopped):  # before the first profile
             reduction = run_about(restored, accuracy, seed, run.all)
@@ -146,7 +146,7 @@ def profile(
 
 
 @dataclass(slots=True, eq=False)
-class _Run:
+class _ProfileRun:
     """The request for profiles of some unknowns, and their results."""
 
     restored: RestoredFit
@@ -176,7 +176,7 @@ class _Run:
         if starts is None:
             starts = 0 if restored.is_reduced or problem.spreads else STARTS
         minima = find_minima(likelihood, first, restored.whole, starts, self.seed, self.counter)
-        self.found, best = _profiles(likelihood, minima, self.at, self.drop, self.counter)
+        self.found, best = _trace_profiles(likelihood, minima, self.at, self.drop, self.counter)
         if best.cost < first.cost - _BETTER:
             values = problem.coordinates.to_values(best.x)
             self.better = dict(zip(restored.names, values.tolist(), strict=True))
@@ -184,7 +184,7 @@ class _Run:
         return np.concatenate([np.zeros((0, problem.n)), *points])
 
 
-def _profiles(
+def _trace_profiles(
     likelihood: Likelihood,
     minima: list[Point],
     at: Sequence[int],
@@ -199,7 +199,7 @@ def _profiles(
         counter.done, counter.total = 0, len(at)
         items = [(minima, k, drop) for k in at]
         problem = likelihood.problem
-        results = problem.session.map(_one, likelihood, items, spread=not problem.spreads)
+        results = problem.session.map(_trace_profile, likelihood, items, spread=not problem.spreads)
         try:
             for k, (one, lowest) in zip(at, results, strict=True):
                 found[k] = one
@@ -215,7 +215,9 @@ def _profiles(
     return found, best
 
 
-def _one(likelihood: Likelihood, item: tuple[Sequence[Point], int, float]) -> tuple[Profile, Point]:
+def _trace_profile(
+    likelihood: Likelihood, item: tuple[Sequence[Point], int, float]
+) -> tuple[Profile, Point]:
     """Profile one unknown; also return the best point on the way."""
     minima, k, drop = item
     return ProfileTracer(likelihood, minima, k, drop).run()
@@ -409,7 +411,7 @@ class Profiles(Mapping[str, Profile]):
             )
         if self.missing:
             remarks.append(f"Stopped before {', '.join(self.missing)}.")
-        if errs := excess(self.reduction, "the furthest points"):
+        if errs := describe_excess(self.reduction, "the furthest points"):
             remarks.append(errs)
         if noise_only := model_error_remark(self.model_error):
             remarks.append(noise_only)
@@ -449,7 +451,7 @@ _MOST_ROOT_STEPS = 40
 _ROUNDING = 1e-12
 
 #: An interval and the reasons for its lower and its upper end.
-_Ended = tuple["Interval", str, str]
+_EndedInterval = tuple["Interval", str, str]
 
 
 @dataclass(slots=True, eq=False)
@@ -484,11 +486,11 @@ class ProfileTracer:
 
     def run(self) -> tuple[Profile, Point]:
         """Return the profile and the best point on the way."""
-        found: list[_Ended] = []
+        found: list[_EndedInterval] = []
         for minimum in self.minima:
             is_known = any(one.lower <= minimum.x[self.k] <= one.upper for one, _, _ in found)
             if self._drop(minimum) < self.drop and not is_known:
-                found.append(self._interval(minimum))
+                found.append(self._find_interval(minimum))
         found.sort(key=lambda ended: ended[0].lower)
         points = sorted(self._points, key=lambda point: point.x[self.k])
         others = np.array([point.x for point in points])
@@ -499,42 +501,42 @@ class ProfileTracer:
             values=others[:, self.k].copy(),
             drop=drop,
             others=others,
-            intervals=tuple(_merge([interval for interval, _, _ in found])),
+            intervals=tuple(_merge_intervals([interval for interval, _, _ in found])),
             lower_end=found[0][1],
             upper_end=max(found, key=lambda ended: ended[0].upper)[2],
         )
         return profile, min(points, key=lambda point: point.cost)
 
     # -- one interval --------------------------------------------------------------------------
-    def _interval(self, minimum: Point) -> _Ended:
+    def _find_interval(self, minimum: Point) -> _EndedInterval:
         """Return the interval about a minimum, and why it ends on each side."""
         self._points.append(minimum)
-        low, why_low = self._end(minimum, -1.0)
-        high, why_high = self._end(minimum, 1.0)
+        low, why_low = self._find_end(minimum, -1.0)
+        high, why_high = self._find_end(minimum, 1.0)
         best = float(minimum.x[self.k])
         return Interval(low, best, high, self._drop(minimum)), why_low, why_high
 
-    def _end(self, minimum: Point, side: float) -> tuple[float, str]:
+    def _find_end(self, minimum: Point, side: float) -> tuple[float, str]:
         """Return the end of the interval about a minimum on one side, and the reason."""
         lower, upper = self.likelihood.bounds
         bound = float(upper[self.k])
         if side < 0:
             bound = float(lower[self.k])
-        here = minimum
+        point = minimum
         for _ in range(_MOST_STEPS):
-            room = side * (bound - here.x[self.k])
+            room = side * (bound - point.x[self.k])
             if room <= _ROUNDING * max(1.0, abs(bound)):
-                return bound, self._kind_of(side, bound)
-            there = self._advance(here, side, min(self._next_step(here, side), room))
-            if there is None:
-                return float(here.x[self.k]), "unsolved"
-            self._points.append(there)
-            if self._drop(there) >= self.drop:
-                return self._find_crossing(here, there, side), "level"
-            here = there
-        return float(here.x[self.k]), "unsolved"
+                return bound, self._bound_kind(side, bound)
+            next_point = self._advance(point, side, min(self._next_step(point, side), room))
+            if next_point is None:
+                return float(point.x[self.k]), "unsolved"
+            self._points.append(next_point)
+            if self._drop(next_point) >= self.drop:
+                return self._find_crossing(point, next_point, side), "level"
+            point = next_point
+        return float(point.x[self.k]), "unsolved"
 
-    def _kind_of(self, side: float, bound: float) -> str:
+    def _bound_kind(self, side: float, bound: float) -> str:
         """Return whether a bound is the zero of a loss factor or another bound."""
         is_factor = self.likelihood.problem.coordinates.parameters.is_factor[self.k]
         if side < 0 and bound == 0.0 and not is_factor:
@@ -544,54 +546,54 @@ class ProfileTracer:
     def _drop(self, point: Point) -> float:
         return point.cost - self.best.cost
 
-    def _next_step(self, here: Point, side: float) -> float:
+    def _next_step(self, point: Point, side: float) -> float:
         """Return the step to the next point, `_STEP` standard deviations further."""
-        z = np.sqrt(2.0 * max(self._drop(here), 0.0)) + _STEP
+        z = np.sqrt(2.0 * max(self._drop(point), 0.0)) + _STEP
         lower, upper = self.likelihood.bounds
         largest = float(_LARGEST_STEP * (upper[self.k] - lower[self.k]))
-        return min(self._step_to(here, side, 0.5 * z**2), largest)
+        return min(self._step_to(point, side, 0.5 * z**2), largest)
 
-    def _step_to(self, here: Point, side: float, drop: float) -> float:
+    def _step_to(self, point: Point, side: float, drop: float) -> float:
         """Return the step to a given drop by the local model, or inf for a flat profile.
 
         Along the profile the cost is cost + g h + S h^2 / 2, with its slope g by this unknown
         alone, as the others are at their minimum, and the Schur complement S of its curvature.
         """
-        g = side * float(here.local.gradient[self.k])
-        S = float(np.sum(self._follow(here)[1] ** 2))
-        left = drop - self._drop(here)
-        root = float(np.sqrt(max(g * g + 2.0 * S * left, 0.0)))
+        g = side * float(point.local.gradient[self.k])
+        S = float(np.sum(self._tangent(point)[1] ** 2))
+        remaining = drop - self._drop(point)
+        root = float(np.sqrt(max(g * g + 2.0 * S * remaining, 0.0)))
         if g > 0.0:  # this form of the root does not divide by S, which may be rounding
-            return 2.0 * left / (g + root)
+            return 2.0 * remaining / (g + root)
         if S <= 0.0:
             return np.inf
         return (root - g) / S
 
-    def _follow(self, here: Point) -> tuple[_Vector, _Vector]:
+    def _tangent(self, point: Point) -> tuple[_Vector, _Vector]:
         """Return the derivative of all unknowns by this one along the profile, and R times it."""
         lower, upper = self.likelihood.bounds
-        gradient, column = here.local.gradient, here.local.R[:, self.k]
-        held = ((here.x <= lower) & (gradient > 0)) | ((here.x >= upper) & (gradient < 0))
-        held[self.k] = True
-        A = here.local.R[:, ~held]
+        gradient, column = point.local.gradient, point.local.R[:, self.k]
+        is_fixed = ((point.x <= lower) & (gradient > 0)) | ((point.x >= upper) & (gradient < 0))
+        is_fixed[self.k] = True
+        A = point.local.R[:, ~is_fixed]
         norms = np.linalg.norm(A, axis=0)
         scale = np.where(norms > 0, norms, 1.0)
         share = np.linalg.lstsq(A / scale, -column, rcond=1e-10)[0] / scale
-        out = np.zeros(len(here.x))
-        out[~held] = share
+        out = np.zeros(len(point.x))
+        out[~is_fixed] = share
         out[self.k] = 1.0
         return out, column + A @ share
 
-    def _advance(self, here: Point, side: float, h: float) -> Point | None:
+    def _advance(self, point: Point, side: float, h: float) -> Point | None:
         """Return the profile after a step, shortened while the model cannot be solved there."""
         lower, upper = self.likelihood.bounds
-        along = self._follow(here)[0]
+        along = self._tangent(point)[0]
         for _ in range(_MOST_HALVINGS):
-            target = float(np.clip(here.x[self.k] + side * h, lower[self.k], upper[self.k]))
-            moved = np.clip(here.x + along * (target - here.x[self.k]), lower, upper)
-            stayed = np.array(here.x)
-            moved[self.k] = stayed[self.k] = target
-            for start in (moved, stayed):
+            target = float(np.clip(point.x[self.k] + side * h, lower[self.k], upper[self.k]))
+            along_tangent = np.clip(point.x + along * (target - point.x[self.k]), lower, upper)
+            others_unchanged = np.array(point.x)
+            along_tangent[self.k] = others_unchanged[self.k] = target
+            for start in (along_tangent, others_unchanged):
                 found = self.likelihood.descend(start, self.k)
                 if found is not None:
                     return found
@@ -612,16 +614,16 @@ class ProfileTracer:
                 nearest, other = inside, outside
             guess = 0.5 * (a + b)
             if abs(b - a) <= 0.5 * widths[-2]:  # else the bracket shrinks too slowly: bisect
-                guess = self._guess((nearest, other), a, b, side)
+                guess = self._guess_crossing((nearest, other), a, b, side)
             widths.append(abs(b - a))
-            there = self._advance(nearest, 1.0, guess - float(nearest.x[self.k]))
-            if there is None:
+            trial = self._advance(nearest, 1.0, guess - float(nearest.x[self.k]))
+            if trial is None:
                 break
-            self._points.append(there)
-            if self._drop(there) >= self.drop:
-                outside = there
+            self._points.append(trial)
+            if self._drop(trial) >= self.drop:
+                outside = trial
             else:
-                inside = there
+                inside = trial
         # The bracket is below a hundredth of a standard deviation: interpolate linearly.
         if zb - za < 1e-12:
             return b
@@ -631,7 +633,9 @@ class ProfileTracer:
         """Return the drop as a number of standard deviations."""
         return float(np.sqrt(2.0 * max(self._drop(point), 0.0)))
 
-    def _guess(self, points: tuple[Point, Point], a: float, b: float, side: float) -> float:
+    def _guess_crossing(
+        self, points: tuple[Point, Point], a: float, b: float, side: float
+    ) -> float:
         """Return the crossing by the first local model that has one inside the bracket.
 
         It is the middle of the bracket where none has. Where another unknown meets its bound, the
@@ -646,7 +650,7 @@ class ProfileTracer:
         return 0.5 * (a + b)
 
 
-def _merge(intervals: Sequence[Interval]) -> list[Interval]:
+def _merge_intervals(intervals: Sequence[Interval]) -> list[Interval]:
     """Return the intervals, ascending in their lower end, with overlapping ones merged."""
     out: list[Interval] = []
     for one in intervals:

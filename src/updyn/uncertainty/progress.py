@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from updyn.progress import asks_to_stop
 from updyn.updating.problem.session import Session
 
-__all__ = ["Progress", "WorkCounter"]
+__all__ = ["WorkCounter", "WorkProgress"]
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class WorkProgress:
     """The argument of a callback.
 
     Attributes
@@ -42,13 +42,13 @@ class WorkCounter:
     total : int
         Pieces of work.
     callback : callable, optional
-        Called with a `Progress` after every piece, and between blocks of lines of long ones;
+        Called with a `WorkProgress` after every piece, and between blocks of lines of long ones;
         returning True stops.
     """
 
     stage: str
     total: int
-    callback: Callable[[Progress], bool | None] | None = None
+    callback: Callable[[WorkProgress], bool | None] | None = None
     done: int = field(default=0, init=False)
     note: str = field(default="", init=False)
     stopped: bool = field(default=False, init=False)
@@ -56,17 +56,17 @@ class WorkCounter:
     def attach(self, session: Session) -> Session:
         """Ask between blocks of lines of a session, too; return the session."""
         if self.callback is not None:
-            session.wants_stop = self.asks
+            session.wants_stop = self.report
         return session
 
     def step(self, note: str = "") -> bool:
         """Count one piece; return whether to stop."""
         self.done, self.note = self.done + 1, note or self.note
-        return self.asks()
+        return self.report()
 
-    def asks(self) -> bool:
+    def report(self) -> bool:
         """Report the progress; return whether to stop."""
         if self.callback is not None:
-            progress = Progress(self.stage, self.done, self.total, self.note)
+            progress = WorkProgress(self.stage, self.done, self.total, self.note)
             self.stopped = asks_to_stop(self.callback(progress)) or self.stopped
         return self.stopped

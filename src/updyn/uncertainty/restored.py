@@ -20,13 +20,13 @@ from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
     "LIKELIHOOD",
-    "WITH_NOISE",
+    "STATES_NOISE",
     "RestoredFit",
     "estimate_of",
-    "parts_of",
-    "positions_of",
+    "find_positions",
+    "list_results",
     "restore",
-    "solved_by",
+    "solver_options",
     "std_of",
 ]
 
@@ -35,7 +35,7 @@ _Vector = NDArray[np.float64]
 #: Attribute of methods (`updyn.updating.fit.method.Method`) that minimise a likelihood.
 LIKELIHOOD = "is_likelihood"
 #: Attribute of methods whose noise record is enough to generate data.
-WITH_NOISE = "states_noise"
+STATES_NOISE = "states_noise"
 #: Statuses of a fit at a minimum.
 _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 
@@ -92,7 +92,7 @@ class RestoredFit:
             If the model cannot be solved at the estimate.
         """
         return tuple(
-            _noise(result, part, self.x, self.problem.share(part))
+            _restore_noise(result, part, self.x, self.problem.share(part))
             for result, part in zip(self.results, self.problem.parts, strict=True)
         )
 
@@ -139,7 +139,7 @@ class RestoredFit:
 def restore(
     result: UpdateResult | JointResult,
     session: Session | None = None,
-    stated: str = LIKELIHOOD,
+    attribute: str = LIKELIHOOD,
 ) -> RestoredFit:
     """Restore the problem, estimate and noise of an update.
 
@@ -149,8 +149,8 @@ def restore(
         A fit that has ended.
     session : Session, optional
         The session in which lines are solved.
-    stated : str
-        Attribute that the method must have: `LIKELIHOOD` or `WITH_NOISE`.
+    attribute : str
+        Attribute that the method must have: `LIKELIHOOD` or `STATES_NOISE`.
 
     Returns
     -------
@@ -162,10 +162,10 @@ def restore(
         If it is no result, its method lacks the attribute, it is regularised, or the fit did not
         end at a minimum.
     """
-    results = parts_of(result)
+    results = list_results(result)
     first = results[0]
-    if not getattr(METHODS.find(first.method), stated):
-        accepted = " or ".join(map(repr, methods_with(stated)))
+    if not getattr(METHODS.find(first.method), attribute):
+        accepted = " or ".join(map(repr, methods_with(attribute)))
         raise OptionError(
             f"method {first.method!r} does not minimise a likelihood; update with {accepted}"
         )
@@ -185,7 +185,7 @@ def restore(
         name = ""
         if len(results) > 1:
             name = str(number)
-        parts.append(_part(one, session, name))
+        parts.append(_build_part(one, session, name))
     problem = Problem.of(parts)
     x = problem.coordinates.to_x(estimate_of(first))
     inflation = float(first.noise.get("inflation", 1.0))
@@ -202,7 +202,7 @@ def std_of(result: UpdateResult) -> _Vector:
     return np.array([result.std[name] for name in result.parameters.names])
 
 
-def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
+def list_results(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
     """Return the result of each test.
 
     Raises
@@ -215,7 +215,7 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
     return tuple(result.results.values())
 
 
-def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
+def find_positions(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
     """Return the positions of the named unknowns, by default of all.
 
     Raises
@@ -240,16 +240,16 @@ def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> lis
     return positions
 
 
-def _part(result: UpdateResult, session: Session, name: str) -> Part:
+def _build_part(result: UpdateResult, session: Session, name: str) -> Part:
     """Return model and fitted data of one test."""
     frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
-    tier, backend = solved_by(result)
+    tier, backend = solver_options(result)
     return Part.build(
         result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
     )
 
 
-def solved_by(result: UpdateResult) -> tuple[str | None, str | None]:
+def solver_options(result: UpdateResult) -> tuple[str | None, str | None]:
     """Return tier and backend of the whole model of an update, for `Part.build`."""
     tier = result.options.get("tier")
     if tier == "reduced":
@@ -257,7 +257,7 @@ def solved_by(result: UpdateResult) -> tuple[str | None, str | None]:
     return tier, None if tier == "dense" else result.options.get("backend")
 
 
-def _noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> NoiseModel:
+def _restore_noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> NoiseModel:
     """Return the recorded noise model, weights of outliers evaluated at the estimate."""
     noise = restore_noise(result.noise, result.frf.select(responses=result.fitted_responses))
     if isinstance(noise, Robust):

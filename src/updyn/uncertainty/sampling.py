@@ -21,9 +21,9 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.model_error import model_error_of, model_error_remark
-from updyn.uncertainty.progress import Progress, WorkCounter
+from updyn.uncertainty.progress import WorkCounter, WorkProgress
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
-from updyn.uncertainty.surrogate import excess, run_about
+from updyn.uncertainty.surrogate import describe_excess, run_about
 from updyn.updating.fit.search import MOST_STARTS
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CHAINS_AGREE",
     "Mixture",
-    "diagnose",
+    "compute_diagnostics",
     "sample",
 ]
 
@@ -81,7 +81,7 @@ def sample(
     max_evaluations: int = 200_000,
     accuracy: float = ACCURACY,
     engine: int | Client | Engine | None = None,
-    callback: Callable[[Progress], bool | None] | None = None,
+    callback: Callable[[WorkProgress], bool | None] | None = None,
 ) -> Draws:
     """Draw from the posterior of the unknowns.
 
@@ -104,7 +104,7 @@ def sample(
     engine : None, int, dask.distributed Client or Engine
         Workers for the four ensembles, as in `updyn.update`; the draws do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every round; returning True stops with the draws so far.
+        Called with a `WorkProgress` after every round; returning True stops with the draws so far.
 
     Returns
     -------
@@ -154,14 +154,14 @@ def sample(
         restored = restore(result, session)
         counter = WorkCounter("sampling", n, callback)
         counter.attach(session)
-        run = _Run(restored, n, seed, starts, max_evaluations, counter)
+        run = _SamplingRun(restored, n, seed, starts, max_evaluations, counter)
         with suppress(Stopped):
             run.reduction = run_about(restored, accuracy, seed, run.all)
     return run.draws(result)
 
 
 @dataclass(slots=True, eq=False)
-class _Run:
+class _SamplingRun:
     """A sampling in rounds: its options and its state."""
 
     restored: RestoredFit
@@ -219,14 +219,14 @@ class _Run:
             rounds.append(drawn)
             shares.append(share)
             self.chains, self.accepted = np.concatenate(rounds, axis=1), float(np.mean(shares))
-            found = diagnose(self.chains, _ENSEMBLES)
+            found = compute_diagnostics(self.chains, _ENSEMBLES)
             effective = min(found["ess_bulk"].min(), found["ess_tail"].min())
             self.counter.done = min(int(effective), self.n)
             self.counter.note = f"{effective:.0f} effective draws, R-hat {found['r_hat'].max():.3f}"
             # The effective size is unreliable for chains that are short against their correlation.
             is_long = effective * self.chains.shape[1] >= _LONG * self.chains[..., 0].size
             agree = found["r_hat"].max() <= CHAINS_AGREE
-            if self.counter.asks() or (effective >= self.n and is_long and agree):
+            if self.counter.report() or (effective >= self.n and is_long and agree):
                 break
         if self.chains is None:
             return np.zeros((0, len(self.restored.x)))
@@ -257,7 +257,7 @@ class _Run:
         """Return the ensembles after some steps, their draws and the acceptance rate."""
         items = [(mixture, state, steps) for state in states]
         problem = likelihood.problem
-        found = list(problem.session.map(_steps, likelihood, items, spread=not problem.spreads))
+        found = list(problem.session.map(_run_steps, likelihood, items, spread=not problem.spreads))
         self.evaluations += steps * self.walkers * len(states)
         after, chains, shares = zip(*found, strict=True)
         drawn = np.concatenate([chain.transpose(1, 0, 2) for chain in chains])
@@ -293,7 +293,7 @@ class _Run:
         if self.chains is None:
             return none
         chains = coordinates.to_values(self.chains)
-        diagnostics = diagnose(chains, _ENSEMBLES)
+        diagnostics = compute_diagnostics(chains, _ENSEMBLES)
         problems = self._problems(diagnostics, parameters.names)
         message = " ".join(problems)
         if self.n_modes > 1 and not problems:
@@ -331,7 +331,7 @@ class _Run:
             problems.append(
                 f"Ended after {self.evaluations} evaluations; allow more by max_evaluations."
             )
-        errs = excess(self.reduction, "the furthest draws")
+        errs = describe_excess(self.reduction, "the furthest draws")
         return [*problems, errs] if errs else problems
 
 
@@ -339,7 +339,7 @@ def _log_prob(likelihood: Likelihood, X: NDArray[np.float64]) -> _Vector:
     return np.array([-likelihood.cost(x) for x in X])
 
 
-def _steps(
+def _run_steps(
     likelihood: Likelihood, item: tuple[Mixture, _Ensemble, int]
 ) -> tuple[_Ensemble, NDArray[np.float64], float]:
     """Return an ensemble after some steps, its draws (steps, n_walkers, n) and acceptance rate."""
@@ -477,7 +477,7 @@ def _with_floor(shares: _Vector) -> _Vector:
 CHAINS_AGREE = 1.01
 
 
-def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
+def compute_diagnostics(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
     """Return R-hat, effective sizes and errors by unknown.
 
     Parameters

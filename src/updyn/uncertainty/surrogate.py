@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.kept_basis import begin
+from updyn.dynamics.kept_basis import begin_reduction
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
-from updyn.uncertainty.likelihood import Gaussian, Point, furthest
+from updyn.uncertainty.likelihood import Gaussian, Point, select_furthest
 from updyn.uncertainty.restored import RestoredFit
 from updyn.updating.fit.reducing import make_reduction
 from updyn.updating.problem.problem import Problem
 from updyn.updating.result import UpdateResult
 
-__all__ = ["Surrogate", "excess", "reduced_about", "run_about"]
+__all__ = ["Surrogate", "describe_excess", "reduce_about", "run_about"]
 
 _Vector = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Surrogate:
         """Number of basis vectors of all parts."""
         return sum(r.basis.size for r in self._reductions)
 
-    def begin(self, x: _Vector) -> None:
+    def begin_reduction(self, x: _Vector) -> None:
         """Begin the bases at the estimate.
 
         Parameters
@@ -83,8 +83,8 @@ class Surrogate:
             self.exact.parts, self._reductions, self.results, strict=True
         ):
             state, freq = part.state(x), part.frf.freq
-            begin(reduction, result.start, result.kept_basis, state, freq)
-            reduction.settle([state], freq)
+            begin_reduction(reduction, result.start, result.kept_basis, state, freq)
+            reduction.enrich_until_accurate([state], freq)
 
     def enrich(self, points: Sequence[_Vector]) -> None:
         """Enrich the bases at some points, as far as the model can be solved."""
@@ -96,7 +96,7 @@ class Surrogate:
         """Enrich the bases at some points, as `enrich`, until they are accurate."""
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             with suppress(SolverError):
-                reduction.settle([part.state(x) for x in points], part.frf.freq)
+                reduction.enrich_until_accurate([part.state(x) for x in points], part.frf.freq)
 
     def problem(self) -> Problem:
         """Return the problem with the current reduced models."""
@@ -143,7 +143,7 @@ class Surrogate:
             reached = run(self.problem())
             if not len(reached):
                 return {}
-            far = furthest(reached, min(_CHECKED, len(reached)))
+            far = select_furthest(reached, min(_CHECKED, len(reached)))
             error = self.error(list(far))
             if error <= self.accuracy or number == _ENRICHMENTS:
                 break
@@ -162,7 +162,7 @@ def run_about(
     Parameters
     ----------
     restored, accuracy, seed
-        As for `reduced_about`.
+        As for `reduce_about`.
     run
         As for `Surrogate.settle_run`.
 
@@ -178,14 +178,14 @@ def run_about(
     Stopped
         If the user stops.
     """
-    surrogate = reduced_about(restored, accuracy, seed)
+    surrogate = reduce_about(restored, accuracy, seed)
     if surrogate is None:
         run(restored.problem)
         return {}
     return surrogate.settle_run(run)
 
 
-def excess(options: Mapping[str, Any], where: str) -> str:
+def describe_excess(options: Mapping[str, Any], where: str) -> str:
     """Return a remark on the error of a reduced model; empty if it is small enough.
 
     Parameters
@@ -202,7 +202,7 @@ def excess(options: Mapping[str, Any], where: str) -> str:
     )
 
 
-def reduced_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogate | None:
+def reduce_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogate | None:
     """Reduce a model that is too large for dense matrices about its estimate.
 
     Parameters

@@ -20,7 +20,7 @@ from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import ParameterSet
 
-__all__ = ["REMEDY", "BeforeSearch"]
+__all__ = ["REMEDY", "ModeComparison"]
 
 #: Advice on a model that has few modes or none in common with the test.
 REMEDY = (
@@ -30,7 +30,7 @@ REMEDY = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeforeSearch:
+class ModeComparison:
     """Modes of models and tests before a search.
 
     Attributes
@@ -50,7 +50,7 @@ class BeforeSearch:
     @classmethod
     def of(
         cls, tests: Sequence[Test], unknowns: ParameterSet, options: Mapping[str, Any]
-    ) -> BeforeSearch:
+    ) -> ModeComparison:
         """Compare the modes of each test with those of its model at the start of the unknowns.
 
         `options` are those of the method; ``modes`` among them holds the modes of the tests.
@@ -84,7 +84,7 @@ class BeforeSearch:
                     f"{name}{one.statement} {one.remedy or REMEDY}", UpdynWarning, stacklevel=4
                 )
 
-    def overruling(self, detect_data_fault: Callable[[], bool]) -> Callable[[], bool]:
+    def wrap_fault_detector(self, detect_data_fault: Callable[[], bool]) -> Callable[[], bool]:
         """Return the function that decides whether to end a search after its first tries.
 
         `detect_data_fault` searches for a fault of the data that explains them.
@@ -98,14 +98,14 @@ class BeforeSearch:
 
         return without_counterparts
 
-    def concluded(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
+    def adjust_result(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
         """Return the entries of a result that the comparison of modes changes.
 
         `common` holds ``status``, ``message``, ``remedy``, ``trust`` and ``findings`` of the
         result, `models` the updated model of each test.
         """
         status, trust = common["status"], common["trust"]
-        claim = _resembles(self.found)
+        claim = _claim_resembles(self.found)
         changed: dict[str, Any] = {"trust": trust and replace(trust, resembles=claim)}
         if not self.few or status in ("stopped", "failed"):
             return changed
@@ -117,24 +117,24 @@ class BeforeSearch:
             updated = Claim(True, f"Of the updated model: {after[0].statement}")
             return {"trust": trust and replace(trust, resembles=updated)}
         after_it = f"{after[0].n_paired} of {after[0].n_measured} have one"
-        said = (
+        statement = (
             f"{self.found[0].statement} The search ended after its first tries, none of which"
             f" explains the data; in the updated model {after_it}."
         )
         if any(finding.grave for finding in common["findings"]):
-            return changed | {"message": f"{common['message']} {said}"}
+            return changed | {"message": f"{common['message']} {statement}"}
         ended = common["message"].partition(". ")[0].removesuffix(".")
-        changed |= {"message": f"{ended}. {said}", "remedy": self.remedy}
+        changed |= {"message": f"{ended}. {statement}", "remedy": self.remedy}
         if status == "converged":
             ended = "The fit converged, but its answer is not to be believed"
-            changed |= {"status": "not-credible", "message": f"{ended}. {said}"}
+            changed |= {"status": "not-credible", "message": f"{ended}. {statement}"}
         return changed
 
 
-def _resembles(found: Sequence[Counterparts]) -> Claim:
+def _claim_resembles(found: Sequence[Counterparts]) -> Claim:
     """Return the claim that the models have modes of their tests, before the search."""
     claims = [one.claim for one in found]
-    said = " ".join(dict.fromkeys(claim.why for claim in claims))
+    statement = " ".join(dict.fromkeys(claim.why for claim in claims))
     if not all(claim.asked for claim in claims):
-        return Claim(None, said, asked=False)
-    return Claim(any(claim.holds for claim in claims), said)
+        return Claim(None, statement, asked=False)
+    return Claim(any(claim.holds for claim in claims), statement)

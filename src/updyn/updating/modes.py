@@ -15,9 +15,9 @@ from updyn.updating.judge.counterparts import identify_modes_for
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.judge.verdict import explain_rejection
 from updyn.updating.judge.worsened import judge_modes
-from updyn.updating.result import UpdateResult, gains_of
+from updyn.updating.result import UpdateResult, estimated_gains
 
-__all__ = ["LARGEST", "identify_modes_for", "judge_by_modes", "modal_table", "start_table"]
+__all__ = ["LARGEST", "compare_start_modes", "identify_modes_for", "judge_by_modes", "modal_table"]
 
 #: Largest number of DOFs for which the modes of a model are computed by default (seconds).
 LARGEST = 20_000
@@ -73,8 +73,8 @@ def modal_table(
     )
     start = result.parameters.at_start(result.start)
     if isinstance(given, ModeSet):
-        return _table(start, result.model, given, (), largest)
-    return _table(start, result.model, *_measured(result), largest)
+        return _make_table(start, result.model, given, (), largest)
+    return _make_table(start, result.model, *_select_frfs(result), largest)
 
 
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
@@ -94,17 +94,17 @@ def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> Update
     return replace(result, trust=trust, status="not-credible", message=message, remedy=remedy)
 
 
-def start_table(
+def compare_start_modes(
     model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
 ) -> ModalTable:
     """Compare the modes of the test, or the given ones, with those of the model before any update.
 
     For models with more than `largest` DOFs the table has only a note.
     """
-    return _table(model, None, modes or data, (), largest)
+    return _make_table(model, None, modes or data, (), largest)
 
 
-def _table(
+def _make_table(
     start: Model,
     updated: Model | None,
     test: FRF | ModeSet,
@@ -129,9 +129,9 @@ def _table(
     return replace(table, notes=(*notes, *table.notes))
 
 
-def _measured(result: UpdateResult) -> tuple[FRF, tuple[str, ...]]:
+def _select_frfs(result: UpdateResult) -> tuple[FRF, tuple[str, ...]]:
     """Return the FRFs for the identification of modes, and notes on them."""
-    frf, gains = result.frf, gains_of(result)
+    frf, gains = result.frf, estimated_gains(result)
     if gains is None:
         return frf, ()
     note = "The modes of the test are those of its FRFs over the estimated calibration factors."

@@ -37,11 +37,11 @@ from updyn.updating.problem.noise import (
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["OwnNoise"]
+__all__ = ["SensorNoiseFit"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OwnNoise:
+class SensorNoiseFit:
     """Continues a fit with separate noise for each sensor.
 
     Parameters
@@ -67,29 +67,37 @@ class OwnNoise:
     monitor: Monitor
     reduced: Reducing | None
 
-    def tried(
-        self, found: Judgement, judged: Callable[[Fit, Sequence[NoiseModel]], Judgement]
+    def continue_fit(
+        self, found: Judgement, judge: Callable[[Fit, Sequence[NoiseModel]], Judgement]
     ) -> Judgement:
         """Return the judgement of the continued fit; `found`, of the first fit, if not better."""
-        noises = self._own(found)
+        noises = self._separate_noises(found)
         if noises is None:
             return found
-        begun = len(self.monitor.history)
+        n_steps = len(self.monitor.history)
         try:
             fit = self.strategy.fit(self.problem, noises, self.monitor, found.fit.x)
             if fit.reason == "converged":
-                again = judged(fit, noises)
-                parts = again.adequacy[: len(self.problem.parts)]
+                judgement = judge(fit, noises)
+                parts = judgement.adequacy[: len(self.problem.parts)]
                 is_noise = all(a is not None and a.adequate for a in parts)
-                if is_noise and self._is_told_apart(fit.x, noises) and self._holds(fit):
-                    told = [self._told(i, fit.x, noises[i], a) for i, a in enumerate(parts) if a]
-                    return replace(again, adequacy=(*told, *again.adequacy[len(parts) :]))
+                if (
+                    is_noise
+                    and self._is_distinguishable(fit.x, noises)
+                    and self._is_reduction_accurate(fit)
+                ):
+                    named = [
+                        self._name_noisy_sensors(i, fit.x, noises[i], a)
+                        for i, a in enumerate(parts)
+                        if a
+                    ]
+                    return replace(judgement, adequacy=(*named, *judgement.adequacy[len(parts) :]))
         except (SolverError, Stopped):
             pass
-        del self.monitor.history[begun:]  # discard the steps of the rejected fit
+        del self.monitor.history[n_steps:]  # discard the steps of the rejected fit
         return found
 
-    def _own(self, found: Judgement) -> list[NoiseModel] | None:
+    def _separate_noises(self, found: Judgement) -> list[NoiseModel] | None:
         """Return noise models with separate noise for each sensor, or None if not needed."""
         fit = found.fit
         if fit.reason not in ("converged", "unsettled") or fit.rivals or self.monitor.stopped:
@@ -100,20 +108,20 @@ class OwnNoise:
         for part, noise, chosen, adequacy in zip(
             self.problem.parts, self.noises, self.chosen, found.adequacy, strict=False
         ):
-            own = noise
+            separate = noise
             if _is_open(chosen) and adequacy is not None and has_unequal_noise(adequacy):
-                own = _by_sensor(noise, part)
-            out.append(own)
-            differ = differ or own is not noise
+                separate = _make_sensor_noise(noise, part)
+            out.append(separate)
+            differ = differ or separate is not noise
         return out if differ else None
 
-    def _is_told_apart(self, x: NDArray[np.float64], noises: Sequence[NoiseModel]) -> bool:
+    def _is_distinguishable(self, x: NDArray[np.float64], noises: Sequence[NoiseModel]) -> bool:
         """Return whether noise can be distinguished from the residual of a wrong sensor."""
-        for i, (part, own) in enumerate(zip(self.problem.parts, noises, strict=True)):
-            if own is self.noises[i]:
+        for i, (part, noise) in enumerate(zip(self.problem.parts, noises, strict=True)):
+            if noise is self.noises[i]:
                 continue
             H = part.responses(x)
-            weight = whitening_weights(self._known(own, part, H), H, part)
+            weight = whitening_weights(self._refit_noise(noise, part, H), H, part)
             weight = np.where(weight > 0.0, weight, np.nan)
             if not can_be_sensor_noise(
                 H, weight * H, weight * (part.frf.values - H), part.frf.freq
@@ -121,24 +129,24 @@ class OwnNoise:
                 return False
         return True
 
-    def _known(self, noise: NoiseModel, part: Part, H: NDArray[np.complex128]) -> NoiseModel:
+    def _refit_noise(self, noise: NoiseModel, part: Part, H: NDArray[np.complex128]) -> NoiseModel:
         """Return a noise model, without outliers, refitted to the residual."""
         return noise.bulk.refit(H, part.frf, self.problem.share(part))
 
-    def _holds(self, fit: Fit) -> bool:
+    def _is_reduction_accurate(self, fit: Fit) -> bool:
         return self.reduced is None or self.reduced.certify_at(fit.x)
 
-    def _told(
-        self, i: int, x: NDArray[np.float64], own: NoiseModel, adequacy: Adequacy
+    def _name_noisy_sensors(
+        self, i: int, x: NDArray[np.float64], noise_of_sensors: NoiseModel, adequacy: Adequacy
     ) -> Adequacy:
         """Return the assessment of a part with the sensors noisier than most."""
-        if own is self.noises[i]:
+        if noise_of_sensors is self.noises[i]:
             return adequacy
         part = self.problem.parts[i]
         H = part.responses(x)
         each, common = (
-            self._known(noise, part, H).variance(H, part.frf).sum(axis=(0, 2))
-            for noise in (own, self.noises[i])
+            self._refit_noise(noise, part, H).variance(H, part.frf).sum(axis=(0, 2))
+            for noise in (noise_of_sensors, self.noises[i])
         )
         return add_noisy_sensors(adequacy, np.sqrt(each / common))
 
@@ -148,10 +156,10 @@ def _is_open(chosen: NoiseChoice) -> bool:
     return chosen is None or (isinstance(chosen, Mapping) and set(chosen) == {"robust"})
 
 
-def _by_sensor(noise: NoiseModel, part: Part) -> NoiseModel:
+def _make_sensor_noise(noise: NoiseModel, part: Part) -> NoiseModel:
     """Return a noise model with separate noise for each sensor; unchanged if not estimated."""
     if isinstance(noise, Robust):
-        return replace(noise, base=_by_sensor(noise.base, part))
+        return replace(noise, base=_make_sensor_noise(noise.base, part))
     if not isinstance(noise, Estimated):
         return noise
     return EstimatedByChannel.of_data(part.frf, noise.tails)

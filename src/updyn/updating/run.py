@@ -23,7 +23,7 @@ from updyn.group import is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.positions import warn_of_labels
-from updyn.updating.before_search import BeforeSearch
+from updyn.updating.before_search import ModeComparison
 from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, fingerprint
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
@@ -45,7 +45,7 @@ from updyn.updating.judge.verdict import (
     join_steps,
     rule_out_faults,
 )
-from updyn.updating.own_noise import OwnNoise
+from updyn.updating.own_noise import SensorNoiseFit
 from updyn.updating.problem.data import (
     ModalSplit,
     Split,
@@ -135,7 +135,7 @@ def run(
     SolverError
         If a model cannot be solved at its start, at one of the lines.
     """
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     _check_kinds(options)
     if isinstance(options.regularise, np.generic):  # plain type, for the record and the fingerprint
         options = replace(options, regularise=options.regularise.item())
@@ -162,13 +162,13 @@ def run(
     check_modes(tests, strategy)
     if not of_frfs:
         _check_without_lines(options)
-    before = BeforeSearch.of(tests, unknowns, options.method_options)
+    before = ModeComparison.of(tests, unknowns, options.method_options)
     before.warn()
     modal_splits = [
         split_modes(test.data, test.validation) for test in tests if isinstance(test.data, ModeSet)
     ]
-    with ExitStack() as ending:
-        session = Session(ending.enter_context(opened_engine(options.engine)), RecentCache())
+    with ExitStack() as stack:
+        session = Session(stack.enter_context(opened_engine(options.engine)), RecentCache())
         largest = max((test.model.n_dofs for test in of_frfs), default=0)
         n_lines = sum(len(test.frf.freq) for test in of_frfs)
         reducing = bool(of_frfs) and is_reduced(
@@ -189,7 +189,7 @@ def run(
         ]
         modal = _modal_parts(tests, modal_splits, unknowns, session)
         whole = Problem.of(parts, modal)
-        used = _used(strategy, tests, parts, options, reducing=reducing)
+        used_options = _collect_options(strategy, tests, parts, options, reducing=reducing)
         measured = [test.frf for test in of_frfs]
         reduced = None
         if reducing:
@@ -197,20 +197,22 @@ def run(
             reduced = Reducing(Problem.of(all_data), options.accuracy)
 
         def head() -> dict[str, Any]:
-            return fingerprint(whole, [t.data for t in tests], _decisive(tests, used[0], options))
+            return fingerprint(
+                whole, [t.data for t in tests], _decisive_options(tests, used_options[0], options)
+            )
 
         keeping = checkpoint_session(session, options.checkpoint, head, resume=options.resume)
-        ending.enter_context(keeping)
+        stack.enter_context(keeping)
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
         looked = CauseSearch(whole, splits, noises, monitor)
-        monitor.detect_data_fault = before.overruling(looked.detect_data_fault)
-        problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
+        monitor.detect_data_fault = before.wrap_fault_detector(looked.detect_data_fault)
+        problem, fit = _fit_lines(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
-            fit = _explained(strategy, problem, fit)
+            fit = _add_failure_cause(strategy, problem, fit)
             start_solvers = reduced.start_solvers if reduced is not None else None
 
-            def judged(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
+            def judge(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
                 return judge_fit(
                     problem,
                     (*splits, *modal_splits),
@@ -220,9 +222,11 @@ def run(
                     is_likelihood=strategy.is_likelihood,
                 )
 
-            found = judged(fit, noises)
+            found = judge(fit, noises)
         chosen = [test.noise for test in of_frfs]
-        found = OwnNoise(problem, driver, noises, chosen, monitor, reduced).tried(found, judged)
+        found = SensorNoiseFit(problem, driver, noises, chosen, monitor, reduced).continue_fit(
+            found, judge
+        )
         if reduced is not None:
             reduced.release()
         causes = looked.search_after_fit(found) if options.seek_causes else Causes()
@@ -230,30 +234,38 @@ def run(
             found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.cache, Checkpoint):
             session.cache.keep()
-    common = _common(problem, found, causes, selection, options, monitor)
-    common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
+    common = _common_entries(problem, found, causes, selection, options, monitor)
+    common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - start_time}
     values = np.array(list(common["values"].values()))
     # The unbounded plain iteration can end at a negative loss factor, which no model accepts.
     changes = unknowns.changes(np.where(unknowns.is_factor, values, np.maximum(values, 0.0)))
     fit = found.fit
-    more = _more(selection, fit, options)
-    models = [test.model.scaled(_own(changes, test.model)) for test in tests]
-    common |= before.concluded(common, models)
+    extra_options = _collect_extra_options(selection, fit, options)
+    models = [test.model.scaled(_select_changes(changes, test.model)) for test in tests]
+    common |= before.adjust_result(common, models)
     results = []
     for test, model, counterparts, i in zip(
-        tests, models, before.found, _places(tests), strict=True
+        tests, models, before.found, _part_positions(tests), strict=True
     ):
-        own: dict[str, Any] = {}
+        own_options: dict[str, Any] = {}
         if i < len(parts):
-            own |= {**_solved(parts[i], reduced), **_left_out(problem.parts[i])}
-        kept = None
+            own_options |= {
+                **_record_solution(parts[i], reduced),
+                **_record_rounding(problem.parts[i]),
+            }
+        kept_basis = None
         if reduced is not None and i < len(parts):
-            kept = reduced.kept_basis(i, test.model)
+            kept_basis = reduced.kept_basis(i, test.model)
         result = UpdateResult(
             **common,
-            **_of_data(problem, (*splits, *modal_splits), i),
-            title=_title(options.title, test.name),
-            options={**used[i], "engine": session.engine.name, **own, **more},
+            **_data_entries(problem, (*splits, *modal_splits), i),
+            title=_make_title(options.title, test.name),
+            options={
+                **used_options[i],
+                "engine": session.engine.name,
+                **own_options,
+                **extra_options,
+            },
             start=test.model,
             model=model,
             data=test.data,
@@ -261,7 +273,7 @@ def run(
             correlation=found.correlation[i],
             adequacy=found.adequacy[i],
             counterparts=counterparts,
-            kept_basis=kept,
+            kept_basis=kept_basis,
         )
         results.append(result)
     return results
@@ -312,13 +324,13 @@ def _modal_parts(
     ]
 
 
-def _places(tests: Sequence[Test]) -> list[int]:
+def _part_positions(tests: Sequence[Test]) -> list[int]:
     """Return the position of each test among the parts; modal tests follow all others."""
     order = sorted(range(len(tests)), key=lambda i: isinstance(tests[i].data, ModeSet))
     return [order.index(i) for i in range(len(tests))]
 
 
-def _of_data(problem: Problem, splits: Sequence[Split | ModalSplit], i: int) -> dict[str, Any]:
+def _data_entries(problem: Problem, splits: Sequence[Split | ModalSplit], i: int) -> dict[str, Any]:
     """Return the fitted and the held-out data of a test, for the record."""
     split = splits[i]
     if isinstance(split, Split):
@@ -336,7 +348,7 @@ def _of_data(problem: Problem, splits: Sequence[Split | ModalSplit], i: int) -> 
     }
 
 
-def _used(
+def _collect_options(
     strategy: Method,
     tests: Sequence[Test],
     parts: Sequence[Part],
@@ -360,7 +372,7 @@ def _used(
     return found + [dict(common) for _ in range(len(tests) - len(parts))]
 
 
-def _decisive(
+def _decisive_options(
     tests: Sequence[Test], used: Mapping[str, Any], options: RunOptions
 ) -> dict[str, object]:
     """Return the options that change the answer, which a resumed run has to share."""
@@ -369,13 +381,13 @@ def _decisive(
     decisive |= {"method": options.method, "accuracy": options.accuracy}
     if options.regularise is not None:
         decisive["regularise"] = options.regularise
-    decisive["lines"] = [_listed(test.lines) for test in tests]
+    decisive["lines"] = [_plain_lines(test.lines) for test in tests]
     decisive["noise"] = [test.noise for test in tests]
     decisive["validation"] = [test.validation for test in tests]
     return decisive
 
 
-def _common(
+def _common_entries(
     problem: Problem,
     found: Judgement,
     causes: Causes,
@@ -406,14 +418,14 @@ def _common(
         status = "not-identifiable"
         also, first = explain_ambiguity(find_differences(values, std, others), others)
         message, remedy = f"{message} {also}", join_steps(first, remedy)
-    judged = judge_result(
+    judgement = judge_result(
         status,
         remaining_gain=None if end is None else end.deviations,
         rank=(found.analysis.report.rank, found.analysis.report.n_parameters),
         n_solutions=1 + len(others),
         correlation=found.correlation,
         misfit=found.misfit,
-        at_bound=_pressed(selection.parameters, found.at_bound),
+        at_bound=_factors_at_bound(selection.parameters, found.at_bound),
         findings=causes.findings,
         not_searched=causes.not_searched,
         structural=any(one is not None and one.outcome == "structure" for one in found.adequacy),
@@ -424,9 +436,9 @@ def _common(
         message, remedy = add_causes(causes.findings, message, remedy)
     if causes.is_overruling:
         message = explain_early_end(message)
-    if status == "converged" and not judged.credible:
+    if status == "converged" and not judgement.credible:
         status = "not-credible"
-        message, remedy = explain_rejection(judged, message, remedy)
+        message, remedy = explain_rejection(judgement, message, remedy)
     if causes.has_no_cause:
         remedy = rule_out_faults(remedy)
     notes = [message, selection.note]
@@ -444,7 +456,7 @@ def _common(
         "at_bound": found.at_bound,
         "identifiability": replace(found.analysis.report, advice=found.advice),
         "alternatives": others,
-        "trust": judged,
+        "trust": judgement,
         "findings": causes.findings,
         "history": tuple(monitor.history),
         "versions": {
@@ -457,7 +469,9 @@ def _common(
     }
 
 
-def _pressed(parameters: ParameterSet, at_bound: Mapping[str, str]) -> tuple[list[str], int]:
+def _factors_at_bound(
+    parameters: ParameterSet, at_bound: Mapping[str, str]
+) -> tuple[list[str], int]:
     """Return the stiffnesses and masses at a bound, and the number of unknown ones.
 
     Loss factors do not count, because zero is an ordinary value of theirs.
@@ -466,7 +480,7 @@ def _pressed(parameters: ParameterSet, at_bound: Mapping[str, str]) -> tuple[lis
     return [name for name in factors if name in at_bound], len(factors)
 
 
-def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]:
+def _collect_extra_options(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]:
     """Return the selection before the fit and the regularisation, for the record."""
     more = dict(selection.option)
     if fit.regularisation is not None:
@@ -476,44 +490,46 @@ def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]
     return more
 
 
-def _title(title: str, test: str) -> str:
+def _make_title(title: str, test: str) -> str:
     """Return the title of the result of a test."""
     if not test:
         return title
     return f"{title}: {test}".removeprefix(": ")
 
 
-def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
+def _select_changes(
+    changes: Mapping[str, Mapping[str, float]], model: Model
+) -> dict[str, dict[str, float]]:
     """Return the changes of the groups in a model; a configuration may lack some groups."""
-    own: dict[str, dict[str, float]] = {}
+    selected: dict[str, dict[str, float]] = {}
     for group, change in changes.items():
         for quantity, value in change.items():
             if has_quantity(model, group, quantity):
-                own.setdefault(group, {})[quantity] = value
-    return own
+                selected.setdefault(group, {})[quantity] = value
+    return selected
 
 
-def _listed(lines: Lines) -> object:
+def _plain_lines(lines: Lines) -> object:
     if isinstance(lines, str) or lines is None:
         return lines
     return np.asarray(lines).tolist()
 
 
-def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
+def _record_solution(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     """Return the certificate of a reduced model or the use of another backend, for the record."""
     if reduced is not None:
         return reduced.record
-    return record_fallback(part.solver.used, part.solver.backend)
+    return record_fallback(part.solver.solve_counts, part.solver.backend)
 
 
-def _left_out(part: Part) -> dict[str, list[str]]:
+def _record_rounding(part: Part) -> dict[str, list[str]]:
     """Return the channels whose values are rounding, for the record."""
     at = np.argwhere(part.sign == 0.0)
     names = [f"{part.frf.responses[i]} / {part.frf.references[j]}" for i, j in at]
     return {"rounding": names} if names else {}
 
 
-def _fitted(
+def _fit_lines(
     whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,
@@ -527,13 +543,13 @@ def _fitted(
     model, the fit starts from slightly changed unknowns.
     """
     try:
-        return _fitted_from_start(whole, lines, strategy, noises, monitor, reduced)
+        return _fit_from_start(whole, lines, strategy, noises, monitor, reduced)
     except SolverError as error:
-        beside = _beside_start(whole)
+        perturbed = _perturb_start(whole)
         if reduced is not None:
-            reduced.restart(_beside_start(reduced.exact))
+            reduced.restart(_perturb_start(reduced.exact))
         try:
-            found = _fitted_from_start(beside, lines, strategy, noises, monitor, reduced)
+            found = _fit_from_start(perturbed, lines, strategy, noises, monitor, reduced)
         except SolverError:
             raise error from None  # no unknown affects the singularity
         text = f"{error}. The fit starts 0.1 % beside the unknowns' start, where it is not"
@@ -541,7 +557,7 @@ def _fitted(
         return found
 
 
-def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
+def _add_failure_cause(strategy: Method, problem: Problem, fit: Fit) -> Fit:
     """Return a fit with the cause of its failure, as far as the method knows it."""
     if fit.reason not in ("failed", "stalled", "unsolvable", "max-iterations"):
         return fit
@@ -552,7 +568,7 @@ def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
     return replace(fit, cause=cause, remedy=strategy.failure_remedy)
 
 
-def _beside_start(whole: Problem) -> Problem:
+def _perturb_start(whole: Problem) -> Problem:
     """Return the problem with a slightly changed start, each unknown by a different amount.
 
     Stiffnesses increase and masses decrease, which changes natural frequencies; damping increases.
@@ -567,7 +583,7 @@ def _beside_start(whole: Problem) -> Problem:
     return whole.with_coordinates(shifted)
 
 
-def _fitted_from_start(
+def _fit_from_start(
     whole: Problem,
     lines: Sequence[Lines],
     strategy: Method,

@@ -154,7 +154,7 @@ def update(
     ('converged', 0.9)
     """
     test = Test(model, frf, "", lines, noise, validation)
-    how = RunOptions(
+    run_options = RunOptions(
         method,
         options,
         engine=engine,
@@ -166,8 +166,8 @@ def update(
         resume=resume,
         regularise=regularise,
     )
-    with _watched(callback, progress, method, options) as watching:
-        (result,) = run([test], parameters, replace(how, callback=watching))
+    with _combine_callbacks(callback, progress, method, options) as combined:
+        (result,) = run([test], parameters, replace(run_options, callback=combined))
     return result
 
 
@@ -241,7 +241,7 @@ def update_jointly(
         if name in named:
             raise OptionError(f"update_jointly: two tests are called {name!r}")
         named[name] = replace(test, name=name)
-    how = RunOptions(
+    run_options = RunOptions(
         method,
         options,
         engine=engine,
@@ -253,13 +253,13 @@ def update_jointly(
         resume=resume,
         regularise=regularise,
     )
-    with _watched(callback, progress, method, options) as watching:
-        results = run(list(named.values()), parameters, replace(how, callback=watching))
+    with _combine_callbacks(callback, progress, method, options) as combined:
+        results = run(list(named.values()), parameters, replace(run_options, callback=combined))
     return JointResult(dict(zip(named, results, strict=True)), title)
 
 
 @contextmanager
-def _watched(
+def _combine_callbacks(
     callback: Callable[[Progress], bool | None] | None,
     progress: bool,
     method: str,

@@ -11,7 +11,7 @@ from updyn.errors import SolverError
 from updyn.uncertainty import prediction
 from updyn.uncertainty.minima import _exchange_parts
 from updyn.uncertainty.restored import restore
-from updyn.uncertainty.surrogate import Surrogate, reduced_about
+from updyn.uncertainty.surrogate import Surrogate, reduce_about
 
 N = 60
 
@@ -106,7 +106,7 @@ def test_a_profile_is_made_in_a_reduced_model(result, whole) -> None:
 def test_parts_are_exchanged_by_their_own_stiffness(result) -> None:
     """Not by that of the reduced model: the projected matrices of a part have other sizes."""
     restored = restore(result)
-    surrogate = reduced_about(restored, 1e-5, 0)
+    surrogate = reduce_about(restored, 1e-5, 0)
     assert surrogate is not None
     reduced = restored.with_problem(surrogate.problem())
     points = [x for x, _ in _exchange_parts(reduced.likelihood(), reduced.whole, restored.x)]

@@ -175,7 +175,7 @@ def test_workers_change_nothing(sure) -> None:
 
 
 def test_the_caller_may_stop(sure) -> None:
-    seen: list[updyn.uncertainty.progress.Progress] = []
+    seen: list[updyn.uncertainty.progress.WorkProgress] = []
 
     def stop(progress) -> bool:
         seen.append(progress)

@@ -15,7 +15,7 @@ from updyn.errors import OptionError
 pytest.importorskip("emcee")
 pytest.importorskip("arviz_stats")
 
-from updyn.uncertainty.sampling import diagnose
+from updyn.uncertainty.sampling import compute_diagnostics
 
 
 @pytest.fixture(scope="module")
@@ -150,13 +150,13 @@ def test_diagnosis_sees_ensembles_that_disagree() -> None:
     """Walkers of one ensemble agree among themselves; only the ensembles tell."""
     rng = np.random.default_rng(0)
     same = rng.standard_normal((40, 100, 2))
-    found = diagnose(same, 4)
+    found = compute_diagnostics(same, 4)
     assert (np.abs(found["r_hat"] - 1.0) < 0.005).all()
     assert found["ess_bulk"] == pytest.approx([4000, 4000], rel=0.15)
     assert found["mcse_mean"] == pytest.approx([1 / np.sqrt(4000)] * 2, rel=0.15)
     apart = same.copy()
     apart[:10, :, 1] += 0.5
-    shifted = diagnose(apart, 4)
+    shifted = compute_diagnostics(apart, 4)
     assert shifted["r_hat"][0] < 1.005
     assert shifted["r_hat"][1] > 1.01
 

@@ -1,4 +1,4 @@
-"""What follows in a run if model and test have hardly a mode in common: `BeforeSearch`."""
+"""What follows in a run if model and test have hardly a mode in common: `ModeComparison`."""
 
 import json
 import warnings

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.correlation.clusters import CLOSE, PairingRule, pair_clusters
 from updyn.correlation.modes import GATE, LEAST_MAC
-from updyn.correlation.shapes import moving
+from updyn.correlation.shapes import find_moving
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
 from updyn.updating.problem.data import ModalSplit
@@ -67,7 +67,7 @@ def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) ->
         figures["modes_close"] = float(len(close))
     by_subspace = [
         close[k]
-        for k in rows.unpaired(selected.least_mac).tolist()
+        for k in rows.unpaired_modes(selected.least_mac).tolist()
         if k in close and macs[k] >= selected.least_mac
     ]
     frequency_errors = np.append(rows.r[rows.of("frequency")], by_subspace)
@@ -92,7 +92,7 @@ def _with_subspaces(
     if not target.can_distinguish_shapes:
         return macs, {}
     modes = part.pairs(x).modes
-    move = moving(modes.shapes[target.rows], modes.shapes)
+    move = find_moving(modes.shapes[target.rows], modes.shapes)
     if not move.any():
         return macs, {}
     frequency = np.sqrt(modes.value[move]) / (2.0 * np.pi)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from updyn.correlation.clusters import close_modes
-from updyn.correlation.shapes import mac, moving, orthonormal
+from updyn.correlation.clusters import cluster_modes
+from updyn.correlation.shapes import find_moving, mac, orthonormalise
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
@@ -164,11 +164,11 @@ class ModalTarget:
         """
         if not self.can_distinguish_shapes:
             return []
-        found = [members for members in close_modes(self.frequency) if len(members) > 1]
+        found = [members for members in cluster_modes(self.frequency) if len(members) > 1]
         return [
             members
             for members in found
-            if orthonormal(self.shapes[:, members]).shape[1] == len(members)
+            if orthonormalise(self.shapes[:, members]).shape[1] == len(members)
         ]
 
 
@@ -249,7 +249,7 @@ class Pairs:
         clusters = target.clusters
         move = np.zeros(len(modes.value), dtype=np.bool_)
         if target.has_shapes:
-            move = moving(modes.shapes[target.rows], modes.shapes)
+            move = find_moving(modes.shapes[target.rows], modes.shapes)
         while True:
             pairs = cls._assign(modes, move, target, clusters)
             confirmed = [members for members in clusters if pairs.mac[members].min() >= like]
@@ -425,7 +425,7 @@ class ModalPart:
 
     def record_unpaired(self, rows: ModalRows) -> dict[str, str]:
         """Return the record of the frequencies of modes that resemble no mode of the model."""
-        frequencies = self.target.frequency[rows.unpaired(self.least_mac)]
+        frequencies = self.target.frequency[rows.unpaired_modes(self.least_mac)]
         if not len(frequencies):
             return {}
         return {"left_out": ", ".join(f"{f:.4g}" for f in frequencies) + " Hz"}
@@ -593,7 +593,7 @@ def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True)
     """Raise DataError if no measured mode resembles a mode of its model at x."""
     rows = [part.rows(x, shapes=shapes) for part in parts]
     if any(
-        len(one.unpaired(part.least_mac)) < len(one.mac)
+        len(one.unpaired_modes(part.least_mac)) < len(one.mac)
         for part, one in zip(parts, rows, strict=True)
     ):
         return
@@ -652,9 +652,9 @@ class _LossFactor:
         by_term = system.coefficients(state, omega).imag[:, 0]
         force, energy = np.zeros_like(phi), np.zeros(len(system.terms))
         for t, term in enumerate(system.terms):
-            product = term.local @ phi[term.own]
-            energy[t] = phi[term.own] @ product
-            force[term.own] += by_term[t] * product
+            product = term.local @ phi[term.row_index]
+            energy[t] = phi[term.row_index] @ product
+            force[term.row_index] += by_term[t] * product
         own = np.zeros(unknowns.n)
         by_drive = unknowns.slopes(system, state, values, omega).imag[:, 0]
         np.add.at(own, unknowns.owner, by_drive * energy[unknowns.at])
@@ -726,7 +726,7 @@ class ModalError:
         size = sum(number * float(np.log(std)) for number, std in self._residuals_of_unpaired(part))
         return (
             float(paired)
-            + len(rows.unpaired(part.least_mac)) * size
+            + len(rows.unpaired_modes(part.least_mac)) * size
             + 0.5 * self._square_of_unpaired(part, rows)
         )
 
@@ -736,7 +736,7 @@ class ModalError:
             number * (_UNPAIRED_RESIDUAL / std) ** 2
             for number, std in self._residuals_of_unpaired(part)
         )
-        return len(rows.unpaired(part.least_mac)) * float(one)
+        return len(rows.unpaired_modes(part.least_mac)) * float(one)
 
     def _residuals_of_unpaired(self, part: ModalPart) -> list[tuple[int, float]]:
         """Return number and standard deviation of the residuals of a mode, by kind."""

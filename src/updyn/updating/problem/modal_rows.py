@@ -46,7 +46,7 @@ class ModalRows:
     std: _Real
     mac: _Real
 
-    def unpaired(self, like: float) -> NDArray[np.intp]:
+    def unpaired_modes(self, like: float) -> NDArray[np.intp]:
         """Return the measured modes with a MAC below `like`, which have no residuals."""
         return np.flatnonzero(self.mac < like)
 

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.errors import OptionError, ParameterError
 from updyn.updating.problem.problem import Part
-from updyn.updating.result import gains_of
+from updyn.updating.result import estimated_gains
 
 FREQ = np.linspace(1.0, 40.0, 60)
 
@@ -71,9 +71,9 @@ def test_a_gain_error_biases_the_unknowns_and_the_factor_cures_it(case):
     assert updyn.response(found.model, [7.0], ["1:X"], ["1:X"]).values == pytest.approx(
         updyn.response(alone, [7.0], ["1:X"], ["1:X"]).values, rel=1e-12
     )
-    assert gains_of(found)[:, 0] == pytest.approx(list(gains.values()), rel=1e-12)
+    assert estimated_gains(found)[:, 0] == pytest.approx(list(gains.values()), rel=1e-12)
     assert found.correlation["after"]["csf_mean"] > 0.98
-    assert gains_of(without) is None
+    assert estimated_gains(without) is None
 
 
 @pytest.mark.parametrize("method", ["log", "output-error"])

@@ -105,7 +105,7 @@ def test_a_mode_that_resembles_none_counts_more_than_any_that_does() -> None:
     x = both[0].coordinates.home
     error = ModalError(ModalNoise())
     known, lost = (error.local(part, x).cost for part in both)
-    assert list(both[1].rows(x).unpaired(both[1].least_mac)) == [3]
+    assert list(both[1].rows(x).unpaired_modes(both[1].least_mac)) == [3]
     expected = 0.5 * (1.0 / 0.01**2 + 7.0 / 0.1**2 + 1.0 / 0.2**2)
     assert lost - known == pytest.approx(expected, rel=1e-12)
 

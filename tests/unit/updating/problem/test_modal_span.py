@@ -76,7 +76,7 @@ def test_residuals_of_a_pair_do_not_depend_on_its_basis(turn: float) -> None:
     rows = part.rows(part.coordinates.home)
     aligned = part_of(mast(np.ones(N), np.full(N, 1.02)), measured(TRUE, 0.0, scaled=True))
     expected = aligned.rows(aligned.coordinates.home)
-    assert not len(rows.unpaired(part.least_mac))
+    assert not len(rows.unpaired_modes(part.least_mac))
     for kind in ("frequency", "mac", "scale"):
         assert rows.r[rows.of(kind)] == pytest.approx(expected.r[expected.of(kind)], abs=1e-9)
     size = [float(np.sum(one.r[one.of("shape")] ** 2)) for one in (rows, expected)]
@@ -127,7 +127,7 @@ def test_a_plane_of_which_the_model_has_one_direction_is_compared_one_by_one() -
     modes = ModeSet(both.frequency[:4], both.shapes[:, :4], LABELS)
     part = ModalPart.build(planar, modes, updyn.parameters(planar, stiffness="X"), ModalNoise())
     rows = part.rows(part.coordinates.home)
-    assert rows.unpaired(part.least_mac).tolist() == [1, 3]
+    assert rows.unpaired_modes(part.least_mac).tolist() == [1, 3]
     np.testing.assert_allclose(rows.r, 0.0, atol=1e-9)
 
 

@@ -665,7 +665,7 @@ def _information_of_modes(
             "chi_square": chi_square,
             "inflation": inflation,
             **error.noise.figures(rows),
-            "modes": len(rows.mac) - len(rows.unpaired(part.least_mac)),
+            "modes": len(rows.mac) - len(rows.unpaired_modes(part.least_mac)),
             **part.record_unpaired(rows),
         }
         missing += [record["left_out"]] if "left_out" in record else []
