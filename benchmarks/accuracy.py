@@ -49,7 +49,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 NOISE = (0.0, 0.01, 0.05)
 PEER = "scipy"
@@ -124,7 +124,7 @@ def by_peer(task: Task, start: Model, frf: FRF, sought: ParameterSet) -> Estimat
 
 def misfit(start: Model, frf: FRF, whole: ParameterSet, values: np.ndarray, var: Any) -> float:
     """Chi-square of the model at `values` by the true variance of the noise."""
-    part = Part.build(start, frf, whole)
+    part = FRFPart.build(start, frf, whole)
     H = part.responses(part.coordinates.to_x(values))
     weight = np.zeros(var.shape)
     np.divide(2.0, var, out=weight, where=var > 0)

@@ -68,7 +68,7 @@ from updyn.updating.judge.causes.reduced import choose_trial_models
 from updyn.updating.judge.causes.trial import free_held_quantities, raise_loss_factors, run_trial
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 NOISE = structures.Noise(0.01, 1e-3)
 BEAM = "beam"
@@ -166,7 +166,7 @@ def moved(bench, frf, rng):
     """The neighbouring node, or another direction, of a random sensor."""
     from updyn.updating.judge.causes.places import iter_sensor_places
 
-    part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
+    part = FRFPart.build(bench.case.true, frf, bench.sought(bench.case.true))
     pairs = list(iter_sensor_places(part))
     if not pairs:
         return None
@@ -184,7 +184,7 @@ def force_moved(bench, frf, rng):
     """A force acts at a sensor, at a neighbouring node, or in another direction than stated."""
     from updyn.updating.judge.causes.places import iter_force_places
 
-    part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
+    part = FRFPart.build(bench.case.true, frf, bench.sought(bench.case.true))
     pairs = list(iter_force_places(part))
     if not pairs:
         return None
@@ -549,7 +549,9 @@ def missing_element(bench, frf, rng, cause):
 def at_truth(bench, frf) -> Evidence:
     """Model and data at the true unknowns, what is held of the model being loose, too."""
     data = with_variance(bench.case.clean, choose_noise(None, frf))
-    part = free_held_quantities(Part.build(bench.case.true, data, bench.sought(bench.case.true)))[0]
+    part = free_held_quantities(
+        FRFPart.build(bench.case.true, data, bench.sought(bench.case.true))
+    )[0]
     return Evidence(part, part.coordinates.home)
 
 
@@ -769,8 +771,8 @@ def windowed_bound(bench: structures.Bench, decay: float) -> np.ndarray:
     clean, true = bench.case.clean, bench.case.true
     where = (clean.freq, clean.responses, clean.references, clean.quantity)
 
-    def part(rate: float) -> Part:
-        return Part.build(true, updyn.response(true, *where, decay=rate), bench.sought(true))
+    def part(rate: float) -> FRFPart:
+        return FRFPart.build(true, updyn.response(true, *where, decay=rate), bench.sought(true))
 
     here, step = part(decay), 1e-4 * decay
     x = here.coordinates.home
@@ -878,7 +880,7 @@ def odds(task: Draw) -> float | None:
     bench, start, sought, seeded = case
     noise = choose_noise(None, seeded.faulty)
     data = with_variance(seeded.faulty, noise)
-    whole = Part.build(start, data, sought).thin(LINES)
+    whole = FRFPart.build(start, data, sought).thin(LINES)
     truth = whole.coordinates.to_x(np.array([bench.truth(p, start) for p in sought]))
     part, held = free_held_quantities(whole)
     stage, x = choose_trial_models(part), np.concatenate([truth, held])

@@ -27,7 +27,7 @@ from models import SOLIDS, sensors, solid
 
 import updyn
 from updyn.linalg.solver import BACKENDS
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 #: Beyond this many DOFs SuperLU takes minutes.
@@ -47,7 +47,7 @@ def compare(model: updyn.Model, backend: str, n_lines: int, repeats: int) -> tup
     freq, at = np.linspace(10.0, 60.0, n_lines), sensors(model)
     data = updyn.response(model, freq, at, at[:3], backend=backend)
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
-    problem = Part.build(model, data, unknowns, backend=backend)
+    problem = FRFPart.build(model, data, unknowns, backend=backend)
     x = problem.coordinates.to_x(unknowns.start)
     system = problem.solver.system
     coefficients = system.coefficients(problem.state(x), 2 * np.pi * freq)

@@ -18,7 +18,7 @@ import numpy as np
 from models import SOLIDS, sensors, solid
 
 import updyn
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 
@@ -26,7 +26,7 @@ def work(size: str, whole: bool) -> None:
     model = solid(SOLIDS[size])
     freq, at = np.linspace(10.0, 60.0, 4), sensors(model)
     data = updyn.FRF(freq, np.ones((4, len(at), 3)), at, at[:3], "receptance")
-    problem = Part.build(
+    problem = FRFPart.build(
         model, data, updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
     )
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)

@@ -18,13 +18,13 @@ from cases import Case, chain12, gear_train
 
 import updyn
 from updyn.demos.gear_train import starting_model
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 
 
 def cramer_rao(case: Case, relative: float) -> np.ndarray:
     """Standard deviations of the unknowns' values at the truth."""
-    problem = Part.build(case.start, case.clean, case.unknowns)
+    problem = FRFPart.build(case.start, case.clean, case.unknowns)
     x = problem.coordinates.to_x(np.array([case.truth[p.name] for p in case.unknowns]))
     weight = np.sqrt(2.0) / (relative * np.abs(case.clean.values))
     R = OutputError(weight).local(Problem.of([problem]), x).R

@@ -33,7 +33,7 @@ from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 NOISE = Noise(0.01, 1e-3)
 SENSITIVITY, DIRECTION = 0.02, np.radians(1.0)
@@ -184,7 +184,7 @@ def drawn(free: Free, fault: str, seed: int) -> tuple[str, bool]:
     wrong = FAULTS[fault](test, values, i, j)
     frf = NOISE.added(replace(clean, values=values), rng)
     frf = with_variance(frf, choose_noise(None, frf))
-    shapes = RigidShapes.of(Part.build(model, frf, updyn.parameters(model, stiffness="all")))
+    shapes = RigidShapes.of(FRFPart.build(model, frf, updyn.parameters(model, stiffness="all")))
     assert shapes is not None
     found = [one.fault for one in RigidBody.detect_in(frf, shapes)]
     if not found:

@@ -25,7 +25,7 @@ import updyn
 from updyn.frf import FRF
 from updyn.updating.fit.method import residual_std
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError, OutputError, OutputErrorSet
 
 #: Method, relative noise, and floor as a share of the rms.
@@ -39,7 +39,7 @@ NOISE = (
 )
 
 
-def others(problem: Part, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
+def others(problem: FRFPart, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
     """Standard deviations by the other covariances, in the optimiser's coordinates."""
     blocks = list(problem.blocks(x))
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
@@ -90,7 +90,7 @@ def main() -> None:
             data = replace(clean, values=clean.values + std * (draw[0] + 1j * draw[1]))
             options = {"starts": 0} if log else {}
             result = updyn.update(case.start, data, unknowns, method=method, **options)
-            problem = Part.build(case.start, data, unknowns)
+            problem = FRFPart.build(case.start, data, unknowns)
             found = np.array([result.values[name] for name in names])
             x = problem.coordinates.to_x(np.maximum(found, 1e-12))
             bars = {k: v * problem.coordinates.slope(x) for k, v in others(problem, x, log).items()}

@@ -20,7 +20,7 @@ import numpy as np
 from models import chain, sensors
 
 import updyn
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 
@@ -47,7 +47,7 @@ def main() -> None:
     freq, at = np.linspace(1.0, 80.0, given.lines), sensors(model)
     data = updyn.response(model, freq, at, at[:3])
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
-    problem = Part.build(model, data, unknowns, tier="dense")
+    problem = FRFPart.build(model, data, unknowns, tier="dense")
     x, residual = problem.coordinates.to_x(unknowns.start), LogError()
     whole = seconds(lambda: residual.local(Problem.of([problem]), x), given.repeats)
     w = 2.0 * np.pi * freq[:, None, None]

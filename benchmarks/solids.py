@@ -22,7 +22,7 @@ import numpy as np
 import updyn
 from updyn.frf import FRF
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 
 #: Bricks in x, y and z, by the number of DOFs.
@@ -47,7 +47,7 @@ def measured(size: str, sensors: int) -> tuple[updyn.Model, FRF, np.ndarray]:
     lines = np.linspace(0.4 * modes[0], 1.05 * modes[5], 60)
     clean = updyn.response(true, lines, at, at[:2])
     unknowns = everything(true)
-    part = Part.build(true, clean, unknowns)
+    part = FRFPart.build(true, clean, unknowns)
     x = part.coordinates.to_x(unknowns.start)
     size = np.abs(clean.values)
     spread = NOISE * np.maximum(size, FAINTEST * size.max(axis=(1, 2), keepdims=True))

@@ -28,7 +28,7 @@ from cases import Case, chain12
 
 import updyn
 from updyn.frf import FRF
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 
 Draw = Callable[[np.random.Generator], FRF]
@@ -41,7 +41,7 @@ def circular(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def bound_of(case: Case, clean: FRF, truth: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    problem = Part.build(case.start, clean, case.unknowns)
+    problem = FRFPart.build(case.start, clean, case.unknowns)
     x = problem.coordinates.to_x(truth)
     R = OutputError(np.sqrt(2.0 / variance)).local(Problem.of([problem]), x).R
     std = np.linalg.norm(np.linalg.solve(R.T, np.eye(len(x))), axis=0)

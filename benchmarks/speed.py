@@ -22,7 +22,7 @@ from peers import finite_differences, opentorsion_train, sdynpy_system, textbook
 from peers.measure import AnotherAnswer, Case, backends, best, machine, once, show, steps
 
 from updyn.dynamics.fields import TIERS
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 PEERS = {
@@ -54,7 +54,7 @@ def ways(n_dofs: int, tiers: list[str]) -> Iterator[tuple[str, str | None]]:
             yield tier, None
 
 
-def prepared(case: Case, tier: str, backend: str | None) -> Part:
+def prepared(case: Case, tier: str, backend: str | None) -> FRFPart:
     """The problem in a tier; a reduced one is built and proved at the start."""
     if tier != "reduced":
         return case.problem(tier, backend)

@@ -19,7 +19,7 @@ from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 
 #: How far off starts are, as a share.
@@ -128,7 +128,7 @@ class Bench:
     def bound(self, noise: Noise) -> np.ndarray:
         """Standard deviation of each unknown by the Cramer-Rao bound at known noise."""
         unknowns = self.sought(self.case.true)
-        part = Part.build(self.case.true, self.case.clean, unknowns)
+        part = FRFPart.build(self.case.true, self.case.clean, unknowns)
         # An FRF between motions that are not coupled is exactly 0: without a floor no noise, no
         # information.
         size, std = np.abs(self.case.clean.values), np.sqrt(noise.variance(self.case.clean))

@@ -19,7 +19,7 @@ import updyn
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.residuals import LogError
 
 #: Largest loss factor of a scattered start.
@@ -49,7 +49,7 @@ def fit(
     rng: np.random.Generator,
 ) -> Fitted:
     """Return the best of the fits from the given start and from scattered ones."""
-    part = Part.build(model, frf, unknowns)
+    part = FRFPart.build(model, frf, unknowns)
     found: list[OptimizeResult] = []
     used = 0
     for number in range(starts):
@@ -86,7 +86,7 @@ def scattered(
     return np.clip(values, unknowns.lower, unknowns.upper)
 
 
-def descend(part: Part, x: np.ndarray) -> OptimizeResult | None:
+def descend(part: FRFPart, x: np.ndarray) -> OptimizeResult | None:
     """Return where scipy's trust region ends, or None where the model cannot be solved."""
 
     @lru_cache(maxsize=2)

@@ -19,7 +19,7 @@ import updyn
 from updyn import sensitivity
 from updyn.errors import OptionError
 from updyn.linalg.solver import BACKENDS, check_backend
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -162,22 +162,22 @@ class Case:
             kinds[quantity] = names[: whole + (i < rest)]
         return cls(model, data, updyn.parameters(model, **kinds))
 
-    def problem(self, tier: str | None = None, backend: str | None = None) -> Part:
-        return Part.build(self.model, self.data, self.unknowns, tier=tier, backend=backend)
+    def problem(self, tier: str | None = None, backend: str | None = None) -> FRFPart:
+        return FRFPart.build(self.model, self.data, self.unknowns, tier=tier, backend=backend)
 
-    def receptance(self, problem: Part) -> tuple[np.ndarray, np.ndarray]:
+    def receptance(self, problem: FRFPart) -> tuple[np.ndarray, np.ndarray]:
         """H (n_f, n_i, n_j) and its derivatives (n, n_f, n_i, n_j) at the start."""
         return sensitivity.receptance(*self._at(problem), problem.rows, problem.columns)
 
-    def condensed(self, problem: Part) -> tuple[np.ndarray, np.ndarray]:
+    def condensed(self, problem: FRFPart) -> tuple[np.ndarray, np.ndarray]:
         """Z_red H_X (n_f, n_i, n_j) and its derivatives (n, n_f, n_i, n_j) at the start."""
         return sensitivity.condensed_product(*self._at(problem), problem.rows, self.data.values)
 
-    def _at(self, problem: Part) -> tuple[Any, ...]:
+    def _at(self, problem: FRFPart) -> tuple[Any, ...]:
         return problem.solver, problem.unknowns, self.unknowns.start, self.data.freq
 
 
-def steps(residual: Any, problem: Part) -> Callable[[], Any]:
+def steps(residual: Any, problem: FRFPart) -> Callable[[], Any]:
     """Return a function that computes a residual and its Jacobian, each time at other values."""
     start, n = problem.coordinates.to_x(problem.coordinates.parameters.start), count()
     return lambda: residual.local(Problem.of([problem]), start + 1e-3 * next(n))

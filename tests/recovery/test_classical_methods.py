@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.demos.gear_train import starting_model, true_model
 from updyn.updating.fit.methods.reduced_frf import reduce_independently
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 EVERY = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
 SEVEN = [f"{i}:RZ" for i in range(1, 8)]
@@ -336,7 +336,7 @@ def test_reduced_model_is_the_exact_condensation_at_its_own_frequency(chain12, f
     chosen = updyn.parameters(undamped, stiffness="all", mass="all")
     lines = [frequency, frequency + 4.0]
     data = updyn.response(undamped, lines, sensors, ["5:X"])
-    problem = Part.build(undamped, data, chosen, tier=tier)
+    problem = FRFPart.build(undamped, data, chosen, tier=tier)
     x = problem.coordinates.to_x(chosen.start)
     small = reduce_independently(problem, x, frequency)
     H = small.block(x, slice(0, 2), derivatives=False).H

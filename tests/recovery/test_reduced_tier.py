@@ -17,7 +17,7 @@ from updyn.linalg.solver import Factorised
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.reducing import Reducing, is_reduced
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 M = 16
 BAND = np.linspace(12.0, 90.0, 60)
@@ -295,7 +295,7 @@ def test_a_faint_channel_asks_for_a_smaller_error() -> None:
         values[:, 1] = faintest * frf.values[:, 1] / level[1]
         values[:, 2] = also * frf.values[:, 2] / level[2]
         data = updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity)
-        part = Part.build(plate(), data, updyn.parameters(plate(), stiffness="all"))
+        part = FRFPart.build(plate(), data, updyn.parameters(plate(), stiffness="all"))
         (made,) = Reducing(Problem.of([part]), 1e-5)._parts
         assert made.reduction.accuracy == pytest.approx(wanted, rel=1e-9)
 
@@ -346,7 +346,7 @@ def test_a_channel_of_rounding_does_not_undo_a_search() -> None:
     values[:, 3] = 1e-13 * np.abs(clean.values).max() * noise[:, 3]
     frf = updyn.FRF(BAND, values, SENSORS, SENSORS[:1], "receptance")
     unknowns = updyn.parameters(start, stiffness="all")
-    problem = Problem.of([Part.build(start, frf, unknowns)])
+    problem = Problem.of([FRFPart.build(start, frf, unknowns)])
     reducing = Reducing(problem, 1e-5)
     reducing.begin()
     found = np.full(problem.n, -np.log(2.0))

@@ -9,7 +9,7 @@ import pytest
 import updyn
 from updyn.errors import DataError, FormatError
 from updyn.updating.problem.parameters import parameters
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 FREQ, DECAY = np.linspace(0.6, 22.0, 40), 0.7
 SENSORS = ["2:X", "5:-X", "12:X"]
@@ -82,7 +82,7 @@ def test_derivatives_are_those_at_s(damped, assert_derivatives):
     rest = [name for name in damped.groups if name != "dampers"]
     sought = parameters(damped, stiffness=rest, mass=rest, loss_factor=rest, viscous=["dampers"])
     sought += parameters(damped, mass_damping=[first], stiffness_damping=[first])
-    part = Part.build(damped, data, sought)
+    part = FRFPart.build(damped, data, sought)
     x = part.coordinates.home
     assert part.responses(x) == pytest.approx(data.values, rel=1e-9)
     whole = part.block(x, slice(None))

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines, own_answer, rule
+from updyn.comparison.fewest import (
+    Fewest,
+    describe_rule,
+    distance_from_estimate,
+    errors_against,
+    find_fewest_lines,
+    list_counts,
+)
 from updyn.comparison.table import NOT_APPLICABLE, Comparison, Row, figures_of, method_facts
 from updyn.dofs import Dof
 from updyn.dynamics.fields import ACCURACY
@@ -27,7 +34,7 @@ from updyn.updating.problem.data import Test, check_tests, split_data
 from updyn.updating.problem.lines import choose_lines, select_d_optimal
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Parameter, ParameterSet, check_finite
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import RunOptions, run
@@ -116,7 +123,7 @@ class Options:
     title: str
 
     @classmethod
-    def checked(
+    def check(
         cls,
         parameters: ParameterSet,
         methods: Iterable[str] | None,
@@ -136,15 +143,21 @@ class Options:
             If an argument is unknown or invalid.
         """
         options = options or {}
-        names = _methods(methods, options)
+        names = _check_methods(methods, options)
         if chosen not in CHOSEN:
             raise OptionError(f"chosen {chosen!r}: {suggest(str(chosen), CHOSEN)}")
         return cls(
-            names, options, _truth(truth, parameters), fewest, _tolerance(tolerance), chosen, title
+            names,
+            options,
+            _check_truth(truth, parameters),
+            fewest,
+            _check_tolerance(tolerance),
+            chosen,
+            title,
         )
 
 
-def _methods(
+def _check_methods(
     given: Iterable[str] | None, options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[str, ...]:
     """Return the methods to run; raise for a wrong name or wrong options."""
@@ -159,11 +172,11 @@ def _methods(
         make_method(name, options.get(name, {}))
     for name in names:
         if names.count(name) > 1:
-            raise OptionError(f"methods: {name!r} stands twice")
+            raise OptionError(f"methods: {name!r} occurs twice")
     return names
 
 
-def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[str, float]:
+def _check_truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[str, float]:
     """Return true values, checked against the unknowns."""
     if given is None:
         return {}
@@ -180,11 +193,11 @@ def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[
                 f"truth of {name!r}: {out[name]:g}; expected a value of at least 0"
             )
     if not out:
-        raise ParameterError("truth: holds no value; leave it out where the truth is not known")
+        raise ParameterError("truth: contains no value; omit it if the truth is unknown")
     return out
 
 
-def _tolerance(given: float) -> float:
+def _check_tolerance(given: float) -> float:
     tolerance = check_finite(given, "tolerance")
     if tolerance <= 0.0:
         raise OptionError(f"tolerance {tolerance:g}: expected a number above 0")
@@ -212,7 +225,7 @@ class Bench:
     tests: tuple[Test, ...]
     parameters: ParameterSet
     options: Options
-    running: Mapping[str, Any]
+    fit_options: Mapping[str, Any]
     data: tuple[FRF, ...]
     _subsets: dict[int, tuple[Test, ...]] = field(default_factory=dict, init=False)
 
@@ -222,7 +235,7 @@ class Bench:
         tests: Sequence[Test],
         parameters: ParameterSet,
         options: Options,
-        running: Mapping[str, Any],
+        fit_options: Mapping[str, Any],
     ) -> Bench:
         """Choose the lines once for all methods, and check the inputs for consistency.
 
@@ -243,20 +256,20 @@ class Bench:
                 data.append(fitted)
                 continue
             if isinstance(test.lines, str):
-                at = choose_lines(test.lines, _problem(test, fitted, parameters, running))
+                at = choose_lines(test.lines, _build_part(test, fitted, parameters, fit_options))
             else:
                 at = fitted.find_lines(test.lines)
             lines = fitted.freq[at]
             with_lines.append(replace(test, validation=held, lines=lines))
             data.append(fitted.select(lines=lines))
-        return cls(tuple(with_lines), parameters, options, running, tuple(data))
+        return cls(tuple(with_lines), parameters, options, fit_options, tuple(data))
 
     @property
     def _n_lines(self) -> list[int]:
         return [len(frf.freq) for frf in self.data]
 
     # -- one method ----------------------------------------------------------------------------
-    def row(self, name: str, counter: StepCounter) -> Row:
+    def run_method(self, name: str, counter: StepCounter) -> Row:
         """Run a method with the unknowns that it can update.
 
         Raises
@@ -267,18 +280,20 @@ class Bench:
             If the model cannot be solved at its start values.
         """
         facts = method_facts(name)
-        taken: list[Parameter] = []
-        left: list[str] = []
+        updatable: list[Parameter] = []
+        fixed: list[str] = []
         for parameter in self.parameters:
             if _acts_on(parameter, facts["cannot"]):
-                left.append(parameter.name)
+                fixed.append(parameter.name)
             else:
-                taken.append(parameter)
-        if not taken:
+                updatable.append(parameter)
+        if not updatable:
             quantities = " and ".join(facts["cannot"]).replace("_", " ")
-            return self.refused(name, f"it cannot update {quantities}, and nothing else is unknown")
+            return self.make_inapplicable_row(
+                name, f"it cannot update {quantities}, and nothing else is unknown"
+            )
         counter.lines_solved = 0
-        unknowns = ParameterSet(tuple(taken))
+        unknowns = ParameterSet(tuple(updatable))
         result = self._fit(name, unknowns, counter, self.tests)
         first = result.first
         message = first.message
@@ -296,7 +311,7 @@ class Bench:
             status=result.status,
             message=message,
             updated=tuple(unknowns.names),
-            left=tuple(left),
+            fixed=tuple(fixed),
             values=values,
             std=std,
             errors=errors_against(values, truth, self.parameters),
@@ -311,16 +326,20 @@ class Bench:
             result=result,
         )
 
-    def refused(self, name: str, why: str) -> Row:
+    def make_inapplicable_row(self, name: str, why: str) -> Row:
         """Return the row of a method that does not apply."""
-        left = tuple(self.parameters.names)
-        return Row(**method_facts(name), status=NOT_APPLICABLE, message=why, left=left)
+        fixed = tuple(self.parameters.names)
+        return Row(**method_facts(name), status=NOT_APPLICABLE, message=why, fixed=fixed)
 
     def _fit(
         self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
     ) -> _Result:
-        selection = self._selection(name, unknowns)
-        keywords = {**self._running(name), **self._own_options(name), "callback": counter}
+        selection = self._make_selection(name, unknowns)
+        keywords = {
+            **self._select_fit_options(name),
+            **self._find_method_options(name),
+            "callback": counter,
+        }
         if len(tests) > 1 or tests[0].name:
             return update_jointly(tests, selection, name, **keywords)
         (t,) = tests
@@ -332,11 +351,11 @@ class Bench:
         self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
     ) -> UpdateResult:
         """Fit with few lines, without a search for causes, as only the values are used."""
-        own, running = self._own_options(name), self._running(name)
-        options = RunOptions(name, own, callback=counter, seek_causes=False, **running)
-        return run(tests, self._selection(name, unknowns), options)[0]
+        own, fit_options = self._find_method_options(name), self._select_fit_options(name)
+        options = RunOptions(name, own, callback=counter, seek_causes=False, **fit_options)
+        return run(tests, self._make_selection(name, unknowns), options)[0]
 
-    def _selection(self, name: str, unknowns: ParameterSet) -> Selection:
+    def _make_selection(self, name: str, unknowns: ParameterSet) -> Selection:
         """Return the unknowns of a fit; those that the method cannot update are held fixed."""
         held = []
         left_out = {}
@@ -346,27 +365,27 @@ class Bench:
                 left_out[parameter.name] = f"{name} cannot update it"
         return Selection(unknowns, left_out=left_out, held=tuple(held))
 
-    def _own_options(self, name: str) -> Mapping[str, Any]:
+    def _find_method_options(self, name: str) -> Mapping[str, Any]:
         """Return the options given for one method."""
         return self.options.by_method.get(name, {})
 
-    def _running(self, name: str) -> dict[str, Any]:
+    def _select_fit_options(self, name: str) -> dict[str, Any]:
         """Return the common fit options that a method accepts."""
-        running = dict(self.running)
+        fit_options = dict(self.fit_options)
         if not self._regularises(name):
-            del running["regularise"]
-        return running
+            del fit_options["regularise"]
+        return fit_options
 
     def _regularises(self, name: str) -> bool:
         """Return whether a method accepts the requested regularisation, if any."""
         try:
-            check_regularise(self.running["regularise"], name)
+            check_regularise(self.fit_options["regularise"], name)
         except OptionError:
             return False
         return True
 
     # -- with few lines ------------------------------------------------------------------------
-    def fewest(self, row: Row, counter: StepCounter) -> Fewest:
+    def find_fewest(self, row: Row, counter: StepCounter) -> Fewest:
         """Return the fewest lines with which a method still recovers the unknowns."""
         assert row.result is not None
         unknowns, stage = row.result.parameters, counter.stage
@@ -374,7 +393,7 @@ class Bench:
         if self.options.by_method.get(row.method, {}).get("modes") is not None:
             note = "it was given measured modes, and does not depend on the lines"
             return Fewest(None, note=note)
-        distance = self._distance(row, unknowns)
+        distance = self._make_distance(row, unknowns)
         if isinstance(distance, Fewest):
             return distance
         if row.status == "max-iterations" and distance(row.values) > 1.0:
@@ -386,7 +405,7 @@ class Bench:
                 return distance_of(row)
             counter.stage = f"{stage}, {count} of {n_lines} lines"
             try:
-                result = self._fit_few(row.method, unknowns, counter, self._subset(count))
+                result = self._fit_few(row.method, unknowns, counter, self._select_lines(count))
             except InputError:  # too few lines for the method
                 return np.inf
             finally:
@@ -401,14 +420,14 @@ class Bench:
             return distance(fit.values)
 
         def lines_of(count: int) -> tuple[float, ...]:
-            first = self._subset(count)[0]
+            first = self._select_lines(count)[0]
             return tuple(np.asarray(first.lines, dtype=np.float64).tolist())
 
         free = sum(p.prior_std is None for p in unknowns)
         values_a_line = sum(frf.values[0].size for frf in self.data)
-        return fewest_lines(counts(n_lines, values_a_line, free), distance_with, lines_of)
+        return find_fewest_lines(list_counts(n_lines, values_a_line, free), distance_with, lines_of)
 
-    def _distance(
+    def _make_distance(
         self, row: Row, unknowns: ParameterSet
     ) -> Callable[[Mapping[str, float]], float] | Fewest:
         """Return a function that is at most 1 for recovered values, or why it is undefined."""
@@ -416,8 +435,8 @@ class Bench:
         if not truth:
             assert row.result is not None
             if row.status != "converged":
-                return Fewest(None, note=f"its own answer with all lines is {row.status}")
-            return own_answer(row.result, tolerance)
+                return Fewest(None, note=f"its estimate with all lines is {row.status}")
+            return distance_from_estimate(row.result, tolerance)
         if truth.keys().isdisjoint(unknowns.names):
             return Fewest(None, note="the truth of none of the unknowns that it updates is known")
 
@@ -426,20 +445,20 @@ class Bench:
 
         return distance
 
-    def _subset(self, count: int) -> tuple[Test, ...]:
+    def _select_lines(self, count: int) -> tuple[Test, ...]:
         """Return the tests with `count` of their lines, the same for every method."""
         if count not in self._subsets:
-            thinned = map(self._thinned, self.tests, self.data, repeat(count))
+            thinned = map(self._thin_test, self.tests, self.data, repeat(count))
             self._subsets[count] = tuple(thinned)
         return self._subsets[count]
 
-    def _thinned(self, test: Test, frf: FRF, count: int) -> Test:
+    def _thin_test(self, test: Test, frf: FRF, count: int) -> Test:
         """Return a test with `count` of its lines."""
         n = len(frf.freq)
         if count >= n:
             at = np.arange(n)
         elif self.options.chosen == "d-optimal":
-            at = select_d_optimal(_problem(test, frf, self.parameters, self.running), count)
+            at = select_d_optimal(_build_part(test, frf, self.parameters, self.fit_options), count)
         elif count == 1:
             at = np.array([round((n - 1) / 2)])
         else:
@@ -451,13 +470,15 @@ def _acts_on(parameter: Parameter, quantities: Sequence[str]) -> bool:
     return any(drive.quantity in quantities for drive in parameter.acts_on)
 
 
-def _problem(test: Test, frf: FRF, parameters: ParameterSet, running: Mapping[str, Any]) -> Part:
+def _build_part(
+    test: Test, frf: FRF, parameters: ParameterSet, fit_options: Mapping[str, Any]
+) -> FRFPart:
     """Return the problem for choosing lines; callers do not keep it, as it may be large."""
-    tier = running["tier"]
+    tier = fit_options["tier"]
     if is_reduced(tier, test.model.n_dofs, len(frf.freq)):
         tier = "sparse"
-    return Part.build(
-        test.model, frf, parameters, tier=tier, backend=running["backend"], name=test.name
+    return FRFPart.build(
+        test.model, frf, parameters, tier=tier, backend=fit_options["backend"], name=test.name
     )
 
 
@@ -544,7 +565,7 @@ def compare(
     selected = Selection.of(parameters)
     test = Test(model, frf, "", lines, noise, validation)
     check_tests([test], selected.parameters)
-    checked = Options.checked(
+    checked = Options.check(
         selected.parameters,
         methods,
         options,
@@ -554,8 +575,8 @@ def compare(
         chosen=chosen,
         title=title,
     )
-    running = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
-    return _compare([test], selected, checked, running, engine, callback)
+    fit_options = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare([test], selected, checked, fit_options, engine, callback)
 
 
 def compare_jointly(
@@ -621,7 +642,7 @@ def compare_jointly(
         raise OptionError("compare_jointly: expected a sequence of at least one Test")
     selected = Selection.of(parameters)
     check_tests(named, selected.parameters)
-    checked = Options.checked(
+    checked = Options.check(
         selected.parameters,
         methods,
         options,
@@ -631,38 +652,38 @@ def compare_jointly(
         chosen=chosen,
         title=title,
     )
-    running = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
-    return _compare(named, selected, checked, running, engine, callback)
+    fit_options = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
+    return _compare(named, selected, checked, fit_options, engine, callback)
 
 
 def _compare(
     tests: Sequence[Test],
     selected: Selection,
     options: Options,
-    running: Mapping[str, Any],
+    fit_options: Mapping[str, Any],
     engine: int | Client | Engine | None,
     callback: Callback | None,
 ) -> Comparison:
     parameters = selected.parameters
     tests = [replace(test, model=selected.start_of(test.model)) for test in tests]
-    check_regularise(running["regularise"], "maximum-likelihood")
+    check_regularise(fit_options["regularise"], "maximum-likelihood")
     rows: list[Row] = []
     refusals: list[InputError] = []
     counter = StepCounter(callback)
     with opened_engine(engine) as opened:
-        running = {**running, "engine": opened, "title": options.title}
-        bench = Bench.build(tests, parameters, options, running)
+        fit_options = {**fit_options, "engine": opened, "title": options.title}
+        bench = Bench.build(tests, parameters, options, fit_options)
         for number, name in enumerate(options.methods, 1):
             counter.stage = name
             if len(options.methods) > 1:
                 counter.stage += f" ({number} of {len(options.methods)})"
             try:
-                row = bench.row(name, counter)
+                row = bench.run_method(name, counter)
             except InputError as error:
                 refusals.append(error)
-                row = bench.refused(name, str(error))
+                row = bench.make_inapplicable_row(name, str(error))
             if options.fewest and row.applies and not counter.stopped:
-                row = replace(row, fewest=bench.fewest(row, counter))
+                row = replace(row, fewest=bench.find_fewest(row, counter))
             rows.append(row)
             if counter.stopped:
                 break
@@ -670,7 +691,7 @@ def _compare(
         raise refusals[0]  # the inputs are wrong, not the methods
     searched = ""
     if options.fewest:
-        searched = rule(options.tolerance, options.chosen, truth=bool(options.truth))
+        searched = describe_rule(options.tolerance, options.chosen, truth=bool(options.truth))
     return Comparison(
         tuple(rows),
         bench.tests,

@@ -15,7 +15,7 @@ from updyn.planning.result import BandWorth
 from updyn.updating.judge.assessment import linearise_at_start
 from updyn.updating.judge.identifiability import Analysis, analyse_identifiability
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["Expected"]
 
@@ -39,7 +39,7 @@ class Expected:
         The layout.
     layout : Candidates
         Its responses and references.
-    part : Part
+    part : FRFPart
         The part of an update with the expected data.
     map_lines : ndarray of float, shape (n_f, n, n)
         Scaled information of each line at the start of the parameters.
@@ -47,15 +47,17 @@ class Expected:
 
     choice: Choice
     layout: Candidates
-    part: Part
+    part: FRFPart
     map_lines: _Real
 
     @classmethod
     def of(cls, choice: Choice) -> Expected:
         """Return the expected data of a layout."""
-        layout = choice.planning.candidates.only(choice.rows, choice.columns)
+        layout = choice.planning.candidates.select(choice.rows, choice.columns)
         part = _expected_part(layout)
-        return cls(choice, layout, part, _of_each_line(part, choice.planning.information.scale))
+        return cls(
+            choice, layout, part, _compute_line_information(part, choice.planning.information.scale)
+        )
 
     @property
     def variance(self) -> _Real:
@@ -82,10 +84,10 @@ class Expected:
 
     def _undetermined_error(self, analysis: Analysis) -> ParameterError:
         names = self.part.coordinates.parameters.names
-        lost = [names[i] for i in np.flatnonzero(analysis.involved)]
-        shown = ", ".join(lost[:_NAMED])
-        if len(lost) > _NAMED:
-            shown += f" and {len(lost) - _NAMED} more"
+        undetermined = [names[i] for i in np.flatnonzero(analysis.involved)]
+        shown = ", ".join(undetermined[:_NAMED])
+        if len(undetermined) > _NAMED:
+            shown += f" and {len(undetermined) - _NAMED} more"
         frf = self.part.frf
         return ParameterError(
             f"plan: sensors {', '.join(frf.responses.labels)} with forces"
@@ -123,19 +125,19 @@ class Expected:
     def doubling_gains(self) -> dict[str, float]:
         """Return the gains of doubling the lines and of doubling the averages."""
         information = self.choice.planning.information
-        own = self.map_lines.sum(axis=0)
-        now = (own + information.before)[None]
+        layout_information = self.map_lines.sum(axis=0)
+        now = (layout_information + information.before)[None]
         out = {}
         freq = self.layout.freq
         if len(freq) > 1:
             between = self.layout.at_lines(0.5 * (freq[1:] + freq[:-1]))
-            also = _of_each_line(_expected_part(between), information.scale)
+            also = _compute_line_information(_expected_part(between), information.scale)
             out["lines"] = self.choice.gain(now + also.sum(axis=0), now)
-        out["averages"] = self.choice.gain(now + own, now)
+        out["averages"] = self.choice.gain(now + layout_information, now)
         return out
 
 
-def _of_each_line(part: Part, scale: _Real) -> _Real:
+def _compute_line_information(part: FRFPart, scale: _Real) -> _Real:
     """Return the scaled information of each line at the start, shape (n_f, n, n)."""
     assert part.frf.variance is not None
     out = []
@@ -149,11 +151,11 @@ def _of_each_line(part: Part, scale: _Real) -> _Real:
     return np.concatenate(out)
 
 
-def _expected_part(layout: Candidates) -> Part:
+def _expected_part(layout: Candidates) -> FRFPart:
     """Return the part of an update with the expected data of a layout, without noise."""
     coordinates = layout.part.coordinates
-    nothing = np.zeros((len(layout.freq), len(layout.responses), len(layout.references)))
-    data = FRF(layout.freq, nothing, layout.responses, layout.references, layout.quantity)
+    zeros = np.zeros((len(layout.freq), len(layout.responses), len(layout.references)))
+    data = FRF(layout.freq, zeros, layout.responses, layout.references, layout.quantity)
     H = layout.part.with_data(data).responses(coordinates.home)
     variance = layout.variance(H)
     variance = np.where(np.isfinite(variance), variance, _BOUNDLESS)

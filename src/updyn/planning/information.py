@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.dynamics.fields import FieldSolver, line_blocks
+from updyn.dynamics.fields import FieldSolver, split_into_blocks
 from updyn.errors import OptionError
 from updyn.frf import FRF, QUANTITIES
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 from updyn.model import Model
 from updyn.sensitivity import contract
 from updyn.updating.problem.noise.known import Stated, two_part_variance, unit_kinds
 from updyn.updating.problem.optimal_design import initial_information
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import SPREAD, Part
+from updyn.updating.problem.problem import SPREAD, FRFPart
 from updyn.updating.problem.session import Record, Session
 
 __all__ = ["Candidates", "PairInformation", "Stage", "check_size"]
@@ -60,7 +60,7 @@ class Candidates:
     ----------
     model : Model
         The structure.
-    part : Part
+    part : FRFPart
         Compiled model and parameters, with placeholders for the data. Its session does the work.
     responses, references : DofSet
         Candidates, n_i and n_j of them.
@@ -77,7 +77,7 @@ class Candidates:
     """
 
     model: Model
-    part: Part
+    part: FRFPart
     responses: DofSet
     references: DofSet
     noise: Stated
@@ -103,7 +103,7 @@ class Candidates:
         """
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, responses[:1], references[:1], quantity)
-        part = Part.build(model, data, parameters, session=session)
+        part = FRFPart.build(model, data, parameters, session=session)
         level = np.zeros((len(responses), len(references)))
         return cls(model, part, responses, references, noise, level)
 
@@ -115,23 +115,26 @@ class Candidates:
         solved at a line.
         """
         there = self if among is None else among
-        squared, of_kind = _mean_square(there), unit_kinds(there.responses, there.references)
+        squared, of_kind = (
+            _compute_mean_square(there),
+            unit_kinds(there.responses, there.references),
+        )
         kinds = unit_kinds(self.responses, self.references)
         level = np.zeros(kinds.shape)
         for kind in np.unique(kinds):
             level[kinds == kind] = np.sqrt(squared[of_kind == kind].mean())
         level = np.maximum(level, np.finfo(float).tiny ** 0.25)
         found = replace(self, level=level)
-        return found._without_weak(squared) if among is None else found
+        return found._mask_weak(squared) if among is None else found
 
     def without_weak(self) -> Candidates:
         """Return the candidates with an infinite level of the noise in weak channels.
 
         Raises SolverError if the model cannot be solved at a line.
         """
-        return self._without_weak(_mean_square(self))
+        return self._mask_weak(_compute_mean_square(self))
 
-    def _without_weak(self, squared: _Real) -> Candidates:
+    def _mask_weak(self, squared: _Real) -> Candidates:
         kinds = unit_kinds(self.responses, self.references)
         loudest = np.zeros(kinds.shape)
         for kind in np.unique(kinds):
@@ -160,7 +163,7 @@ class Candidates:
         data = FRF(freq, nothing, self.responses[:1], self.references[:1], self.quantity)
         return replace(self, part=self.part.with_data(data))
 
-    def only(
+    def select(
         self, rows: Sequence[int] | NDArray[np.intp], columns: Sequence[int] | NDArray[np.intp]
     ) -> Candidates:
         """Return some of the candidates, by index, with the same level of the noise."""
@@ -182,7 +185,7 @@ class Candidates:
         """
         session, n_lines = self.part.session, len(self.freq)
         session.check()
-        items = [(x, lines) for lines in line_blocks(n_lines, -(-n_lines // _PIECES))]
+        items = [(x, lines) for lines in split_into_blocks(n_lines, -(-n_lines // _PIECES))]
         pieces = session.map(function, self, items, spread=self.spreads, long=True)
         total = np.zeros(())
         for (_, lines), piece in zip(items, pieces, strict=True):
@@ -200,12 +203,12 @@ class Candidates:
         return two_part_variance(self.noise.relative, self.noise.floor, H, self.level)
 
 
-def _mean_square(candidates: Candidates) -> _Real:
+def _compute_mean_square(candidates: Candidates) -> _Real:
     """Return the mean of |H|^2 over the lines at the start of the parameters, shape (n_i, n_j)."""
-    return candidates.over_lines(_mean_square_at, candidates.part.coordinates.home)
+    return candidates.over_lines(_compute_line_mean_square, candidates.part.coordinates.home)
 
 
-def _mean_square_at(candidates: Candidates, item: _Item) -> _Real:
+def _compute_line_mean_square(candidates: Candidates, item: _Item) -> _Real:
     """Return the share of some lines in the mean of |H|^2, shape (n_i, n_j)."""
     x, piece = item
     solver, dofs = candidates.solver, candidates.model.dofs
@@ -216,7 +219,7 @@ def _mean_square_at(candidates: Candidates, item: _Item) -> _Real:
         read, loaded = loaded, read
     state, freq = candidates.part.state(x), candidates.freq[piece]
     squared = np.zeros((len(read), len(loaded)))
-    for lines in line_blocks(len(freq), solver.block_size(len(loaded))):
+    for lines in split_into_blocks(len(freq), solver.block_size(len(loaded))):
         candidates.part.session.check()
         omega = 2.0 * np.pi * freq[lines]
         X = solver.solve(solver.system.coefficients(state, omega), loaded, freq[lines])
@@ -246,7 +249,7 @@ class _Block:
     H: _Complex
 
 
-def _blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
+def _iterate_blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
     """Yield the fields by block of lines; each line is factorised once."""
     x, piece = item
     solver = candidates.solver
@@ -256,7 +259,7 @@ def _blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
     loads, place = np.unique(np.concatenate([rows, columns]), return_inverse=True)
     state = candidates.part.state(x)
     some = candidates.freq[piece]
-    for lines in line_blocks(len(some), solver.block_size(len(loads))):
+    for lines in split_into_blocks(len(some), solver.block_size(len(loads))):
         freq = some[lines]
         omega = 2.0 * np.pi * freq
         X = solver.solve(solver.system.coefficients(state, omega), loads, freq)
@@ -307,7 +310,7 @@ class PairInformation:
         about = f"{shape[0]} x {shape[1]} pairs, {low:g} to {high:g} Hz"
         for at, x in enumerate(points):
             with stage(f"information of {about}: start {at + 1} of {len(points)}"):
-                packed[:, :, at] = _information(candidates, x)
+                packed[:, :, at] = _compute_information(candidates, x)
         weight = candidates.part.coordinates.prior[1]
         lower = np.tril_indices(n)
         diagonal = packed[:, :, 0, lower[0] == lower[1]].sum(axis=(0, 1)) + weight**2
@@ -371,11 +374,11 @@ def check_size(candidates: Candidates, n_points: int) -> None:
     raise OptionError(text, key=("reference_candidates",))
 
 
-def _information(candidates: Candidates, x: _Real) -> _Real:
+def _compute_information(candidates: Candidates, x: _Real) -> _Real:
     """Return the information of each pair at a point, shape (n_i, n_j, n (n + 1) / 2)."""
 
     def compute() -> Record:
-        packed = candidates.over_lines(_information_at, x)
+        packed = candidates.over_lines(_compute_line_information, x)
         if candidates.responses == candidates.references:
             upper = np.triu_indices(len(packed), 1)
             packed[upper] = packed[upper[::-1]]
@@ -384,8 +387,8 @@ def _information(candidates: Candidates, x: _Real) -> _Real:
     return candidates.part.session.recall(candidates.key("information", x), compute)[0]
 
 
-@alone
-def _information_at(candidates: Candidates, item: _Item) -> _Real:
+@use_one_thread
+def _compute_line_information(candidates: Candidates, item: _Item) -> _Real:
     """Return the information of each pair at some lines, shape (n_i, n_j, n (n + 1) / 2).
 
     By reciprocity, pairs of the same candidates are computed once, below the diagonal.
@@ -399,7 +402,7 @@ def _information_at(candidates: Candidates, item: _Item) -> _Real:
     is_square = candidates.responses == candidates.references
     packed = np.zeros((n_i, n_j, len(lower[0])))
     n_forces = sum(len(system.terms[t].rows) for t in np.unique(unknowns.at))
-    for block in _blocks(candidates, item):
+    for block in _iterate_blocks(candidates, item):
         omega = 2.0 * np.pi * block.freq
         factor = omega ** QUANTITIES[candidates.quantity]
         slopes = unknowns.slopes(system, state, values, omega) * by_coordinate[:, None] * factor

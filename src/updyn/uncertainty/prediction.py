@@ -19,7 +19,7 @@ from updyn.uncertainty.restored import estimate_of, restore, solver_options
 from updyn.uncertainty.surrogate import Surrogate, describe_excess
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.problem.noise import Stated, level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.result import JointResult, UpdateResult, find_result
 
 __all__ = [
@@ -142,17 +142,17 @@ def _build_part(
     quantity: str | None,
     *,
     as_read: bool,
-) -> Part:
+) -> FRFPart:
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
     # Calibration factors belong to a measurement by the same sensors, not to the structure.
     tier, backend = solver_options(result)
-    part = Part.build(result.start, frf, result.parameters, tier=tier, backend=backend)
+    part = FRFPart.build(result.start, frf, result.parameters, tier=tier, backend=backend)
     return replace(part, as_read=as_read)
 
 
-def _noise_variance(result: UpdateResult, part: Part, x: _Real) -> _Real:
+def _noise_variance(result: UpdateResult, part: FRFPart, x: _Real) -> _Real:
     """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of H squared."""
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
@@ -191,7 +191,7 @@ def _unit_numbers(frf: FRF) -> NDArray[np.int_]:
 
 
 def _propagate_covariance(
-    part: Part,
+    part: FRFPart,
     x: _Real,
     about: UpdateResult | JointResult,
     result: UpdateResult,
@@ -232,7 +232,7 @@ def _propagate_covariance(
 
 
 def _covariance(
-    part: Part, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
+    part: FRFPart, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
 ) -> tuple[_Real, NDArray[np.float64]]:
     """Return the covariance of the determined combinations, in x, and the null space by column."""
     slope = part.coordinates.slope(x)
@@ -246,7 +246,7 @@ def _covariance(
     return found.covariance, found.null_space
 
 
-def _solve(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
+def _solve(part: FRFPart, x: _Real) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
     H, dH = [], []
     for block in part.blocks(x):
@@ -256,7 +256,7 @@ def _solve(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     return np.concatenate(H), np.concatenate(dH, axis=1)
 
 
-def _select_draws(draws: Draws, part: Part) -> _Real:
+def _select_draws(draws: Draws, part: FRFPart) -> _Real:
     """Return evenly chosen draws in the optimiser's coordinates, shape (m, n)."""
     values = draws.values
     if len(values) < 2:
@@ -267,7 +267,7 @@ def _select_draws(draws: Draws, part: Part) -> _Real:
 
 
 def _propagate_draws(
-    part: Part, x: _Real, X: _Real, kind: str, level: float, noise: _Real | None, seed: int
+    part: FRFPart, x: _Real, X: _Real, kind: str, level: float, noise: _Real | None, seed: int
 ) -> Band:
     H, drawn = part.responses(x), np.array([part.responses(one) for one in X])
     if noise is not None:
@@ -287,8 +287,8 @@ def _propagate_draws(
 
 
 def _reduce_if_faster(
-    result: UpdateResult, part: Part, x: _Real, X: _Real, accuracy: float
-) -> Part:
+    result: UpdateResult, part: FRFPart, x: _Real, X: _Real, accuracy: float
+) -> FRFPart:
     """Return a part with a reduced model about x, if it takes less time at points, shape (m, n)."""
     few = len(X) * part.n_lines < _SOLVES
     if part.solver.tier == "dense" or few or part.frf.freq[-1] == 0.0:
@@ -303,7 +303,7 @@ def _reduce_if_faster(
     return surrogate.problem().parts[0]
 
 
-def _frf(part: Part, H: _Complex) -> FRF:
+def _frf(part: FRFPart, H: _Complex) -> FRF:
     return replace(part.frf, values=H)
 
 

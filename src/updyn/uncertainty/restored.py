@@ -13,7 +13,7 @@ from updyn.errors import OptionError, suggest
 from updyn.uncertainty.likelihood import Likelihood
 from updyn.updating.fit.methods import METHODS, make_method, methods_with, options_of
 from updyn.updating.problem.noise import NoiseModel, Robust, choose_noise, restore_noise
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
@@ -240,24 +240,24 @@ def find_positions(names: Sequence[str] | str | None, known: Sequence[str]) -> l
     return positions
 
 
-def _build_part(result: UpdateResult, session: Session, name: str) -> Part:
+def _build_part(result: UpdateResult, session: Session, name: str) -> FRFPart:
     """Return model and fitted data of one test."""
     frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
     tier, backend = solver_options(result)
-    return Part.build(
+    return FRFPart.build(
         result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
     )
 
 
 def solver_options(result: UpdateResult) -> tuple[str | None, str | None]:
-    """Return tier and backend of the whole model of an update, for `Part.build`."""
+    """Return tier and backend of the whole model of an update, for `FRFPart.build`."""
     tier = result.options.get("tier")
     if tier == "reduced":
         tier = "sparse"
     return tier, None if tier == "dense" else result.options.get("backend")
 
 
-def _restore_noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> NoiseModel:
+def _restore_noise(result: UpdateResult, part: FRFPart, x: _Vector, n_unknowns: int) -> NoiseModel:
     """Return the recorded noise model, weights of outliers evaluated at the estimate."""
     noise = restore_noise(result.noise, result.frf.select(responses=result.fitted_responses))
     if isinstance(noise, Robust):
@@ -265,7 +265,7 @@ def _restore_noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int
     return noise
 
 
-def _initial_noise(result: UpdateResult, part: Part, noise: NoiseModel) -> NoiseModel:
+def _initial_noise(result: UpdateResult, part: FRFPart, noise: NoiseModel) -> NoiseModel:
     """Return the noise model before estimation, or `noise` if nothing was estimated."""
     robust = {}
     if "robust" in result.noise:

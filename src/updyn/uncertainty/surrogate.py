@@ -64,7 +64,7 @@ class Surrogate:
         """Number of basis vectors of all parts."""
         return sum(r.basis.size for r in self._reductions)
 
-    def begin_reduction(self, x: _Vector) -> None:
+    def begin(self, x: _Vector) -> None:
         """Begin the bases at the estimate.
 
         Parameters

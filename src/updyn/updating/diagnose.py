@@ -12,7 +12,7 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.problem.data import Test, check_tests
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import RecentCache, Session
 
@@ -78,7 +78,7 @@ def diagnose(
     check_tests([test], selection.parameters)
     exact = None if tier == "reduced" else tier
     session = Session(cache=RecentCache())
-    part = Part.build(
+    part = FRFPart.build(
         test.model, frf, selection.parameters, tier=exact, backend=backend, session=session
     )
     return tuple(find_causes(part, choose_noise(noise, frf)))

@@ -34,7 +34,7 @@ from updyn.updating.problem.noise import (
     NoiseModel,
     Robust,
 )
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["SensorNoiseFit"]
@@ -129,7 +129,9 @@ class SensorNoiseFit:
                 return False
         return True
 
-    def _refit_noise(self, noise: NoiseModel, part: Part, H: NDArray[np.complex128]) -> NoiseModel:
+    def _refit_noise(
+        self, noise: NoiseModel, part: FRFPart, H: NDArray[np.complex128]
+    ) -> NoiseModel:
         """Return a noise model, without outliers, refitted to the residual."""
         return noise.bulk.refit(H, part.frf, self.problem.share(part))
 
@@ -156,7 +158,7 @@ def _is_open(chosen: NoiseChoice) -> bool:
     return chosen is None or (isinstance(chosen, Mapping) and set(chosen) == {"robust"})
 
 
-def _make_sensor_noise(noise: NoiseModel, part: Part) -> NoiseModel:
+def _make_sensor_noise(noise: NoiseModel, part: FRFPart) -> NoiseModel:
     """Return a noise model with separate noise for each sensor; unchanged if not estimated."""
     if isinstance(noise, Robust):
         return replace(noise, base=_make_sensor_noise(noise.base, part))

@@ -62,7 +62,7 @@ from updyn.updating.problem.modal import ModalPart, check_any_pair
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import RecentCache, Session, Stopped
 from updyn.updating.result import UpdateResult
@@ -176,7 +176,7 @@ def run(
         )
         check_regularise(options.regularise, options.method, reducing=reducing)
         parts = [
-            Part.build(
+            FRFPart.build(
                 test.model,
                 split.fitted,
                 unknowns,
@@ -193,7 +193,7 @@ def run(
         measured = [test.frf for test in of_frfs]
         reduced = None
         if reducing:
-            all_data = list(map(Part.with_data, parts, measured))
+            all_data = list(map(FRFPart.with_data, parts, measured))
             reduced = Reducing(Problem.of(all_data), options.accuracy)
 
         def head() -> dict[str, Any]:
@@ -351,7 +351,7 @@ def _data_entries(problem: Problem, splits: Sequence[Split | ModalSplit], i: int
 def _collect_options(
     strategy: Method,
     tests: Sequence[Test],
-    parts: Sequence[Part],
+    parts: Sequence[FRFPart],
     options: RunOptions,
     *,
     reducing: bool,
@@ -515,14 +515,14 @@ def _plain_lines(lines: Lines) -> object:
     return np.asarray(lines).tolist()
 
 
-def _record_solution(part: Part, reduced: Reducing | None) -> dict[str, Any]:
+def _record_solution(part: FRFPart, reduced: Reducing | None) -> dict[str, Any]:
     """Return the certificate of a reduced model or the use of another backend, for the record."""
     if reduced is not None:
         return reduced.record
     return record_fallback(part.solver.solve_counts, part.solver.backend)
 
 
-def _record_rounding(part: Part) -> dict[str, list[str]]:
+def _record_rounding(part: FRFPart) -> dict[str, list[str]]:
     """Return the channels whose values are rounding, for the record."""
     at = np.argwhere(part.sign == 0.0)
     names = [f"{part.frf.responses[i]} / {part.frf.references[j]}" for i, j in at]

@@ -10,7 +10,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.elements.constraints import constrain, join
 from updyn.errors import ModelError, OptionError, ParameterError
 from updyn.group import GROUP_QUANTITIES
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 FREQ = np.linspace(2.0, 60.0, 30)
 TABLE = ([1.0, 10.0, 100.0], [0.5, 1.0, 4.0])
@@ -164,7 +164,7 @@ def test_derivatives_are_those_of_differences(damped):
     values = unknowns.start * np.exp(0.2 * rng.standard_normal(len(unknowns)))
     values = np.where(unknowns.start == 0.0, 1e-4, values)
     frf = updyn.response(damped, FREQ, damped.dofs, ["1:X", "3:X"], "accelerance")
-    problem = Part.build(damped, frf, unknowns)
+    problem = FRFPart.build(damped, frf, unknowns)
     x = problem.coordinates.to_x(values)
     assert problem.values(x) == pytest.approx(values, rel=1e-14)
     block = problem.block(x, slice(0, len(FREQ)))
@@ -183,7 +183,7 @@ def test_the_updated_model_answers_as_the_compiled_one(damped):
     unknowns = everything(damped)
     values = np.where(unknowns.start == 0.0, 1e-4, unknowns.start * 1.3)
     frf = updyn.response(damped, FREQ, damped.dofs, ["1:X"])
-    problem = Part.build(damped, frf, unknowns)
+    problem = FRFPart.build(damped, frf, unknowns)
     changed = unknowns.apply(damped, values)
     got = updyn.response(changed, FREQ, damped.dofs, ["1:X"]).values
     assert got == pytest.approx(problem.responses(problem.coordinates.to_x(values)), rel=1e-11)
@@ -343,7 +343,7 @@ def test_what_is_compiled_tells_models_apart(damped):
     def told(model):
         frf = updyn.response(chain(), FREQ, model.dofs, ["1:X"])
         return fingerprint(
-            Problem.of([Part.build(model, frf, updyn.parameters(model, mass="all"))]), [frf], {}
+            Problem.of([FRFPart.build(model, frf, updyn.parameters(model, mass="all"))]), [frf], {}
         )["model"]
 
     others = [

@@ -15,12 +15,12 @@ from updyn.dynamics.pencil import (
     LEAST_REAL_LINES,
     LEAST_REDUCED_LINES,
     Pencil,
-    pays,
+    saves_time,
 )
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 FREQ = np.geomspace(0.5, 60.0, LEAST_LINES)
@@ -203,8 +203,8 @@ def test_what_depends_on_the_line_is_solved_line_by_line():
 
 def test_choice_depends_on_lines_and_state():
     system = AffineSystem.compile(chain([0.01, 0.02]))
-    assert pays(system, system.start, LEAST_LINES)
-    assert not pays(system, system.start, LEAST_LINES - 1)
+    assert saves_time(system, system.start, LEAST_LINES)
+    assert not saves_time(system, system.start, LEAST_LINES - 1)
     assert pencil_of(chain([0.01, 0.02]), FREQ[:-1]) is None
     sparse = LineSolver.choose(system, "sparse")
     assert sparse.pencil(system.start, FREQ) is None
@@ -301,7 +301,7 @@ def test_blocks_have_the_same_bits_wherever_they_are_solved():
     at = ["3:X", "10:X", "20:X"]
     freq = np.linspace(0.5, 60.0, 3000)
     data = updyn.response(model, freq, at, at[:2])
-    part = Part.build(model, data, unknowns_of(model))
+    part = FRFPart.build(model, data, unknowns_of(model))
     sent = pickle.dumps(part)
     x = part.coordinates.to_x(unknowns_of(model).start)
     blocks = part.partition()
@@ -317,7 +317,7 @@ def test_residual_that_is_reduced_is_that_of_the_lines():
     model = chain([0.01, 0.05, 0.02])
     at = ["3:X", "10:X", "20:X"]
     data = updyn.response(model.scaled({"g1": {"stiffness": 1.1}}), FREQ, at, at[:2])
-    part = Part.build(model, data, unknowns_of(model))
+    part = FRFPart.build(model, data, unknowns_of(model))
     x = part.coordinates.to_x(unknowns_of(model).start)
     local = LogError().local(Problem.of([part]), x)
     labels = [int(label.split(":")[0]) - 1 for label in at]

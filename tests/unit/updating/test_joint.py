@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from updyn.errors import InputError
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 #: A motor on a shaft to a load: inertias in kg m2, stiffness in N m/rad.
@@ -99,7 +99,7 @@ def test_other_methods(method: str) -> None:
 
 def test_the_sum_is_that_of_the_parts() -> None:
     chosen, x = unknowns(), np.array([0.1, -0.1, 0.03, 0.05])
-    parts = [Part.build(t.model, t.frf, chosen, name=t.name) for t in both(0.01)]
+    parts = [FRFPart.build(t.model, t.frf, chosen, name=t.name) for t in both(0.01)]
     sum_ = LogError().local(Problem(tuple(parts)), x)
     each = [LogError().local(Problem.of([part]), x) for part in parts]
     assert sum_.cost == pytest.approx(sum(e.cost for e in each), rel=1e-12)

@@ -200,8 +200,8 @@ class Method(ABC):
     instead : str
         Advice on an unknown of such a quantity, for the message.
     calibrates : bool
-        Whether it supports calibration factors, that is, compares with `Part.block`, which applies
-        them.
+        Whether it supports calibration factors, that is, compares with `FRFPart.block`, which
+        applies them.
     can_regularise : bool
         Whether it minimises one sum of squares within bounds, to which a penalty can be added.
     is_likelihood : bool

@@ -57,7 +57,7 @@ from updyn.updating.fit.search import scatter_points, thin_problem
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import fix_in_box
 from updyn.updating.problem.noise import Approximate, NoiseModel
-from updyn.updating.problem.problem import Part, Problem, relative_levels
+from updyn.updating.problem.problem import FRFPart, Problem, relative_levels
 from updyn.updating.problem.residuals import make_log_error
 from updyn.updating.problem.session import Stopped
 
@@ -158,7 +158,7 @@ def is_reduced(
 
 
 def make_reduction(
-    part: Part, accuracy: float, others: NDArray[np.intp] | None = None
+    part: FRFPart, accuracy: float, others: NDArray[np.intp] | None = None
 ) -> Reduction:
     """Return the reduction of a part's model for its responses, references and band, not yet built.
 
@@ -184,7 +184,7 @@ def make_reduction(
 class _Part:
     """Reduced models of one test."""
 
-    exact: Part
+    exact: FRFPart
     reduction: Reduction
     solver: FieldSolver | None = None
     first: FieldSolver | None = None
@@ -192,8 +192,8 @@ class _Part:
     lost: NDArray[np.float64] | None = None
 
     @classmethod
-    def of(cls, part: Part, accuracy: float, *, keeps: bool) -> _Part:
-        others = part.solver.others(np.union1d(part.rows, part.columns))
+    def of(cls, part: FRFPart, accuracy: float, *, keeps: bool) -> _Part:
+        others = part.solver.other_dofs(np.union1d(part.rows, part.columns))
         stride = max(1, -(-len(others) // _OTHER_DOFS))
         reduction = make_reduction(part, accuracy, others[::stride])
         reduction.accuracy = min(accuracy, max(_FAINT * _faintest_level(part.frf), FINEST))
@@ -562,7 +562,7 @@ class Reducing:
             return None
         certificates = [part.certificate for part in self._parts]
         bases = [part.reduction.basis for part in self._parts]
-        bases = [basis.leading(basis.size) for basis in bases]
+        bases = [basis.take_leading(basis.size) for basis in bases]
         return _Certified(problem, fit, answer, self._x, certificates, bases)
 
     def _restore(self, one: _Certified) -> None:
@@ -572,7 +572,7 @@ class Reducing:
             self._parts, one.problem.parts, one.certificates, one.bases, strict=True
         ):
             part.solver, part.certificate = solved.solver, certificate
-            part.reduction.basis = basis.leading(basis.size)
+            part.reduction.basis = basis.take_leading(basis.size)
 
     def kept_basis(self, i: int, model: Model) -> KeptBasis | None:
         """Return the basis of part `i` at the end of the fit; None if not certified."""
@@ -646,7 +646,7 @@ class Reducing:
             error, channel = max(c.error for c in found), max(c.channel for c in found)
         used: Counter[str] = Counter()
         for part in self._parts:
-            used.update(part.reduction.shifted.used)
+            used.update(part.reduction.shifted.solve_counts)
         return {
             "accuracy": self.accuracy,
             "basis": sum(c.size for c in found),
@@ -666,7 +666,7 @@ class Reducing:
         """Enrich the reduced models at x, to `times` the accepted error."""
         for part in self._parts:
             state, accuracy = part.exact.state(x), times * part.reduction.accuracy
-            part.reduction.settle([state], part.exact.frf.freq, accuracy=accuracy)
+            part.reduction.enrich_until_accurate([state], part.exact.frf.freq, accuracy=accuracy)
         self._set_place(x)
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
@@ -731,7 +731,9 @@ class _ReducedModels(Models):
             replace(part, solver=made.exact.solver)
             for part, made in zip(about.problem.parts, parts, strict=True)
         ]
-        definite = [p.reduction.shifted.definite(p.exact.state(about.answer.x)) for p in parts]
+        definite = [
+            p.reduction.shifted.factor_definite(p.exact.state(about.answer.x)) for p in parts
+        ]
         sizes = [part.reduction.basis.size for part in parts]
         exact, latest = about.problem.with_parts(whole), reducing.with_reduced_models(about.problem)
         return cls(exact, latest, reducing, definite, sizes)
@@ -777,7 +779,7 @@ class _ReducedModels(Models):
         if any(part.reduction.basis.size > size + _MOST_ADDED for part, _, size in made):
             self._passes = [0] * len(self._passes)
             for part, _, size in made:
-                part.reduction.basis = part.reduction.basis.leading(size)
+                part.reduction.basis = part.reduction.basis.take_leading(size)
         grown = []
         for (part, definite, _), part_latest in zip(made, self.latest.parts, strict=True):
             state, level = (
@@ -786,7 +788,7 @@ class _ReducedModels(Models):
             )
             accuracy = _SEARCH_ERROR * part.reduction.accuracy
             about = state, part_latest.frf.freq, level, number, accuracy
-            grown.append(part.reduction.enrich_beside(definite, *about))
+            grown.append(part.reduction.enrich_with_nearby_factor(definite, *about))
         if any(grown):
             self._reducing.renew()
             self.latest = self._reducing.with_reduced_models(self.latest)

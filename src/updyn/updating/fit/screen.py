@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = ["Screen"]
@@ -42,7 +42,7 @@ class _Piece:
 
     Attributes
     ----------
-    part : Part
+    part : FRFPart
         The part on these lines.
     H : ndarray of complex, shape (n_f, n_i, n_j)
         FRFs of the model at the answer.
@@ -50,7 +50,7 @@ class _Piece:
         Inverse standard deviations of the data.
     """
 
-    part: Part
+    part: FRFPart
     H: NDArray[np.complex128]
     weight: NDArray[np.float64]
 
@@ -142,7 +142,7 @@ class Screen:
         return [x for _, _, x in kept[:number]]
 
 
-def _split_lines(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
+def _split_lines(part: FRFPart, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
     """Yield the lines of a part: a few of them, twice as many others, and so on."""
     H, freq = part.responses(x), part.frf.freq
     few = max(_TOGETHER, -(-part.n // H[0].size))

@@ -15,7 +15,7 @@ from updyn.frf import FRF
 from updyn.updating.fit.methods.modal import ADVICE
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.nearby import DOFS, ReducedPart
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["advise"]
 
@@ -148,7 +148,7 @@ def _least_relative_changes(
     return np.asarray(np.linalg.svd(stacked, compute_uv=False)[:, -1])
 
 
-def _with_candidate_lines(part: Part) -> Part:
+def _with_candidate_lines(part: FRFPart) -> FRFPart:
     """Return the part at candidate lines."""
     freq = part.frf.freq
     low = float(freq[freq > 0].min(initial=np.inf))
@@ -159,14 +159,14 @@ def _with_candidate_lines(part: Part) -> Part:
     return replace(part, frf=_make_placeholder(part, lines))
 
 
-def _choose_candidate_sensors(part: Part) -> NDArray[np.intp]:
+def _choose_candidate_sensors(part: FRFPart) -> NDArray[np.intp]:
     """Return the DOFs of candidate sensors."""
-    others = part.solver.others(part.rows)
+    others = part.solver.other_dofs(part.rows)
     return others[:: max(1, -(-len(others) // _CANDIDATE_SENSORS))]
 
 
 def _find_best_line(
-    analysis: Analysis, part: Part, x: NDArray[np.float64]
+    analysis: Analysis, part: FRFPart, x: NDArray[np.float64]
 ) -> tuple[str, float] | None:
     """Return the best additional line and its least relative change.
 
@@ -190,7 +190,7 @@ def _find_best_line(
 
 
 def _changes_at_lines(
-    part: Part, x: NDArray[np.float64], directions: NDArray[np.float64]
+    part: FRFPart, x: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the least relative change at each line of a part, shape (n_f,)."""
     items = [(x, directions, block) for block in part.partition()]
@@ -198,7 +198,7 @@ def _changes_at_lines(
 
 
 def _changes_at_block(
-    part: Part, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+    part: FRFPart, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
 ) -> NDArray[Any]:
     x, directions, lines = item
     block = part.block(x, lines)
@@ -207,7 +207,7 @@ def _changes_at_block(
 
 
 def _find_best_sensor(
-    analysis: Analysis, part: Part, x: NDArray[np.float64], others: NDArray[np.intp]
+    analysis: Analysis, part: FRFPart, x: NDArray[np.float64], others: NDArray[np.intp]
 ) -> tuple[str, float] | None:
     """Return the best additional sensor and its least relative change.
 
@@ -233,7 +233,7 @@ def _find_best_sensor(
 
 
 def _changes_at_sensors(
-    part: Part,
+    part: FRFPart,
     x: NDArray[np.float64],
     others: NDArray[np.intp],
     directions: NDArray[np.float64],
@@ -248,7 +248,7 @@ def _changes_at_sensors(
 
 
 def _receptance_at_others(
-    part: Part,
+    part: FRFPart,
     item: tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64], slice],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Return receptance at other DOFs, and its derivatives along directions of x.
@@ -268,7 +268,7 @@ def _receptance_at_others(
     return part.solver.at(U, others), np.stack(along)
 
 
-def _make_placeholder(part: Part, lines: NDArray[np.float64]) -> FRF:
+def _make_placeholder(part: FRFPart, lines: NDArray[np.float64]) -> FRF:
     """Return data of the part's channels at other lines, with values of 1 as placeholders."""
     shape = (len(lines), len(part.rows), len(part.columns))
     return FRF(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["Alternative", "find_alternatives", "find_differences", "select_distinct"]
 
@@ -97,14 +97,14 @@ def select_distinct(
 
 
 def _find_largest_difference(
-    part: Part, x: _Vector, other_part: Part, other_x: _Vector
+    part: FRFPart, x: _Vector, other_part: FRFPart, other_x: _Vector
 ) -> tuple[float, str]:
     """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF.
 
     `part` and `other_part` are the parts whose models belong to the two solutions.
     """
     system = part.solver.system
-    dofs = part.solver.others(part.rows)
+    dofs = part.solver.other_dofs(part.rows)
     dofs = dofs[:: max(1, -(-len(dofs) // _MOST_DOFS))]
     freq = part.frf.freq[part.frf.freq > 0]
     if not dofs.size or not freq.size:
@@ -122,7 +122,7 @@ def _find_largest_difference(
 
 
 def _receptance_at(
-    part: Part, x: _Vector, lines: NDArray[np.float64], dofs: NDArray[np.intp]
+    part: FRFPart, x: _Vector, lines: NDArray[np.float64], dofs: NDArray[np.intp]
 ) -> _Complex:
     """Return receptances at some DOFs, shape (n_f, n_places, n_j)."""
     values = part.values(x)

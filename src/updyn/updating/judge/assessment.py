@@ -35,7 +35,7 @@ from updyn.updating.problem.local import Local
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
 from updyn.updating.problem.normalised import make_normalised_residual
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Stopped
 
@@ -405,7 +405,7 @@ def _noise_is_known(adequacy: Adequacy | None, noise: NoiseModel) -> bool:
 
 def _predict_held_out(
     problem: Problem,
-    part: Part,
+    part: FRFPart,
     held: FRF,
     x: NDArray[np.float64],
     spread: NDArray[np.float64],
@@ -467,7 +467,7 @@ def _find_active_bounds(problem: Problem, x: NDArray[np.float64]) -> dict[str, s
 
 
 def _correlate_part(
-    part: Part, x: NDArray[np.float64], split: Split, first: FieldSolver
+    part: FRFPart, x: NDArray[np.float64], split: Split, first: FieldSolver
 ) -> dict[str, Any]:
     part_of_all_data = part.with_data(split.whole)
     start_part = replace(part_of_all_data, solver=first)
@@ -496,7 +496,7 @@ def _empty_figures(split: Split | ModalSplit) -> dict[str, Any]:
 
 
 def _correlate_subsets(
-    whole: Part, x: NDArray[np.float64], parts: Mapping[str, FRF]
+    whole: FRFPart, x: NDArray[np.float64], parts: Mapping[str, FRF]
 ) -> dict[str, dict[str, float]]:
     """Return the figures of agreement with parts of the data; empty if the model is singular."""
     frf = whole.frf
@@ -608,7 +608,7 @@ def _is_unsettled(problem: Problem, residual: OutputErrorSet, x: NDArray[np.floa
 
 
 def whitening_weights(
-    known: NoiseModel, H: NDArray[np.complex128], part: Part
+    known: NoiseModel, H: NDArray[np.complex128], part: FRFPart
 ) -> NDArray[np.float64]:
     """Return 1 / sigma of the real (and of the imaginary) part, shape (n_f, n_i, n_j).
 
@@ -620,7 +620,7 @@ def whitening_weights(
     return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
 
 
-def _relative_misfit(misfit: NDArray[np.complex128], part: Part) -> float:
+def _relative_misfit(misfit: NDArray[np.complex128], part: FRFPart) -> float:
     """Return the largest rms misfit of a channel over the rms of its data."""
     rms_misfit = np.sqrt(np.mean(np.abs(misfit) ** 2, axis=0))
     size = np.sqrt(np.mean(np.abs(part.frf.values) ** 2, axis=0))

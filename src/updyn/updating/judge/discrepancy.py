@@ -20,7 +20,7 @@ from updyn.frf import QUANTITIES
 from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import WIDEST, complement
 from updyn.updating.problem.local import Local, join_locals
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, OutputErrorSet, reduce_residual
 from updyn.updating.problem.session import Record
 
@@ -274,7 +274,7 @@ def _reduce_with_errors(problem: Problem, x: _Real, residual: OutputErrorSet) ->
     return join_locals(found, n)
 
 
-def _reduce_cached(residual: _LocalErrors, part: Part, x: _Real, n: int) -> Local:
+def _reduce_cached(residual: _LocalErrors, part: FRFPart, x: _Real, n: int) -> Local:
     """Return the reduced problem of a part, from the cache if present."""
 
     def compute() -> Record:
@@ -296,7 +296,7 @@ def _choose_dofs(problem: Problem) -> list[NDArray[np.intp]]:
     labels_by_part = [part.solver.system.dofs.labels for part in problem.parts]
     for part, labels in zip(problem.parts, labels_by_part, strict=True):
         measured = np.union1d(part.rows, part.columns)
-        dofs = np.union1d(measured, part.solver.others(measured))
+        dofs = np.union1d(measured, part.solver.other_dofs(measured))
         chosen |= dict.fromkeys(labels[i] for i in dofs[:: -(-len(dofs) // most)])
     found = []
     for labels in labels_by_part:
@@ -323,16 +323,16 @@ class _LocalErrors(LineResidual):
     dofs: NDArray[np.intp]
     name: str = "local errors"
 
-    def on(self, part: Part, lines: slice) -> _LocalErrors:
+    def on(self, part: FRFPart, lines: slice) -> _LocalErrors:
         """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
-    def partition(self, part: Part) -> list[slice]:
+    def partition(self, part: FRFPart) -> list[slice]:
         """Return the blocks of lines."""
         more = _KINDS * len(self.dofs) * part.sign.size // max(part.solver.system.n, 1)
         return part.partition(len(part.rows) + len(part.columns) + more)
 
-    def block(self, part: Part, x: _Real, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: _Real, lines: slice) -> tuple[_Complex, _Complex]:
         """Return the residual and its derivatives with respect to the unknowns and the changes."""
         block = part.block(x, lines)
         assert block.dH is not None
@@ -341,7 +341,7 @@ class _LocalErrors(LineResidual):
         return self.weight * (block.H - block.measured), J
 
 
-def _error_effects(part: Part, x: _Real, lines: slice, dofs: NDArray[np.intp]) -> _Complex:
+def _error_effects(part: FRFPart, x: _Real, lines: slice, dofs: NDArray[np.intp]) -> _Complex:
     """Return dH by a unit stiffness, loss, dashpot and mass at DOFs, shape (4 m, n_f, n_i, n_j).
 
     A change a of the dynamic stiffness at degree of freedom p changes H_ij by -a H_ip H_pj.

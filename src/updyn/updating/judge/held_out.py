@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.problem.noise import EstimatedByChannel, NoiseModel, Stated
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["predictive_figures"]
 
@@ -15,7 +15,7 @@ _Real = NDArray[np.float64]
 
 
 def predictive_figures(
-    part: Part, x: _Real, covariance: _Real, noise: NoiseModel, scale: float = 1.0
+    part: FRFPart, x: _Real, covariance: _Real, noise: NoiseModel, scale: float = 1.0
 ) -> dict[str, float]:
     """Return the predicted size of the residual of held-out data, and its actual size.
 
@@ -25,7 +25,7 @@ def predictive_figures(
 
     Parameters
     ----------
-    part : Part
+    part : FRFPart
         The updated model with the held-out data.
     x : ndarray of float, shape (n,)
         The estimate.

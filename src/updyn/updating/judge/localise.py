@@ -32,7 +32,7 @@ from updyn.updating.judge.adequacy import Suspect
 from updyn.updating.judge.nearby import ReducedPart
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputErrorSet
 
 __all__ = [
@@ -77,13 +77,13 @@ _OFF = 0.1
 
 
 def constitutive_error(
-    part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
+    part: FRFPart, x: _Real, misfit: _Complex, variance: _Real, lines: slice
 ) -> _Real:
     """Return the least error in the constitutive relations that explains the misfit at some lines.
 
     Parameters
     ----------
-    part : Part
+    part : FRFPart
         Model and data.
     x : ndarray of float, shape (n,)
         The estimate.
@@ -116,7 +116,7 @@ def constitutive_error(
     P = part.solver.solve(c, rows, freq)[:, :, place.ravel()]
     S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)
     for t, term in enumerate(system.terms):
-        part_of_field = P[term.own]
+        part_of_field = P[term.row_index]
         S += w[t][:, None, None] * np.einsum(
             "nfi,nfk->fik", part_of_field, term.times(part_of_field.conj())
         )
@@ -132,7 +132,7 @@ def constitutive_error(
         force = np.linalg.solve(C, d[:, :, j, None])[..., 0]
         field = theta[:, j, None] * np.einsum("nfi,fi->nf", P.conj(), force).T
         for t, term in enumerate(system.terms):
-            part_of_field = np.ascontiguousarray(field.T[term.own])
+            part_of_field = np.ascontiguousarray(field.T[term.row_index])
             energy[t, :, j] = (
                 w[t] * np.sum(part_of_field.conj() * term.times(part_of_field), axis=0).real
             )
@@ -474,14 +474,14 @@ def _compute_energies(
     return out
 
 
-def _n_energy_lines(part: Part) -> int:
+def _n_energy_lines(part: FRFPart) -> int:
     """Return the number of lines at which the energy is computed."""
     if part.work <= _LITTLE / _ONE_IN:
         return _MOST_LINES
     return min(_MOST_LINES, max(1, part.n_lines // _ONE_IN))
 
 
-def _block_error(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
+def _block_error(part: FRFPart, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
     return constitutive_error(part, *item)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.affine import State
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["DOFS", "ReducedPart"]
 
@@ -32,17 +32,17 @@ class ReducedPart:
 
     Attributes
     ----------
-    part : Part
+    part : FRFPart
         The part with the reduced model.
     reduction : Reduction
         The reduction with the uncompressed basis.
     """
 
-    part: Part
+    part: FRFPart
     reduction: Reduction
 
     @classmethod
-    def of(cls, part: Part, x: _Vector) -> ReducedPart | None:
+    def of(cls, part: FRFPart, x: _Vector) -> ReducedPart | None:
         """Return the reduced model of a part about x; None if small, reduced or not reducible."""
         solver, freq = part.solver, part.frf.freq
         if solver.tier != "sparse" or solver.system.n <= DOFS:
@@ -59,7 +59,7 @@ class ReducedPart:
         state = part.state(x)
         try:
             reduction.build(state)
-            whole = reduction.basis.leading(reduction.basis.size)
+            whole = reduction.basis.take_leading(reduction.basis.size)
             reduction.compress(state, freq[:: -(-len(freq) // _LINES)])
         except (SolverError, np.linalg.LinAlgError):
             return None
@@ -67,7 +67,7 @@ class ReducedPart:
         reduction.basis = whole  # further states are orthogonalised against the full basis
         return cls(reduced, reduction)
 
-    def extend_basis(self, states: Sequence[State]) -> Part:
+    def extend_basis(self, states: Sequence[State]) -> FRFPart:
         """Return the part with a basis that is accurate about further states of its model, too.
 
         The first state is that of the point. States that cannot be solved are ignored.

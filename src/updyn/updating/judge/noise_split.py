@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.noise.estimated import ratio_range
 from updyn.updating.problem.noise.known import SMALLEST
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["covariance_over_ratios"]
 
@@ -95,7 +95,7 @@ def covariance_over_ratios(
     return np.asarray(likeliest * scale[:, None] * scale)
 
 
-def _weighted_rows(part: Part, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
+def _weighted_rows(part: FRFPart, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
     """Return derivatives, residual, and |H| and level times the floor, of values above rounding.
 
     All are real: the real parts first, then the imaginary parts.

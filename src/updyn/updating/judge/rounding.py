@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.fields import EXACT_TIERS
 from updyn.errors import SolverError
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["REMEDY", "Rounding", "find_worst_rounding"]
 
@@ -62,7 +62,7 @@ class Rounding:
         )
 
 
-def find_worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | None:
+def find_worst_rounding(parts: Iterable[FRFPart], x: NDArray[np.float64]) -> Rounding | None:
     """Return the largest rounding error of the model's responses; None if negligible.
 
     A few lines are solved twice: with Z, and with 3 Z, whose entries are all rounded differently.
@@ -73,7 +73,7 @@ def find_worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Roundi
 
     Parameters
     ----------
-    parts : iterable of Part
+    parts : iterable of FRFPart
         Models and data of the tests.
     x : ndarray of float, shape (n,)
         The estimate.
@@ -101,7 +101,7 @@ def find_worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Roundi
     return max(found, key=lambda r: r.share, default=None)
 
 
-def _n_checked_lines(part: Part) -> int:
+def _n_checked_lines(part: FRFPart) -> int:
     """Return the number of lines to check; each takes two solutions."""
     n = part.solver.system.n
     if n > _MANY:
@@ -110,7 +110,7 @@ def _n_checked_lines(part: Part) -> int:
 
 
 def _relative_rounding(
-    part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]
+    part: FRFPart, x: NDArray[np.float64], freq: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the relative rounding error at some lines, shape (n_f, n_i, n_j)."""
     solver, system = part.solver, part.solver.system

@@ -20,7 +20,7 @@ from updyn.updating.problem.optimal_design import (
     scale_information,
     select_greedily,
 )
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -36,7 +36,7 @@ _RELATIVE_FLOOR = 1e-2
 _FEW = 2
 
 
-def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
+def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> NDArray[np.intp]:
     """Return the positions of the selected lines in the data of a part.
 
     Parameters
@@ -46,7 +46,7 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
         unknowns; ``"a-optimal:40"``: 40 lines for the smallest mean variance,
         ``"a-optimal:40:shaft.*"`` for that of some unknowns (globs, separated by commas). Else
         frequencies in Hz, each a line of the data.
-    part : Part
+    part : FRFPart
         Built on all lines.
 
     Raises
@@ -95,7 +95,7 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
     return frf.find_lines(lines)
 
 
-def select_d_optimal(part: Part, count: int) -> NDArray[np.intp]:
+def select_d_optimal(part: FRFPart, count: int) -> NDArray[np.intp]:
     """Return positions of `count` lines selected by the determinant of the Fisher information.
 
     Lines are selected one by one by the largest increase, at the start of the unknowns, for
@@ -116,7 +116,7 @@ def select_d_optimal(part: Part, count: int) -> NDArray[np.intp]:
 
 
 def select_a_optimal(
-    part: Part, count: int, wanted: Sequence[int] | None = None
+    part: FRFPart, count: int, wanted: Sequence[int] | None = None
 ) -> NDArray[np.intp]:
     """Return positions of `count` lines selected by the variance of the unknowns `wanted`.
 
@@ -149,7 +149,7 @@ def find_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> l
 
 
 def _select_by_information(
-    part: Part, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
+    part: FRFPart, kind: str, choose: Callable[[NDArray[np.float64]], NDArray[np.intp]]
 ) -> NDArray[np.intp]:
     """Select lines by the information of each line, shape (n_f, n, n)."""
     x = _design_point(part)
@@ -181,7 +181,7 @@ def _minimise_variance(
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def _design_point(part: Part) -> NDArray[np.float64]:
+def _design_point(part: FRFPart) -> NDArray[np.float64]:
     coordinates = part.coordinates
     x = coordinates.home
     highest = coordinates.to_x(coordinates.parameters.upper)
@@ -189,7 +189,7 @@ def _design_point(part: Part) -> NDArray[np.float64]:
 
 
 def _information(
-    part: Part, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
+    part: FRFPart, item: tuple[NDArray[np.float64], NDArray[np.float64], slice]
 ) -> NDArray[np.float64]:
     """Return the Fisher information of each line of a block, shape (n_f, n, n)."""
     x, floor, lines = item
@@ -203,7 +203,7 @@ def _information(
 Lines = str | ArrayLike | None
 
 
-def restrict_to_lines(part: Part, lines: Lines) -> Part:
+def restrict_to_lines(part: FRFPart, lines: Lines) -> FRFPart:
     """Return the part restricted to selected lines."""
     at = choose_lines(lines, part)
     if len(at) == len(part.frf.freq):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, ResidualSet, noise_weights
 
 __all__ = ["NormalisedDerivatives", "make_normalised_residual"]
@@ -43,11 +43,13 @@ class NormalisedDerivatives(LineResidual):
         """The weights."""
         return self.weight
 
-    def on(self, part: Part, lines: slice) -> Self:
+    def on(self, part: FRFPart, lines: slice) -> Self:
         """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
-    def block(self, part: Part, x: NDArray[np.float64], lines: slice) -> tuple[_Complex, _Complex]:
+    def block(
+        self, part: FRFPart, x: NDArray[np.float64], lines: slice
+    ) -> tuple[_Complex, _Complex]:
         """Return zeros and derivatives at a block of lines; `weight` is of the same block."""
         block = part.block(x, lines)
         assert block.dH is not None

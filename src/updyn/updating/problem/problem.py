@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.fields import FieldSolver, LineSolver, line_blocks
-from updyn.dynamics.pencil import LEAST_LINES, LEAST_REDUCED_LINES, pays
+from updyn.dynamics.fields import FieldSolver, LineSolver, split_into_blocks
+from updyn.dynamics.pencil import LEAST_LINES, LEAST_REDUCED_LINES, saves_time
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
@@ -22,12 +22,12 @@ from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.known import level_by_unit
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
-from updyn.variants import Variant, variants_of
+from updyn.variants import Variant, build_variants
 
 __all__ = [
     "SPREAD",
+    "FRFPart",
     "LineBlock",
-    "Part",
     "Problem",
     "relative_levels",
 ]
@@ -68,7 +68,7 @@ class LineBlock:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class FRFPart:
     """Model, data and unknowns of one test.
 
     Attributes
@@ -118,7 +118,7 @@ class Part:
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = (self.unknowns, self.coordinates, self.frf, self.rows, self.columns, self.sign)
-        return Part, (self.solver, *about, Session(), self.name, self.as_read)
+        return FRFPart, (self.solver, *about, Session(), self.name, self.as_read)
 
     @classmethod
     def build(
@@ -131,7 +131,7 @@ class Part:
         backend: str | None = None,
         session: Session | None = None,
         name: str = "",
-    ) -> Part:
+    ) -> FRFPart:
         """Return the part for a model, data and unknowns."""
         system = AffineSystem.compile(model)
         rows = model.dofs.match(frf.responses, "response")
@@ -146,24 +146,24 @@ class Part:
             rows.sign[:, None] * columns.sign,
             session or Session(),
             name,
-            variants=variants_of(model),
+            variants=build_variants(model),
         )
 
-    def with_data(self, frf: FRF) -> Part:
+    def with_data(self, frf: FRF) -> FRFPart:
         """Return the part with other data of the same model."""
         rows = self.solver.system.dofs.match(frf.responses, "response")
         columns = self.solver.system.dofs.match(frf.references, "reference")
         sign = rows.sign[:, None] * columns.sign
         return replace(self, frf=frf, rows=rows.index, columns=columns.index, sign=sign)
 
-    def thin(self, largest: int) -> Part:
+    def thin(self, largest: int) -> FRFPart:
         """Return the part on every k-th line, with at most `largest` lines."""
         stride = -(-len(self.frf.freq) // largest)
         if stride <= 1:
             return self
         return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
-    def without_rounding(self, x: _Vector, share: float) -> Part:
+    def without_rounding(self, x: _Vector, share: float) -> FRFPart:
         """Return the part with exact zeros in channels that are rounding error, in model and data.
 
         These are channels below `share` (`relative_levels`), in the data and in the model at x.
@@ -226,7 +226,7 @@ class Part:
         """Whether one eigendecomposition of a dense model serves all lines."""
         system = self.solver.system
         least = LEAST_REDUCED_LINES if self.solver.tier == "reduced" else LEAST_LINES
-        return pays(system, system.start, len(self.frf.freq), least)
+        return saves_time(system, system.start, len(self.frf.freq), least)
 
     @property
     def spreads(self) -> bool:
@@ -251,9 +251,9 @@ class Part:
             stored = n * n_columns
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
         largest = self.solver.block_size(n_columns + self.n * n_values // n)
-        return list(line_blocks(len(self.frf.freq), max(1, min(int(size), largest))))
+        return list(split_into_blocks(len(self.frf.freq), max(1, min(int(size), largest))))
 
-    def map_lines(self, function: Callable[[Part, T], R], items: Sequence[T]) -> Iterator[R]:
+    def map_lines(self, function: Callable[[FRFPart, T], R], items: Sequence[T]) -> Iterator[R]:
         """Yield ``function(part, item)`` in order; each item ends with its slice of lines.
 
         The function must be importable from a module, because it may run in another process.
@@ -338,7 +338,7 @@ def _middle_frequency(freq: NDArray[np.float64]) -> float:
     return float(2.0 * np.pi * np.sqrt(positive.min() * positive.max()))
 
 
-def _block_responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
+def _block_responses(part: FRFPart, item: tuple[_Vector, slice]) -> _Complex:
     x, lines = item
     return part.block(x, lines, derivatives=False).H
 
@@ -349,28 +349,28 @@ class Problem:
 
     Attributes
     ----------
-    parts : tuple of Part
+    parts : tuple of FRFPart
         Parts of tests that measured FRFs, with different names if there are several.
     modal : tuple of ModalPart
         Parts of tests that measured modes. One test may have both.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[FRFPart, ...]
     modal: tuple[ModalPart, ...] = ()
 
     @classmethod
-    def of(cls, parts: Sequence[Part], modal: Sequence[ModalPart] = ()) -> Problem:
+    def of(cls, parts: Sequence[FRFPart], modal: Sequence[ModalPart] = ()) -> Problem:
         """Return parts as one problem, in the coordinates of the first."""
-        first: Part | ModalPart = parts[0] if parts else modal[0]
+        first: FRFPart | ModalPart = parts[0] if parts else modal[0]
         return cls(tuple(parts), tuple(modal)).with_coordinates(first.coordinates)
 
     @property
-    def all(self) -> tuple[Part | ModalPart, ...]:
+    def all(self) -> tuple[FRFPart | ModalPart, ...]:
         """The parts of FRFs, followed by those of modes."""
         return (*self.parts, *self.modal)
 
     @property
-    def _first(self) -> Part | ModalPart:
+    def _first(self) -> FRFPart | ModalPart:
         return self.all[0]
 
     @property
@@ -398,7 +398,7 @@ class Problem:
         """Number of measured values of all FRFs."""
         return sum(part.n_values for part in self.parts)
 
-    def share(self, part: Part) -> int:
+    def share(self, part: FRFPart) -> int:
         """Return the number of unknowns attributed to a part, by its share of the data."""
         return -(-self.n * part.n_values // self.n_values)
 
@@ -426,7 +426,7 @@ class Problem:
         """Return the problem with at most `largest` lines in each part."""
         return replace(self, parts=tuple(part.thin(largest) for part in self.parts))
 
-    def with_parts(self, parts: Sequence[Part]) -> Problem:
+    def with_parts(self, parts: Sequence[FRFPart]) -> Problem:
         """Return the problem with other parts of FRFs, in the coordinates of the first."""
         return Problem.of(parts, self.modal)
 

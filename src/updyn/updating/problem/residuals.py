@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
 from updyn.frf import FRF, QUANTITIES, ROUNDING
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 from updyn.registry import Registry
 from updyn.updating.problem.local import Local, join_locals, qr_triangle, reduce_blocks
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -80,8 +80,8 @@ class LineResidual(ABC):
     needs_exact : str
         Reason why it cannot be evaluated with a reduced model; empty if it can.
     calibrates : bool
-        Whether it supports calibration factors, that is, compares the data with `Part.block`, which
-        applies them.
+        Whether it supports calibration factors, that is, compares the data with `FRFPart.block`,
+        which applies them.
     """
 
     __slots__ = ()
@@ -93,12 +93,12 @@ class LineResidual(ABC):
     calibrates: ClassVar[bool] = False
 
     @classmethod
-    def of_data(cls, part: Part) -> Self:
+    def of_data(cls, part: FRFPart) -> Self:
         """Return the residual for the data of a test, with equal weights.
 
         Parameters
         ----------
-        part : Part
+        part : FRFPart
             Model, data and unknowns of the test.
 
         Returns
@@ -142,12 +142,12 @@ class LineResidual(ABC):
         """
         return self
 
-    def on(self, part: Part, lines: slice) -> Self:
+    def on(self, part: FRFPart, lines: slice) -> Self:
         """Return the residual restricted to a block of lines.
 
         Parameters
         ----------
-        part : Part
+        part : FRFPart
             Model, data and unknowns of the test.
         lines : slice
             The block.
@@ -158,12 +158,12 @@ class LineResidual(ABC):
         """
         return self
 
-    def partition(self, part: Part) -> list[slice]:
+    def partition(self, part: FRFPart) -> list[slice]:
         """Return the blocks of lines.
 
         Parameters
         ----------
-        part : Part
+        part : FRFPart
             Model, data and unknowns of the test.
 
         Returns
@@ -173,12 +173,12 @@ class LineResidual(ABC):
         return part.partition()
 
     @abstractmethod
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return the residual and its derivatives at a block of lines.
 
         Parameters
         ----------
-        part : Part
+        part : FRFPart
             Model, data and unknowns of the test.
         x : ndarray of float, shape (n,)
             Point in the optimiser's coordinates.
@@ -230,7 +230,7 @@ class LogError(LineResidual):
     name: str = "log"
 
     @classmethod
-    def of_noisy_data(cls, part: Part) -> LogError:
+    def of_noisy_data(cls, part: FRFPart) -> LogError:
         """Return the log error of data with variance, weighted by `noise_weights`."""
         assert part.frf.variance is not None
         return cls(noise_weights(part.frf.values, part.frf.variance, part.frf))
@@ -240,11 +240,11 @@ class LogError(LineResidual):
         """The weights."""
         return "" if self.weight is None else self.weight
 
-    def on(self, part: Part, lines: slice) -> Self:
+    def on(self, part: FRFPart, lines: slice) -> Self:
         """Return the residual with the weights of a block of lines."""
         return self if self.weight is None else replace(self, weight=self.weight[lines])
 
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return the residual and its derivatives; `weight` is of the same block of lines."""
         block = part.block(x, lines)
         assert block.dH is not None
@@ -277,7 +277,7 @@ class OutputError(LineResidual):
     name: str = "output-error"
 
     @classmethod
-    def of_data(cls, part: Part) -> Self:
+    def of_data(cls, part: FRFPart) -> Self:
         """Return the residual with equal weight for all values of one unit."""
         return cls(np.broadcast_to(1.0 / level_by_unit(part.frf), part.frf.values.shape))
 
@@ -286,11 +286,11 @@ class OutputError(LineResidual):
         """The weights."""
         return self.weight
 
-    def on(self, part: Part, lines: slice) -> Self:
+    def on(self, part: FRFPart, lines: slice) -> Self:
         """Return the residual with the weights of a block of lines."""
         return replace(self, weight=self.weight[lines])
 
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return the residual and its derivatives; `weight` is of the same block of lines."""
         block = part.block(x, lines)
         assert block.dH is not None
@@ -359,7 +359,7 @@ class EquationError(LineResidual):
         return _reduce_all(self, problem, x)
 
     @staticmethod
-    def check(part: Part) -> None:
+    def check(part: FRFPart) -> None:
         """Raise if the data lack a drive point, or hold no receptance at 0 Hz."""
         is_driven = _drive_points(part).any(axis=0)
         if not is_driven.all():
@@ -374,16 +374,16 @@ class EquationError(LineResidual):
                 f"equation error: the 0 Hz line of {quantity} holds no receptance; leave it out"
             )
 
-    def blocks(self, part: Part, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
+    def blocks(self, part: FRFPart, x: _Vector) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield Z_red h_X - e_j, (n_f, n, m), and its derivatives by x, by block of lines."""
         self.check(part)
         return part.map_lines(_evaluate_block, [(self, x, lines) for lines in self.partition(part)])
 
-    def partition(self, part: Part) -> list[slice]:
+    def partition(self, part: FRFPart) -> list[slice]:
         """Return the blocks of lines."""
         return part.partition(2 * len(part.rows))
 
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return the residual and its derivatives at a block of lines."""
         freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
         unit = _drive_points(part)
@@ -401,12 +401,12 @@ class EquationError(LineResidual):
         return weight * (product - unit), derivative * (slope[:, None, None, None] * weight)
 
 
-def _drive_points(part: Part) -> _Matrix:
+def _drive_points(part: FRFPart) -> _Matrix:
     """Return the unit forces on the retained DOFs, shape (n_i, n_j)."""
     return np.asarray(part.rows[:, None] == part.columns[None, :], dtype=np.float64)
 
 
-def _unit_weights(part: Part, unit: _Matrix) -> _Matrix:
+def _unit_weights(part: FRFPart, unit: _Matrix) -> _Matrix:
     """Return the weights of the equation error, shape (n, m); all 1 for data of one unit.
 
     The residual at a rotation is a moment per force. Multiplied by the level of the motion there
@@ -439,7 +439,7 @@ def add_prior(local: Local, problem: Problem, x: _Vector) -> Local:
     )
 
 
-def reduce_cached(residual: LineResidual, part: Part, x: _Vector) -> Local:
+def reduce_cached(residual: LineResidual, part: FRFPart, x: _Vector) -> Local:
     """Return the reduced problem at x, from the cache if possible."""
 
     def compute() -> Record:
@@ -450,7 +450,7 @@ def reduce_cached(residual: LineResidual, part: Part, x: _Vector) -> Local:
     return Local(float(cost), R, q)
 
 
-def reduce_residual(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
+def reduce_residual(residual: LineResidual, part: FRFPart, x: _Vector, n: int) -> Local:
     """Return the reduced problem at x for a residual with n derivatives."""
     items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
     local = reduce_blocks(part.map_lines(_reduce_block, items), n)
@@ -489,14 +489,14 @@ def _reduce_all(
 
 
 def _evaluate_block(
-    part: Part, item: tuple[LineResidual, _Vector, slice]
+    part: FRFPart, item: tuple[LineResidual, _Vector, slice]
 ) -> tuple[_Complex, _Complex]:
     residual, x, lines = item
     return residual.block(part, x, lines)
 
 
-@alone
-def _reduce_block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
+@use_one_thread
+def _reduce_block(part: FRFPart, item: tuple[LineResidual, _Vector, slice]) -> _Matrix:
     r, J = _evaluate_block(part, item)
     # The order of the rows has no effect (eq. 12); this one is that of the memory.
     return qr_triangle(_as_real(J, len(J)), _as_real(r, 1)[0])

@@ -11,7 +11,7 @@ from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 __all__ = ["build_problem"]
 
@@ -26,7 +26,7 @@ def build_problem(
             noise = choose_modal_noise(test.noise)
             modal.append(ModalPart.build(test.model, test.data, parameters, noise, name=test.name))
             continue
-        part = Part.build(test.model, test.data, parameters, name=test.name)
+        part = FRFPart.build(test.model, test.data, parameters, name=test.name)
         parts.append(restrict_to_lines(part, test.lines))
         noises.append(choose_noise(test.noise, test.data))
     return Problem.of(parts, modal), noises

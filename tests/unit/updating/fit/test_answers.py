@@ -31,7 +31,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import Search
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Stated, Variance
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 FREQ = np.linspace(1.0, 45.0, 40)
@@ -68,7 +68,7 @@ def symmetric_three() -> updyn.Model:
 
 
 def problem_of(model: updyn.Model, frf: updyn.FRF, unknowns: object) -> Problem:
-    return Problem.of([Part.build(model, frf, unknowns)])
+    return Problem.of([FRFPart.build(model, frf, unknowns)])
 
 
 def answer_at(x: np.ndarray, negative_log_likelihood: float = 0.0, std: object = 0.01) -> Answer:

@@ -10,7 +10,7 @@ from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.search import thin_problem
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.noise import Stated
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import make_log_error
 
 
@@ -21,7 +21,7 @@ def searched(chain12, add_noise):
     data = add_noise(clean, np.random.default_rng(0), 0.05, 0.0)
     unknowns = updyn.parameters(chain12, stiffness="all")
     return lambda stated: thin_problem(
-        Problem.of([Part.build(chain12, data, unknowns)]), [Stated(stated, 0.0)]
+        Problem.of([FRFPart.build(chain12, data, unknowns)]), [Stated(stated, 0.0)]
     )
 
 
@@ -62,7 +62,7 @@ def test_away_from_the_answer_the_misfit_is_correlated_and_takes_more(searched):
 def test_exact_data_are_believed_at_once(chain12):
     clean = updyn.response(chain12, np.linspace(0.6, 20.0, 50), ["3:X"], ["12:X"])
     unknowns = updyn.parameters(chain12, stiffness="all")
-    rough = thin_problem(Problem.of([Part.build(chain12, clean, unknowns)]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([FRFPart.build(chain12, clean, unknowns)]), [Stated(0.01, 0.0)])
     end = end_at(rough, rough.coordinates.home)
     other = replace(end, x=end.x + 1.0, local=end_at(rough, end.x + 1.0).local)
     assert Belief(rough).is_accepted([other, end])

@@ -20,7 +20,7 @@ import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.updating.fit.checkpoint import Checkpoint, _frame
 from updyn.updating.problem import problem as problem_module
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 HEAD = {"updyn": "1", "model": "a", "data": "b", "unknowns": {"p": [1.0]}, "options": {"seed": "0"}}
 RECORDS = {
@@ -53,13 +53,13 @@ def file(tmp_path):
 @pytest.fixture
 def evaluated(monkeypatch):
     """Count the blocks of lines that are really solved."""
-    solved, block = [], Part.block
+    solved, block = [], FRFPart.block
 
     def counting(self, x, lines, **more):
         solved.append(lines)
         return block(self, x, lines, **more)
 
-    monkeypatch.setattr(Part, "block", counting)
+    monkeypatch.setattr(FRFPart, "block", counting)
     return solved
 
 

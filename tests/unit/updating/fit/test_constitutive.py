@@ -7,7 +7,7 @@ import updyn
 from updyn.demos.gear_train import starting_model, true_model
 from updyn.errors import DataError, OptionError
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, _make_residual
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.residuals import reduce_cached
 
 RNG = np.random.default_rng
@@ -26,7 +26,7 @@ def small():
     values = 0.3 * (rng.standard_normal((3, 3, 2)) + 1j * rng.standard_normal((3, 3, 2)))
     frf = updyn.FRF([0.1, 0.23, 0.4], values, ["1:Z", "3:-Z", "6:Z"], ["1:Z", "2:Z"], "receptance")
     unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all", viscous="b")
-    return model, Part.build(model, frf, unknowns), K, M, D
+    return model, FRFPart.build(model, frf, unknowns), K, M, D
 
 
 def cost(problem, error, x):
@@ -99,7 +99,7 @@ def test_with_all_dofs_measured_and_full_weight_it_is_the_equation_error_in_the_
     rng = RNG(5)
     values = rng.standard_normal((1, 6, 1)) + 1j * rng.standard_normal((1, 6, 1))
     frf = updyn.FRF([0.3], values, labels, ["1:Z"], "receptance")
-    problem = Part.build(model, frf, updyn.parameters(model, stiffness="a"))
+    problem = FRFPart.build(model, frf, updyn.parameters(model, stiffness="a"))
     omega = 2.0 * np.pi * 0.3
     Z = (1 + 0.1j) * K + (1 + 0.03j) * 2 * D - omega**2 * (M + 0.5 * np.eye(6)) + 0.01j * omega * M
     W = (
@@ -125,7 +125,7 @@ def test_with_little_weight_it_is_the_output_error(small):
 
 def test_tiers_agree(small):
     model, problem, *_ = small
-    other = Part.build(
+    other = FRFPart.build(
         model, problem.frf, problem.coordinates.parameters, tier="sparse", backend="superlu"
     )
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)

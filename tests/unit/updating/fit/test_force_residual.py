@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError
 from updyn.updating.fit.methods.force_residual import ForceResidual, _compliance
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.residuals import reduce_cached
 
 RNG = np.random.default_rng
@@ -29,7 +29,7 @@ def small():
     values = 0.3 * (rng.standard_normal((3, 3, 2)) + 1j * rng.standard_normal((3, 3, 2)))
     frf = updyn.FRF([0.1, 0.23, 0.4], values, ["1:X", "3:-X", "5:X"], ["1:X", "2:X"], "mobility")
     unknowns = updyn.parameters(model, stiffness="all", mass="a", loss_factor="a", viscous="b")
-    return K, M, Part.build(model, frf, unknowns)
+    return K, M, FRFPart.build(model, frf, unknowns)
 
 
 def dense(K, M, problem, compliance, values):
@@ -85,7 +85,7 @@ def test_with_all_measured_it_is_the_equation_error(chain12_true, add_noise):
     frf = add_noise(
         updyn.response(chain12_true, [2.0, 5.0, 9.0], sensors, sensors[:2]), RNG(0), 0.05
     )
-    problem = Part.build(chain12_true, frf, updyn.parameters(chain12_true, stiffness="all"))
+    problem = FRFPart.build(chain12_true, frf, updyn.parameters(chain12_true, stiffness="all"))
     local = reduce_cached(ForceResidual(np.ones(12), 1.0), problem, np.zeros(4))
     K, M = chain12_true.stiffness.toarray(), chain12_true.mass.toarray()
     lossy = sum(g.loss_factor * g.stiffness.toarray() for g in chain12_true.groups.values())

@@ -16,7 +16,7 @@ from updyn.updating.fit.methods.reduced_frf import _step_in_turn
 from updyn.updating.fit.methods.rfm import ResponseEquation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 EVERY = {"stiffness": "all", "mass": "all", "loss_factor": "all"}
 ALL = [f"{i}:X" for i in range(1, 13)]
@@ -105,7 +105,7 @@ def test_which_of_two_parallel_columns_is_used_does_not_depend_on_rounding(seed)
 
 def test_separate_steps_are_taken_in_turn(chain12, full):
     """Stiffness first, mass with the stiffness found, damping with both (Gauss-Seidel, not Jacobi)."""
-    problem = Part.build(
+    problem = FRFPart.build(
         chain12,
         full,
         updyn.parameters(chain12, mass=["part1"], stiffness=["part1"], loss_factor=["part2"]),
@@ -131,7 +131,7 @@ def test_separate_steps_are_taken_in_turn(chain12, full):
 # -- the equation ----------------------------------------------------------------------------------------------------
 def test_the_identity_holds_for_a_change_of_any_size(chain12, chain12_true, full):
     """H_A - H_X = H_A (Z_X - Z_A) H_X, line by line, with Z from the matrices."""
-    problem = Part.build(chain12, full, chosen(chain12, "complex-rfm"))
+    problem = FRFPart.build(chain12, full, chosen(chain12, "complex-rfm"))
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     r, J = ResponseEquation("rfm").block(problem, x, slice(0, 3))
     for i, omega in enumerate(2 * np.pi * full.freq[:3]):
@@ -153,7 +153,7 @@ def test_the_identity_holds_for_a_change_of_any_size(chain12, chain12_true, full
 def test_where_the_model_is_true_its_slope_is_that_of_the_output_error(chain12_true, chain12_frf):
     """H_A Z' h_X and H_A Z' h_A agree once h_X = h_A, also with the missing motion taken from the model."""
     unknowns = updyn.parameters(chain12_true, **EVERY)
-    problem = Part.build(chain12_true, chain12_frf, unknowns)
+    problem = FRFPart.build(chain12_true, chain12_frf, unknowns)
     x = problem.coordinates.to_x(unknowns.start)
     r, J = ResponseEquation("rfm", expand=True).block(problem, x, slice(5, 9))
     level = np.sqrt(np.mean(np.abs(chain12_frf.values) ** 2))
@@ -325,7 +325,7 @@ def bowl(x):
 
 @pytest.fixture
 def one_unknown(chain12, full):
-    problem = Part.build(chain12, full, updyn.parameters(chain12, loss_factor=["part1"]))
+    problem = FRFPart.build(chain12, full, updyn.parameters(chain12, loss_factor=["part1"]))
     return problem, Monitor(Problem.of([problem]))
 
 
@@ -476,7 +476,7 @@ def test_a_linked_unknown_of_a_power_is_linearised(close, full, chain12_true, na
 
 
 def test_what_is_sent_to_workers_can_be_sent(chain12, full):
-    problem = Part.build(chain12, full, chosen(chain12, "rfm"))
+    problem = FRFPart.build(chain12, full, chosen(chain12, "rfm"))
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     residual, there = pickle.loads(pickle.dumps((ResponseEquation("rfm", expand=True), problem)))  # noqa: S301
     for a, b in zip(
@@ -489,7 +489,7 @@ def test_what_is_sent_to_workers_can_be_sent(chain12, full):
 @pytest.fixture
 def two_masses(chain12):
     unknowns = updyn.parameters(chain12, mass=["part1", "part2"])
-    part = Part.build(chain12, updyn.response(chain12, [3.0, 5.0], ALL, ["2:X"]), unknowns)
+    part = FRFPart.build(chain12, updyn.response(chain12, [3.0, 5.0], ALL, ["2:X"]), unknowns)
     return part, Monitor(Problem.of([part]))
 
 
@@ -573,7 +573,7 @@ def test_the_sensitivity_method_says_how_far_its_first_step_holds():
     while 1.0 + share * step <= 0.0 or cost(1.0 + share * step) >= cost(1.0):
         share *= 0.5
     assert share < 1.0
-    problem = Problem.of([Part.build(spring, data, unknowns)])
+    problem = Problem.of([FRFPart.build(spring, data, unknowns)])
     said = make_method("frf-sensitivity", {}).describe_obstacle(problem)
     assert f"falls only along the first 1/{1 / share:.0f} of the first step" in said
 

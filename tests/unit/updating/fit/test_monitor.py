@@ -7,14 +7,14 @@ import updyn
 from updyn.updating.fit.monitor import Monitor, Progress, condition
 from updyn.updating.fit.trust_region import Outcome, Step, TrustRegion
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 
 @pytest.fixture
 def problem(chain12, chain12_frf):
     unknowns = updyn.parameters(chain12, stiffness=["part1"], loss_factor=["part1"])
-    return Part.build(chain12, chain12_frf, unknowns)
+    return FRFPart.build(chain12, chain12_frf, unknowns)
 
 
 def test_a_descent_resumes_with_its_radius_where_it_ran_out_of_steps(problem):

@@ -26,7 +26,7 @@ from updyn.updating.fit.regularisation import (
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import reduce_blocks
 from updyn.updating.problem.noise import Stated
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 
 FREE = np.full(6, -np.inf), np.full(6, np.inf)
@@ -80,7 +80,7 @@ def problem(chain6):
     """Six factors, 20 values: 40 real residuals, of a linear problem that takes the place of its own."""
     data = updyn.response(chain6, np.linspace(5.0, 60.0, 20), ["6:X"], ["6:X"])
     unknowns = updyn.parameters(chain6, stiffness="all", bounds={"stiffness": (1e-9, 1e9)})
-    return Problem.of([Part.build(chain6, data, unknowns)])
+    return Problem.of([FRFPart.build(chain6, data, unknowns)])
 
 
 @pytest.fixture
@@ -171,7 +171,7 @@ def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):
         bounds={"stiffness": (1e-9, 1e9)},
         prior_std={"s2.*": 0.1, "s5.*": 0.4},
     )
-    problem = Problem.of([Part.build(chain6, data, unknowns)])
+    problem = Problem.of([FRFPart.build(chain6, data, unknowns)])
     own = np.array([0.0, 10.0, 0.0, 0.0, 2.5, 0.0])
     fit = fitted(problem, linear, 3.0)
     weight = np.where(own > 0, own, 3.0)
@@ -251,7 +251,7 @@ def test_the_choice_gains_where_the_data_say_little_and_loses_nothing_where_they
     frf = updyn.response(
         model, np.linspace(*setting.band), list(setting.sensors), [f"{setting.n}:X"]
     )
-    problem = Part.build(model, frf, updyn.parameters(model, stiffness="all"))
+    problem = FRFPart.build(model, frf, updyn.parameters(model, stiffness="all"))
     H = np.abs(frf.values)
     R = (
         OutputError(np.sqrt(2.0) / (setting.noise * H))

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.updating.fit.methods.least_squares import sandwich
 from updyn.updating.problem.noise import Robust, Stated, level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError, OutputError, OutputErrorSet
 
 
@@ -22,7 +22,7 @@ def test_it_is_the_formula(chain12_task, add_noise, name):
     """A^-1 (J^T S J) A^-1 with J written out."""
     start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.02, 0.01)
-    problem = Part.build(start, data, unknowns)
+    problem = FRFPart.build(start, data, unknowns)
     x = problem.coordinates.to_x(truth)
     residual = LogError() if name == "log" else output_error(problem)
     noise = Stated(0.02, 0.01)
@@ -46,7 +46,7 @@ def test_weights_that_match_give_what_they_gave(chain12_task, add_noise):
     """Output error under noise of one level: the sandwich is the plain inverse."""
     start, clean, unknowns, truth = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.0, 0.01)
-    problem = Part.build(start, data, unknowns)
+    problem = FRFPart.build(start, data, unknowns)
     x = problem.coordinates.to_x(truth)
     residual = output_error(problem)
     local = residual.local(Problem.of([problem]), x)

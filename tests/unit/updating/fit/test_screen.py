@@ -11,7 +11,7 @@ import updyn
 from updyn.errors import SolverError
 from updyn.updating.fit.screen import Screen
 from updyn.updating.problem.noise import Robust, Stated
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 FREQ = np.linspace(1.0, 40.0, 61)
@@ -44,7 +44,7 @@ def problem() -> Problem:
         "receptance",
     )  # fmt: skip
     unknowns = updyn.parameters(start, stiffness=["k1", "k2", "k3"])
-    return Problem.of([Part.build(start, noisy, unknowns)])
+    return Problem.of([FRFPart.build(start, noisy, unknowns)])
 
 
 def screen_of(problem: Problem, noise: object = None) -> Screen:
@@ -122,11 +122,11 @@ def test_heavy_tails_keep_all_points(problem: Problem):
 
 
 def test_points_where_the_model_cannot_be_solved_are_left_out(problem: Problem, monkeypatch):
-    def fails(part: Part, x: np.ndarray) -> np.ndarray:
+    def fails(part: FRFPart, x: np.ndarray) -> np.ndarray:
         raise SolverError("singular")
 
     screen = screen_of(problem)
-    monkeypatch.setattr(Part, "responses", fails)
+    monkeypatch.setattr(FRFPart, "responses", fails)
     assert screen.select_best([TRUTH, TRUTH + 0.1], 1) == []
 
 

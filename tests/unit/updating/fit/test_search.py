@@ -12,7 +12,7 @@ from updyn.updating.fit.search import Search, _select_distinct, _select_some_lin
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import _BIAS, make_log_error
 
 
@@ -27,7 +27,7 @@ def problem(chain12, chain12_frf):
     unknowns = updyn.parameters(
         start, stiffness="all", mass="all", loss_factor="all", bounds={"loss_factor": (0.0, 0.5)}
     )
-    return Part.build(start, chain12_frf.select(references=["12:X"]), unknowns)
+    return FRFPart.build(start, chain12_frf.select(references=["12:X"]), unknowns)
 
 
 def test_points_stay_within_bounds_and_are_reproducible(problem):
@@ -117,7 +117,7 @@ def long_test(chain12, lines, **kwargs):
     data = updyn.FRF(
         data.freq, data.values, data.responses, data.references, data.quantity, **kwargs
     )
-    return Part.build(chain12, data, unknowns)
+    return FRFPart.build(chain12, data, unknowns)
 
 
 def test_coarse_problem_carries_the_noise_of_the_lines_that_it_keeps(chain12):
@@ -147,7 +147,7 @@ def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noi
     truth[clean.coordinates.parameters.names.index("part1.stiffness")] = np.log(1.2)
     for relative, floor in ((0.02, 0.0), (0.0, 0.002), (0.0, 0.02)):
         data = add_noise(clean.frf, np.random.default_rng(0), relative, floor)
-        part = Part.build(chain12, data, clean.coordinates.parameters)
+        part = FRFPart.build(chain12, data, clean.coordinates.parameters)
         rough = thin_problem(Problem.of([part]), [Stated(relative, floor)])
         cost = make_log_error(rough).local(rough, truth).cost
         assert cost == pytest.approx(Belief(rough).expected_cost(), rel=0.3)
@@ -159,11 +159,12 @@ def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
     freq = np.linspace(0.0, 20.0, 50)
     data = updyn.response(chain12, freq, ["2:X"], ["12:X"], "accelerance")
     data = replace(data, values=1e6 * data.values)
-    part = Part.build(chain12, data, unknowns)
+    part = FRFPart.build(chain12, data, unknowns)
     rough = thin_problem(Problem.of([part]), [Stated(0.0, 0.1)])
     assert rough.parts[0].frf.variance[0, 0, 0] > 1e4
     without = thin_problem(
-        Problem.of([Part.build(chain12, data.select(lines=freq[1:]), unknowns)]), [Stated(0.0, 0.1)]
+        Problem.of([FRFPart.build(chain12, data.select(lines=freq[1:]), unknowns)]),
+        [Stated(0.0, 0.1)],
     )
     assert Belief(rough).expected_cost() == pytest.approx(Belief(without).expected_cost(), rel=0.1)
 
@@ -172,7 +173,7 @@ def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
     """A floor of 1 % is seen where lines are dense, before three of four are left out."""
     part = long_test(chain12, 1600)
     data = add_noise(part.frf, np.random.default_rng(0), 0.0, 0.01)
-    part = Part.build(chain12, data, part.coordinates.parameters)
+    part = FRFPart.build(chain12, data, part.coordinates.parameters)
     rough = thin_problem(Problem.of([part]), [Estimated.of_data(data)])
     level = np.sqrt(np.mean(np.abs(data.values) ** 2))
     assert np.sqrt(rough.parts[0].frf.variance) == pytest.approx(
@@ -215,7 +216,7 @@ def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise
 ):
     """A beam with light boxes: three tries agreed on few lines, with 29 times the noise left."""
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
-    part = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    part = FRFPart.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     rough = thin_problem(Problem.of([part]), [Stated(0.01, 0.0)])
     elsewhere, answer = rough.coordinates.home, rough.coordinates.home + 0.1
     seen = []
@@ -239,7 +240,7 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
     """Planetary gear: all tries beside the best end came back to it, from the best of a later round
     the fifth one reached the answer."""
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 60), ["2:X", "12:X"], ["12:X"])
-    part = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    part = FRFPart.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     rough = thin_problem(Problem.of([part]), [Stated(0.01, 0.0)])
     home = rough.coordinates.home
     best, other, answer = home, home + 0.1, home + 0.2
@@ -308,7 +309,7 @@ def test_half_bands_that_tries_begin_on_lie_apart(problem):
 
 def test_tries_beside_the_truth_come_back_to_it(chain12_task):
     start, data, unknowns, truth = chain12_task
-    rough = thin_problem(Problem.of([Part.build(start, data, unknowns)]), [Stated(0.01, 0.0)])
+    rough = thin_problem(Problem.of([FRFPart.build(start, data, unknowns)]), [Stated(0.01, 0.0)])
     x = rough.coordinates.to_x(truth)
     for number in range(2):
         found = Search().try_nearby(rough, x, number, Monitor(rough))
@@ -322,7 +323,7 @@ def test_all_resonances_off_by_many_times_their_width(chain12, factor):
     unknowns = updyn.parameters(start, stiffness="all")
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
     noises = [Stated(0.001, 0.0)]
-    rough = thin_problem(Problem.of([Part.build(start, data, unknowns)]), noises)
+    rough = thin_problem(Problem.of([FRFPart.build(start, data, unknowns)]), noises)
     alone = Search()._try_from(rough, rough, np.zeros(4), Monitor(rough))
     assert alone.local.cost > 10.0
     found = Search().run(rough, noises, Monitor(rough)).points[0]

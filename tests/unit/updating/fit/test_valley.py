@@ -13,7 +13,7 @@ from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.valley import find_valleys, fix_unknown
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 FREQ = np.linspace(2.0, 30.0, 60)
@@ -39,7 +39,7 @@ def measured(floor: float) -> updyn.FRF:
 
 def problem_of(frf: updyn.FRF) -> Problem:
     model = carried_mass(2e4)
-    return Problem.of([Part.build(model, frf, updyn.parameters(model, stiffness="all"))])
+    return Problem.of([FRFPart.build(model, frf, updyn.parameters(model, stiffness="all"))])
 
 
 def weighted(frf: updyn.FRF) -> OutputErrorSet:

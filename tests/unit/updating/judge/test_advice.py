@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.identifiability import analyse_identifiability
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 from updyn.updating.update import identifiability
 
@@ -118,7 +118,7 @@ def test_unknowns_that_are_hard_to_tell_apart(gear_train):
     """Full rank, but a collinearity index above 15: advice names the least certain."""
     data = updyn.response(gear_train, np.geomspace(5, 900, 20) / HZ, FOUR, ["2:RZ"])
     unknowns = everything(gear_train)
-    problem = Part.build(gear_train, data, unknowns)
+    problem = FRFPart.build(gear_train, data, unknowns)
     x = problem.coordinates.to_x(unknowns.start)
     local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(Problem.of([problem]), x)
     analysis = analyse_identifiability(local.R, unknowns.names)
@@ -129,7 +129,7 @@ def test_unknowns_that_are_hard_to_tell_apart(gear_train):
     assert "hard to tell apart" in text
     assert f"{worst} is the least certain" in text
     well = updyn.parameters(gear_train, stiffness=["unit 2"])
-    problem = Part.build(gear_train, data, well)
+    problem = FRFPart.build(gear_train, data, well)
     local = OutputError(np.sqrt(2.0) / (0.01 * np.abs(data.values))).local(
         Problem.of([problem]), np.zeros(1)
     )

@@ -13,7 +13,7 @@ from updyn.updating.judge.alternatives import (
     find_differences,
     select_distinct,
 )
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 FREQ = np.linspace(2.0, 45.0, 15)  # no more lines than are compared
 
@@ -37,7 +37,7 @@ def fitted(start: updyn.Model, responses: list[str], rivals: tuple[Rival, ...]) 
     true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
     frf = updyn.response(true, FREQ, responses, ["3:X"])
     unknowns = updyn.parameters(start, stiffness=["left", "right"])
-    problem = Problem.of([Part.build(start, frf, unknowns)])
+    problem = Problem.of([FRFPart.build(start, frf, unknowns)])
     fit = Fit(np.log([1.5, 0.7]), "converged", np.eye(2), rivals=rivals)
     return problem, fit
 

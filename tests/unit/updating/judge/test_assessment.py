@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn.updating.problem.noise import NoiseModel, choose_noise
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 SENSORS = [f"{i}:X" for i in (2, 5, 7, 10, 12)]
 FREQ = np.linspace(2.0, 22.0, 60)
@@ -187,7 +187,7 @@ def test_values_of_infinite_variance_are_left_out(chain12_true, data):
         data.freq, data.values, data.responses, data.references, data.quantity, variance=variance
     )
     unknowns = updyn.parameters(chain12_true, loss_factor="part1")
-    problem = Part.build(chain12_true, frf, unknowns)
+    problem = FRFPart.build(chain12_true, frf, unknowns)
 
     class Blind(NoiseModel):
         kind = "variance"

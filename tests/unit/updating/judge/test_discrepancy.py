@@ -16,7 +16,7 @@ from updyn.updating.judge.adequacy import LEVEL
 from updyn.updating.judge.assessment import _BY_CHANCE
 from updyn.updating.judge.discrepancy import Discrepancy, _Components, _error_effects
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SPRINGS = (3e4, 2.5e4, 2e4, 2.2e4, 1.5e4, 1.2e4)
 MASSES = (1.0, 1.1, 0.9, 1.0, 0.8, 0.7)
@@ -197,7 +197,7 @@ def test_effects_are_those_of_small_changes():
     """Difference of two dense models with and without a spring, a loss, a dashpot, a mass."""
     frf = measured(None, 0)
     unknowns = updyn.parameters(model(), stiffness=["part0"])
-    part = Part.build(model(), frf, unknowns)
+    part = FRFPart.build(model(), frf, unknowns)
     found = _error_effects(part, part.coordinates.home, slice(0, 80), np.array([1, -1, 4]))
     assert found.shape == (12, 80, 4, 1)
     s = 2j * np.pi * frf.freq

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.updating.fit.null_space import null_space
 from updyn.updating.judge.identifiability import analyse_identifiability
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import EquationError, LogError
 from updyn.updating.update import identifiability
 
@@ -155,7 +155,7 @@ def test_gear_train_null_direction_against_sixty_digits(gear_train, gear_train_r
         data = updyn.response(
             gear_train, np.array(omega) / (2 * np.pi), [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"]
         )
-        problem = Part.build(gear_train, data, unknowns)
+        problem = FRFPart.build(gear_train, data, unknowns)
         local = residual.local(Problem.of([problem]), problem.coordinates.to_x(unknowns.start))
         return analyse_identifiability(1e9 * local.R, unknowns.names), local
 

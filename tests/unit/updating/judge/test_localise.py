@@ -8,7 +8,7 @@ from updyn.demos.gear_train import true_model
 from updyn.dynamics.affine import AffineSystem
 from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.judge.localise import constitutive_error, localise_error
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 
 GEARS = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
@@ -35,7 +35,7 @@ def fitted(true, exact, wrong, quantity, factor, relative, rng, stated=None):
     unknowns = updyn.parameters(start, stiffness=others, mass=others, loss_factor=others)
     noise = {"relative": relative or 1e-3}
     result = updyn.update(start, frf, unknowns, starts=0, noise=noise)
-    problem = Part.build(start, frf, unknowns)
+    problem = FRFPart.build(start, frf, unknowns)
     x = problem.coordinates.to_x(np.array([result.values[n] for n in unknowns.names]))
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (noise["relative"] * np.abs(H))
@@ -125,7 +125,7 @@ def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
         cost.append(2.0 * result.history[-1].cost)
     unknowns = updyn.parameters(wrong, stiffness=others)
     result = updyn.update(wrong, exact, unknowns, starts=0, noise=noise)
-    problem = Part.build(wrong, exact, unknowns)
+    problem = FRFPart.build(wrong, exact, unknowns)
     x = problem.coordinates.to_x(np.array(list(result.values.values())))
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.001 * np.abs(H))
@@ -202,7 +202,7 @@ def test_what_a_short_fit_finds_at_a_bound_explains_nothing(make_chain):
     frf = updyn.response(model, freq, model.dofs, ["1:X"], "accelerance")
     values = frf.values.copy()
     values[:, 3] *= -1.0
-    problem = Part.build(
+    problem = FRFPart.build(
         model,
         updyn.FRF(freq, values, model.dofs, ["1:X"], "accelerance"),
         updyn.parameters(model, stiffness=["part1"]),
@@ -253,7 +253,7 @@ def test_energy_by_a_full_solution_of_the_constrained_problem():
     assert sum(a * m for a, m in zip(w[:, 0], matrices, strict=True)) == pytest.approx(W)
     measured = rng.standard_normal((1, 3, 1)) + 1j * rng.standard_normal((1, 3, 1))
     frf = updyn.FRF([f], measured, ["1:Z", "3:Z", "6:Z"], ["1:Z"], "receptance")
-    problem = Part.build(model, frf, updyn.parameters(model, stiffness="a"))
+    problem = FRFPart.build(model, frf, updyn.parameters(model, stiffness="a"))
     x, sigma2 = np.zeros(1), 0.3
     misfit = problem.responses(x) - measured
     found = constitutive_error(problem, x, misfit, np.full((1, 3, 1), sigma2), slice(0, 1))[:, 0, 0]
@@ -295,7 +295,7 @@ def test_two_tests_point_at_one_group(chain12_true):
         ("loaded", wrong.scaled(heavy), chain12_true.scaled(heavy)),
     ):
         frf = chain(true)
-        problems.append(Part.build(own, frf, unknowns, name=name))
+        problems.append(FRFPart.build(own, frf, unknowns, name=name))
         H = problems[-1].responses(np.zeros(3))
         weights.append(np.sqrt(2.0) / (0.01 * np.abs(H)))
         whitened.append(weights[-1] * (frf.values - H))
@@ -313,7 +313,7 @@ def test_a_quantity_that_shares_an_unknown_is_tried_by_itself(chain12_true):
     exact = chain(chain12_true)
     unknowns = updyn.link(wrong, "both.modulus", {"part1.stiffness": 1.0, "part2.stiffness": 1.0})
     result = updyn.update(wrong, exact, unknowns, starts=0, noise={"relative": 0.01})
-    problem = Part.build(wrong, exact, unknowns)
+    problem = FRFPart.build(wrong, exact, unknowns)
     x = problem.coordinates.to_x(np.array(list(result.values.values())))
     H = problem.responses(x)
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))

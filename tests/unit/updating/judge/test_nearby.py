@@ -9,7 +9,7 @@ from updyn.updating.judge import localise as localise_module
 from updyn.updating.judge.identifiability import analyse_identifiability
 from updyn.updating.judge.localise import localise_error
 from updyn.updating.judge.nearby import DOFS, ReducedPart
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 from updyn.updating.problem.session import Session
 
@@ -43,7 +43,7 @@ def data_of(true, lines=40):
 
 
 def part_of(model, frf, **unknowns):
-    return Part.build(model, frf, updyn.parameters(model, **unknowns), tier="sparse")
+    return FRFPart.build(model, frf, updyn.parameters(model, **unknowns), tier="sparse")
 
 
 def test_the_reduced_model_answers_and_has_the_derivatives_of_the_whole_one(tower):

@@ -10,7 +10,7 @@ from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.judge.noise_split import covariance_over_ratios
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 
 STIFFNESS, MASS, LOSS = 1e4, 1.0, 0.05
 FREQ = np.array([8.0, 12.0, 15.0, 16.5, 20.0, 26.0])
@@ -41,7 +41,7 @@ def unknowns() -> ParameterSet:
 def test_it_is_the_largest_over_ratios_of_a_likelihood_of_at_least_1_over_e():
     """By normal equations; the restricted likelihood is the integral over both unknowns."""
     frf = noisy(0.02, 0.01, 1)
-    part = Part.build(model(), frf, unknowns())
+    part = FRFPart.build(model(), frf, unknowns())
     x = part.coordinates.home
     found = covariance_over_ratios(Problem.of([part]), x, [1.0], np.eye(2))
     H, level = receptance(), np.sqrt(np.mean(np.abs(frf.values) ** 2))
@@ -71,7 +71,7 @@ def test_it_is_the_largest_over_ratios_of_a_likelihood_of_at_least_1_over_e():
 
 def test_it_is_none_without_spare_numbers():
     frf = noisy(0.02, 0.0, 0).select(lines=FREQ[:1])
-    part = Part.build(model(), frf, unknowns())
+    part = FRFPart.build(model(), frf, unknowns())
     assert (
         covariance_over_ratios(Problem.of([part]), part.coordinates.home, [1.0], np.eye(2)) is None
     )

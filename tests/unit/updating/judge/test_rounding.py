@@ -7,7 +7,7 @@ import updyn
 from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.judge.rounding import find_worst_rounding
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 FREQ = np.linspace(0.02, 0.2, 15)
 ETA = 0.03
@@ -38,7 +38,7 @@ def measured(relative=0.0, seed=0):
 
 def found(link, relative=0.0, soft=1.0):
     model = stiff_pair(link, soft)
-    problem = Part.build(model, measured(relative), updyn.parameters(model, stiffness=["soft"]))
+    problem = FRFPart.build(model, measured(relative), updyn.parameters(model, stiffness=["soft"]))
     x = problem.coordinates.to_x(np.array([1.0 / soft]))
     return find_worst_rounding([problem], x)
 
@@ -70,7 +70,7 @@ def test_a_motion_that_all_but_cancels():
     )
     error = np.abs(computed.values / exact - 1.0).max(axis=(0, 2))
     assert error[0] < 1e-12
-    problem = Part.build(model, computed, updyn.parameters(model, stiffness=["one"]))
+    problem = FRFPart.build(model, computed, updyn.parameters(model, stiffness=["one"]))
     rounding = find_worst_rounding([problem], np.zeros(1))
     assert (rounding.response, rounding.reference) == ("1:Y", "1:X")
     assert 0.05 < rounding.share / error[1] < 20.0

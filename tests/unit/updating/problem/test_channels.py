@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.errors import OptionError, ParameterError
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.result import estimated_gains
 
 FREQ = np.linspace(1.0, 40.0, 60)
@@ -112,7 +112,7 @@ def test_derivatives_are_those_of_differences(case):
     model, _, frf = case
     unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
     unknowns = unknowns + updyn.calibration(frf, references="all")
-    problem = Part.build(model, frf, unknowns)
+    problem = FRFPart.build(model, frf, unknowns)
     x = problem.coordinates.to_x(unknowns.start) + 0.05 * np.random.default_rng(2).standard_normal(
         problem.n
     )
@@ -126,7 +126,7 @@ def test_derivatives_are_those_of_differences(case):
         assert block.dH[p] == pytest.approx(difference, abs=1e-6 * np.abs(difference).max()), (
             unknowns.names[p]
         )
-    without = Part.build(model, frf, updyn.parameters(model, stiffness="all", loss_factor="all"))
+    without = FRFPart.build(model, frf, updyn.parameters(model, stiffness="all", loss_factor="all"))
     factor = np.exp(x[10:15])[:, None] * np.exp(x[15])
     plain = without.block(x[:10], lines, derivatives=False).H
     assert pytest.approx(plain * factor, rel=1e-13) == block.H

@@ -11,20 +11,20 @@ from updyn.updating.problem import lines, optimal_design
 from updyn.updating.problem.lines import choose_lines, select_a_optimal, select_d_optimal
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.optimal_design import DOptimal, exchange_items
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputError
 
 
 @pytest.fixture
 def problem(chain12, chain12_frf):
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
-    return Part.build(chain12, chain12_frf.select(references=["12:X"]), unknowns)
+    return FRFPart.build(chain12, chain12_frf.select(references=["12:X"]), unknowns)
 
 
 def log_determinant(model, problem, at):
     """Of the Fisher information at the start, for 1 % relative noise with a floor of 1e-4 of the rms."""
     data = problem.frf.select(lines=problem.frf.freq[at])
-    chosen = Part.build(model, data, problem.coordinates.parameters)
+    chosen = FRFPart.build(model, data, problem.coordinates.parameters)
     x = problem.coordinates.to_x(problem.coordinates.parameters.start)
     H = chosen.responses(x)
     floor = 1e-4 * np.sqrt(np.mean(np.abs(problem.frf.values) ** 2))
@@ -95,7 +95,9 @@ def test_d_optimal_of_a_single_oscillator_takes_the_half_power_flanks():
         {"o": updyn.Group([[(2 * np.pi * 10) ** 2]], [[1.0]], 0.04)}, ["1:X"]
     )
     data = updyn.response(model, np.linspace(5, 15, 201), ["1:X"], ["1:X"])
-    problem = Part.build(model, data, updyn.parameters(model, stiffness="all", loss_factor="all"))
+    problem = FRFPart.build(
+        model, data, updyn.parameters(model, stiffness="all", loss_factor="all")
+    )
     freq = data.freq[select_d_optimal(problem, 6)]
     assert (np.abs(freq - 10.0) < 10 * 0.04).all()
 
@@ -106,7 +108,7 @@ def test_d_optimal_does_not_depend_on_units(mixed_model):
     for scale in (1.0, 1e-3, 1e3):
         model = mixed_model(scale)
         data = updyn.response(model, np.linspace(2, 60, 80), ["1:Y", "2:RZ", "3:Y"], ["1:Y"])
-        problem = Part.build(
+        problem = FRFPart.build(
             model, data, updyn.parameters(model, stiffness="all", loss_factor="all")
         )
         chosen.append(list(select_d_optimal(problem, 10)))

@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.normalised import make_normalised_residual
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LogError
 
 LOSS = 1e-9
@@ -69,7 +69,7 @@ def test_what_no_line_tells_apart_stays_open():
 
 def test_rows_are_those_of_the_log_error_and_none_is_longer_than_one(model):
     data = measured(model)
-    part = Part.build(model, data, springs(model))
+    part = FRFPart.build(model, data, springs(model))
     lines, x = slice(0, len(data.freq)), part.coordinates.home
     (own,) = make_normalised_residual(Problem.of([part]), [Stated(0.01, 0.0)]).errors
     r, rows = own.block(part, x, lines)
@@ -91,7 +91,7 @@ class Blind(Stated):
 
 
 def test_values_that_do_not_count_have_no_rows(model):
-    part = Part.build(model, measured(model), springs(model))
+    part = FRFPart.build(model, measured(model), springs(model))
     (own,) = make_normalised_residual(Problem.of([part]), [Blind(0.01, 0.0)]).errors
     assert np.argwhere(own.weight == 0.0).tolist() == [[3, 1, 0], [4, 1, 0]]
     lines = slice(2, 6)

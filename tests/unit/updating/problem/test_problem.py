@@ -8,7 +8,7 @@ from updyn.dynamics import fields
 from updyn.errors import DofError, OptionError
 from updyn.frf import FRF
 from updyn.updating.problem.coordinates import Coordinates
-from updyn.updating.problem.problem import Part, relative_levels
+from updyn.updating.problem.problem import FRFPart, relative_levels
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_blocks_follow_signs_and_quantity(chain12, unknowns, quantity):
     freq, x = np.array([3.0, 5.5, 9.0]), np.array([0.2, 0.05, -0.1, 0.02])
     changed = unknowns.apply(chain12, Coordinates(unknowns).to_values(x))
     data = updyn.response(chain12, freq, ["2:X", "5:-X"], ["5:X", "9:-X", "2:X"], quantity)
-    problem = Part.build(chain12, data, unknowns)
+    problem = FRFPart.build(chain12, data, unknowns)
     expected = updyn.response(changed, freq, data.responses, data.references, quantity).values
     assert problem.responses(x) == pytest.approx(expected, rel=1e-11)
     (block,) = problem.blocks(x)
@@ -78,7 +78,7 @@ def test_blocks_follow_signs_and_quantity(chain12, unknowns, quantity):
 
 def test_blocks_of_lines_change_nothing(chain12, unknowns, monkeypatch):
     data = updyn.response(chain12, np.linspace(1, 20, 11), ["2:X", "5:X"], ["5:X"])
-    problem, x = Part.build(chain12, data, unknowns), np.array([0.2, 0.05, -0.1, 0.02])
+    problem, x = FRFPart.build(chain12, data, unknowns), np.array([0.2, 0.05, -0.1, 0.02])
     whole = list(problem.blocks(x))
     assert len(whole) == 1
     monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 4)
@@ -92,15 +92,15 @@ def test_blocks_of_lines_change_nothing(chain12, unknowns, monkeypatch):
 def test_refusals(chain12, unknowns):
     data = updyn.response(chain12, [1.0], ["2:X"], ["5:X"])
     with pytest.raises(OptionError, match="tier 'dens'"):
-        Part.build(chain12, data, unknowns, tier="dens")
+        FRFPart.build(chain12, data, unknowns, tier="dens")
     other = updyn.FRF([1.0], [[[1.0]]], ["2:Y"], ["5:X"], "receptance")
     with pytest.raises(DofError, match="response 2:Y is not among the 12 DOFs"):
-        Part.build(chain12, other, unknowns)
+        FRFPart.build(chain12, other, unknowns)
 
 
 def test_thinned_keeps_the_first_line_and_an_even_spread(chain12, unknowns):
     data = updyn.response(chain12, np.linspace(1, 20, 20), ["2:X"], ["5:X"])
-    problem = Part.build(chain12, data, unknowns)
+    problem = FRFPart.build(chain12, data, unknowns)
     assert problem.thin(20) is problem
     assert problem.thin(7).frf.freq == pytest.approx(data.freq[::3])
     assert len(problem.thin(7).frf.freq) <= 7

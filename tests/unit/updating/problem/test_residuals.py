@@ -11,7 +11,7 @@ import updyn
 from updyn.dynamics import fields
 from updyn.errors import DataError
 from updyn.updating.problem.local import reduce_blocks
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import (
     _BIAS,
     EquationError,
@@ -38,7 +38,7 @@ def problem(chain12, true):
     unknowns = updyn.parameters(
         chain12, stiffness=["part1", "part2"], mass=["part3"], loss_factor=["part1"]
     )
-    return Part.build(chain12, data, unknowns)
+    return FRFPart.build(chain12, data, unknowns)
 
 
 def changed(chain12, problem, x):
@@ -139,7 +139,7 @@ def test_model_that_cannot_be_solved_gives_none(chain12, problem):
     )
     data = updyn.response(free, [0.5, 1.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(free, loss_factor="all")
-    single = Part.build(free, data, unknowns)
+    single = FRFPart.build(free, data, unknowns)
     for residual in (LogError(), OutputError(np.ones((2, 1, 1)))):
         assert residual.local(Problem.of([single]), np.array([0.0])) is None
         assert residual.local(Problem.of([single]), np.array([0.1])).cost == pytest.approx(
@@ -149,14 +149,14 @@ def test_model_that_cannot_be_solved_gives_none(chain12, problem):
 
 def test_equation_error_needs_the_drive_point(chain12, true):
     data = updyn.response(true, FREQ, ["2:X", "5:X"], ["5:X", "9:-X"])
-    problem = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    problem = FRFPart.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     with pytest.raises(DataError, match="reference 9:-X is not among the responses"):
         EquationError().local(Problem.of([problem]), np.zeros(4))
 
 
 def test_equation_error_has_no_receptance_in_an_accelerance_at_rest(chain12, true):
     data = updyn.response(true, [0.0, 2.0], ["2:X"], ["2:X"], "accelerance")
-    problem = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    problem = FRFPart.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     with pytest.raises(DataError, match="0 Hz line of accelerance holds no receptance"):
         EquationError().local(Problem.of([problem]), np.zeros(4))
 
@@ -183,7 +183,7 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
     )
     bare = updyn.parameters(chain12, stiffness=["part1", "part2"], loss_factor=["part1"])
     data = updyn.response(true, FREQ, ["2:X"], ["5:X"])
-    problem, x = Part.build(chain12, data, unknowns), np.array([0.1, 0.08, -0.3])
+    problem, x = FRFPart.build(chain12, data, unknowns), np.array([0.1, 0.08, -0.3])
     local = LogError().local(Problem.of([problem]), x)
     joined = add_prior(local, Problem.of([problem]), x)
     pull, weight = np.array([0.1, 0.05, -0.3]), 1 / np.array([0.2, 0.2, 2.0])
@@ -192,7 +192,7 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
     assert (
         pytest.approx(local.R.T @ local.R + np.diag(weight**2), rel=1e-10) == joined.R.T @ joined.R
     )
-    without = Part.build(chain12, data, bare)
+    without = FRFPart.build(chain12, data, bare)
     assert add_prior(local, Problem.of([without]), x) is local
 
 

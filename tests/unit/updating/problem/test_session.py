@@ -11,7 +11,7 @@ import updyn
 from updyn.engines import Serial
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem import problem as problem_module
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import EquationError, LogError, OutputError
 from updyn.updating.problem.session import RecentCache, Session, Stopped, digest
 
@@ -59,7 +59,7 @@ def in_blocks(monkeypatch):
 
 
 def built(chain12, data, unknowns, **session):
-    return Part.build(chain12, data, unknowns, session=Session(**session))
+    return FRFPart.build(chain12, data, unknowns, session=Session(**session))
 
 
 # -- memory ----------------------------------------------------------------------------------------------------------
@@ -132,9 +132,9 @@ def test_lines_spread_over_workers_give_the_same_bits(
     chain12, data, unknowns, in_blocks, residual, tier
 ):
     x = np.full(12, 0.05)
-    here = Part.build(chain12, data, unknowns, tier=tier)
+    here = FRFPart.build(chain12, data, unknowns, tier=tier)
     engine = Remote()
-    there = Part.build(chain12, data, unknowns, tier=tier, session=Session(engine))
+    there = FRFPart.build(chain12, data, unknowns, tier=tier, session=Session(engine))
     assert len(there.partition()) > 4
     assert there.partition() == here.partition()
     one, other = residual.local(Problem.of([here]), x), residual.local(Problem.of([there]), x)
@@ -176,7 +176,7 @@ def test_large_models_are_worth_spreading_and_long(at_once):
     model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     lines = np.linspace(1.0, 10.0, 1000)
     data = updyn.FRF(lines, np.ones((1000, 1, 1)), ["1:X"], ["1:X"], "receptance")
-    problem = Part.build(model, data, updyn.parameters(model, stiffness="all"))
+    problem = FRFPart.build(model, data, updyn.parameters(model, stiffness="all"))
     assert problem.spreads != at_once
     assert not problem.is_long
     assert problem.thin(100).work == pytest.approx(0.1 * problem.work)

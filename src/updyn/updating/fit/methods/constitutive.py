@@ -13,14 +13,14 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError, OptionError
 from updyn.frf import QUANTITIES
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 from updyn.sensitivity import Unknowns, contract
 from updyn.updating.fit.method import Fit, Method, descend_to_scale
 from updyn.updating.fit.methods.linear import linearise, make_unweighted_fit
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, ResidualSet
 from updyn.updating.problem.session import Stopped
 
@@ -150,21 +150,21 @@ class ConstitutiveError(LineResidual):
         given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
         return np.concatenate([[self.level], *given])
 
-    def on(self, part: Part, lines: slice) -> Self:
+    def on(self, part: FRFPart, lines: slice) -> Self:
         """Return the residual with the slack of a block of lines."""
         if self.slack is None:
             return self
         return replace(self, slack=self.slack[lines])
 
-    def partition(self, part: Part) -> list[slice]:
+    def partition(self, part: FRFPart) -> list[slice]:
         """Return the blocks of lines."""
         n_i = len(part.rows)
         return part.partition(
             4 * n_i + len(part.columns) + part.n * n_i * n_i // part.solver.system.n
         )
 
-    @alone
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    @use_one_thread
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         system, unknowns, values = part.solver.system, part.unknowns, part.values(x)
         freq, state = part.frf.freq[lines], part.state(x)
@@ -193,13 +193,13 @@ class ConstitutiveError(LineResidual):
 
 
 def adjoint_fields(
-    part: Part, state: State, freq: _Vector, compliance: _Vector | None = None
+    part: FRFPart, state: State, freq: _Vector, compliance: _Vector | None = None
 ) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
     """Return the fields of unit forces and their products with W.
 
     Parameters
     ----------
-    part : Part
+    part : FRFPart
         Model and data.
     state : State
         State of the model.
@@ -233,7 +233,7 @@ def adjoint_fields(
     if compliance is None:
         moved = np.zeros_like(P)
         for t, term in enumerate(system.terms):
-            moved[term.own] += w[t][None, :, None] * term.times(P[term.own].conj())
+            moved[term.row_index] += w[t][None, :, None] * term.times(P[term.row_index].conj())
     else:
         moved = compliance[:, None, None] * P.conj()
     S = np.einsum("nfi,nfk->fik", P, moved)
@@ -255,7 +255,7 @@ def _weight_slopes(
     return np.asarray(2.0 * change / safe - np.abs(own) ** 2 * scale / safe**2)
 
 
-def _make_residual(part: Part, weight: float) -> ConstitutiveError:
+def _make_residual(part: FRFPart, weight: float) -> ConstitutiveError:
     """Return the residual whose slack is proportional to S at the start of the unknowns.
 
     Raises
@@ -279,7 +279,7 @@ def _make_residual(part: Part, weight: float) -> ConstitutiveError:
     return ConstitutiveError((1.0 - weight) / weight * spread, level)
 
 
-def _diagonal(part: Part, item: tuple[slice]) -> _Vector:
+def _diagonal(part: FRFPart, item: tuple[slice]) -> _Vector:
     x = part.coordinates.home
     S = adjoint_fields(part, part.state(x), part.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)

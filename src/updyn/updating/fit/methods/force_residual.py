@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import DataError
 from updyn.frf import QUANTITIES
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.methods.linear import (
@@ -23,7 +23,7 @@ from updyn.updating.fit.methods.linear import (
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, ResidualSet
 from updyn.updating.problem.session import Stopped
 
@@ -142,12 +142,12 @@ class ForceResidual(LineResidual):
         """The same sum of squares with the expanded motion eliminated, with exact derivatives."""
         return ConstitutiveError(None, self.level, self.compliance, _NAME)
 
-    def partition(self, part: Part) -> list[slice]:
+    def partition(self, part: FRFPart) -> list[slice]:
         """Return the blocks of lines."""
         return part.partition(2 * len(part.rows) + (4 + part.n) * len(part.columns))
 
-    @alone
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    @use_one_thread
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, N, n_j), and derivatives, shape (n, n_f, N, n_j)."""
         system, unknowns, freq = part.solver.system, part.unknowns, part.frf.freq[lines]
         state = part.state(x)
@@ -161,21 +161,21 @@ class ForceResidual(LineResidual):
         J = np.zeros((part.n, *force.shape), dtype=np.complex128)
         for d, (p, t) in enumerate(zip(unknowns.owner, unknowns.at, strict=True)):
             term = system.terms[t]
-            J[p, term.own] += slopes[d][None, :, None] * term.times(motion[term.own])
+            J[p, term.row_index] += slopes[d][None, :, None] * term.times(motion[term.row_index])
         weight = 1.0 / (np.sqrt(self.compliance) * self.level)
         J *= part.coordinates.slope(x)[:, None, None, None] * weight[None, :, None, None]
         r = np.asarray(force * weight[:, None, None], dtype=np.complex128)
         return r.transpose(1, 0, 2), J.transpose(0, 2, 1, 3)
 
 
-def _check(part: Part) -> None:
+def _check(part: FRFPart) -> None:
     if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
         raise DataError(
             f"{_NAME}: the 0 Hz line of {part.frf.quantity} holds no receptance; leave it out"
         )
 
 
-def _compliance(part: Part) -> _Vector:
+def _compliance(part: FRFPart) -> _Vector:
     """Return 1 for forces, and for moments the square of a length.
 
     At that length the medians of rotational and translational stiffness are equal.
@@ -197,6 +197,6 @@ def _compliance(part: Part) -> _Vector:
     return np.where(turns, squared, 1.0)
 
 
-def _level(part: Part) -> float:
+def _level(part: FRFPart) -> float:
     """Return the square root of the number of lines times references."""
     return float(np.sqrt(part.n_lines * len(part.columns)))

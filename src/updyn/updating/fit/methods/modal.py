@@ -21,7 +21,7 @@ from updyn.updating.problem.modal import ModalError, ModalPart, ModalTarget, che
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.modes import ModalNoise
 from updyn.updating.problem.parameters import CHANNELS
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import OutputErrorSet
 from updyn.updating.problem.session import Stopped
 
@@ -225,7 +225,7 @@ class ModalMethod(Method):
                     f"option modes: no test {name!r}; {suggest(str(name), names)}", key=("modes",)
                 )
 
-    def _select_modes(self, part: Part) -> ModeSet:
+    def _select_modes(self, part: FRFPart) -> ModeSet:
         modes = self.modes
         if isinstance(modes, Mapping):
             modes = modes.get(part.name)

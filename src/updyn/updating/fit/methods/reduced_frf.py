@@ -28,7 +28,7 @@ from updyn.updating.fit.methods.linear import (
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import EquationError
 
 __all__ = ["ReducedFrfMethod", "reduce_independently"]
@@ -147,7 +147,7 @@ class _ReducedEquationError(EquationError):
         return f"frequency={self.frequency!r}"
 
 
-def reduce_independently(part: Part, x: _Vector, frequency: float) -> Part:
+def reduce_independently(part: FRFPart, x: _Vector, frequency: float) -> FRFPart:
     """Return the part on a model of the measured DOFs alone: every matrix A becomes T^T A T.
 
     T is computed for the unknowns x at `frequency`, in Hz.
@@ -189,7 +189,7 @@ def reduce_independently(part: Part, x: _Vector, frequency: float) -> Part:
     )
 
 
-def _errors(part: Part, frequency: float) -> _Vector:
+def _errors(part: FRFPart, frequency: float) -> _Vector:
     """Return the relative error of the reduced FRFs at the start, as the median of each line."""
     x = part.coordinates.home
     exact = part.responses(x)
@@ -215,7 +215,7 @@ def _describe_error(freq: _Vector, errors: _Vector) -> str:
 def _project_term(
     term: Term, T: NDArray[np.float64], own: NDArray[np.intp], entries: NDArray[np.intp]
 ) -> Term:
-    part = np.ascontiguousarray(T[term.own])
+    part = np.ascontiguousarray(T[term.row_index])
     A = np.ascontiguousarray(part.T @ (term.local @ part))
     A = 0.5 * (A + A.T)
     return replace(term, rows=own, local=A, slots=entries, data=A.ravel())

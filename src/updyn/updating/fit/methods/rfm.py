@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import DataError
 from updyn.frf import QUANTITIES
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 from updyn.model import GROUP_QUANTITIES
 from updyn.sensitivity import contract
 from updyn.updating.fit.method import Fit, Method
@@ -23,7 +23,7 @@ from updyn.updating.fit.methods.linear import (
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel, level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual
 from updyn.updating.problem.session import Stopped
 
@@ -144,7 +144,7 @@ class ResponseEquation(LineResidual):
         """Whether unmeasured motion is expanded."""
         return f"expand={self.expand}"
 
-    def check(self, part: Part) -> None:
+    def check(self, part: FRFPart) -> None:
         """Check that the data suffice for the residual.
 
         Raises
@@ -170,8 +170,8 @@ class ResponseEquation(LineResidual):
                 " missing motion from the model"
             )
 
-    @alone
-    def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
+    @use_one_thread
+    def block(self, part: FRFPart, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
         """Return residual, shape (n_f, n_i, n_j), and derivatives, shape (n, n_f, n_i, n_j)."""
         solver, system, values = part.solver, part.solver.system, part.values(x)
         freq, omega, state = (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import FieldSolver
-from updyn.updating.problem.problem import LineBlock, Part
+from updyn.updating.problem.problem import FRFPart, LineBlock
 
 __all__ = ["Alteration", "AlteredPart", "compute_log_ratio", "replace_system"]
 
@@ -29,12 +29,12 @@ class Alteration(ABC):
         """Key that distinguishes it from all others."""
 
     @abstractmethod
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AlteredPart(Part):
+class AlteredPart(FRFPart):
     """A part with an altered model; all other results follow from its blocks of lines.
 
     Attributes
@@ -46,7 +46,7 @@ class AlteredPart(Part):
     alteration: Alteration | None = None
 
     @classmethod
-    def of(cls, part: Part, alteration: Alteration) -> AlteredPart:
+    def of(cls, part: FRFPart, alteration: Alteration) -> AlteredPart:
         """Return a part with an altered model; an earlier alteration is replaced."""
         values: list[Any] = [*_list_field_values(part), alteration]
         return cls(*values)
@@ -55,9 +55,9 @@ class AlteredPart(Part):
         return _rebuild, (self.unaltered_part, self.alteration)
 
     @property
-    def unaltered_part(self) -> Part:
+    def unaltered_part(self) -> FRFPart:
         """The part with the unaltered model."""
-        return Part(*_list_field_values(self))
+        return FRFPart(*_list_field_values(self))
 
     def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> LineBlock:
         """Return the altered model and the data at a block of lines."""
@@ -69,28 +69,28 @@ class AlteredPart(Part):
         assert self.alteration is not None
         # Not super(): with slots, the dataclass decorator creates a new class that super() does not
         # know.
-        return [*Part.key(self, kind, x, *about), self.alteration.cache_key]
+        return [*FRFPart.key(self, kind, x, *about), self.alteration.cache_key]
 
 
-def compute_log_ratio(part: Part, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
+def compute_log_ratio(part: FRFPart, alteration: Alteration, x: _Real) -> NDArray[np.complex128]:
     """Return ln H of the altered model over H, shape (n_f, n_i, n_j); 0 where either is 0."""
     H, unaltered = AlteredPart.of(part, alteration).responses(x), part.responses(x)
     usable = (H != 0.0) & (unaltered != 0.0)
     return np.asarray(np.log(np.where(usable, H, 1.0) / np.where(usable, unaltered, 1.0)))
 
 
-def replace_system(part: Part, system: AffineSystem) -> FieldSolver:
+def replace_system(part: FRFPart, system: AffineSystem) -> FieldSolver:
     """Return the solver of a part for another system of the same pattern."""
     solver: Any = part.solver
     found: FieldSolver = replace(solver, system=system)
     return found
 
 
-def _list_field_values(part: Part) -> tuple[Any, ...]:
+def _list_field_values(part: FRFPart) -> tuple[Any, ...]:
     values = (part.solver, part.unknowns, part.coordinates, part.frf)
     channels = (part.rows, part.columns, part.sign)
     return (*values, *channels, part.session, part.name, part.as_read, part.variants)
 
 
-def _rebuild(part: Part, alteration: Alteration) -> AlteredPart:
+def _rebuild(part: FRFPart, alteration: Alteration) -> AlteredPart:
     return AlteredPart.of(part, alteration)

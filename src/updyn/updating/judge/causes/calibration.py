@@ -12,7 +12,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, find_channels, list_channels, multiply_channels
 from updyn.updating.judge.causes.scale import WrongUnit
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Calibration"]
 
@@ -40,7 +40,7 @@ class Calibration(Fault):
         frf = evidence.frf
         return find_channels(self.channels, frf).broadcast(np.ones(len(frf.freq)), frf.values.shape)
 
-    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return the nearest factors between units."""
         return WrongUnit.near(self.channels, float(np.exp(self.value)))
 

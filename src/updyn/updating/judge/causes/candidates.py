@@ -19,7 +19,7 @@ from updyn.updating.judge.causes.ranking import NEGLIGIBLE_SHARE, rank_faults
 from updyn.updating.judge.causes.suspects import ScoredFault, score_faults, select_likeliest
 from updyn.updating.judge.causes.trial import NOISE_RMS, Trial, fit_robustly, run_trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MOST_CANDIDATES", "SMALL_RMS", "FaultStart", "has_small_residual", "select_candidates"]
 
@@ -39,7 +39,7 @@ _LEAST_LOG_ODDS = -5.0
 
 
 def select_candidates(
-    part: Part,
+    part: FRFPart,
     without: Trial,
     start: _Real,
     stated: Sequence[Finding],
@@ -60,7 +60,7 @@ def select_candidates(
 
 
 def _try_variants(
-    part: Part, models: Sequence[CompiledVariant], without: Trial, start: _Real
+    part: FRFPart, models: Sequence[CompiledVariant], without: Trial, start: _Real
 ) -> Iterator[Trial]:
     """Yield the trials of the most promising variants of the model."""
     for fault in select_variants(part, models, without, start):
@@ -69,7 +69,9 @@ def _try_variants(
             yield end
 
 
-def _list_rivals_of_variant(part: Part, end: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
+def _list_rivals_of_variant(
+    part: FRFPart, end: Trial, stated: Sequence[Finding]
+) -> list[FaultStart]:
     """Return the faults that explain the data as well as a variant, at the end of its trial."""
     assert isinstance(end.fault, WrongAxes)
     try:
@@ -81,7 +83,7 @@ def _list_rivals_of_variant(part: Part, end: Trial, stated: Sequence[Finding]) -
 
 
 def _select_for_model(
-    part: Part, without: Trial, start: _Real, stated: Sequence[Finding]
+    part: FRFPart, without: Trial, start: _Real, stated: Sequence[Finding]
 ) -> list[FaultStart]:
     """Return the faults worth a full fit with the given model, the likeliest first."""
     if has_small_residual(without):
@@ -98,7 +100,7 @@ def has_small_residual(trial: Trial) -> bool:
     return trial.mean_square < SMALL_RMS**2 and trial.correlation < _CORRELATED
 
 
-def _select_by_gain(part: Part, without: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
+def _select_by_gain(part: FRFPart, without: Trial, stated: Sequence[Finding]) -> list[FaultStart]:
     """Return the faults that promise a better fit than a trial with a small residual."""
     found = [
         one for one in score_faults(part, without.x, promising=True) if one.gain >= _LEAST_LOG_ODDS
@@ -110,7 +112,7 @@ def _select_by_gain(part: Part, without: Trial, stated: Sequence[Finding]) -> li
     return _select_best_trials(ends, without)
 
 
-def _score_at_points(part: Part, points: Sequence[_Real]) -> list[ScoredFault]:
+def _score_at_points(part: FRFPart, points: Sequence[_Real]) -> list[ScoredFault]:
     """Return the most promising faults of several points, in the order in which they are tried."""
     by_point = [score_faults(part, x) for x in points]
     found = [one for one in by_point[0] if one.fault.affects_all_data]
@@ -120,7 +122,7 @@ def _score_at_points(part: Part, points: Sequence[_Real]) -> list[ScoredFault]:
 
 
 def _select_by_short_trials(
-    part: Part, without: Trial, found: Sequence[ScoredFault], stated: Sequence[Finding]
+    part: FRFPart, without: Trial, found: Sequence[ScoredFault], stated: Sequence[Finding]
 ) -> list[FaultStart]:
     """Return the best faults after a few steps of each, the likeliest first.
 
@@ -154,7 +156,7 @@ def _covers(finding: Finding, fault: Fault) -> bool:
     return same or is_omitted or fault.kind in kind.imitated_kinds
 
 
-def _run_short_trial(part: Part, scored: ScoredFault) -> Trial | None:
+def _run_short_trial(part: FRFPart, scored: ScoredFault) -> Trial | None:
     """Return the trial of a fault after a few steps."""
     return run_trial(part, scored.fault, [scored.x], is_short=True)
 
@@ -180,7 +182,7 @@ def _select_best_trials(ends: Sequence[Trial], without: Trial) -> list[FaultStar
     return list(best.values())[:MOST_CANDIDATES]
 
 
-def _list_rivals(part: Part, end: Trial) -> list[ScoredFault]:
+def _list_rivals(part: FRFPart, end: Trial) -> list[ScoredFault]:
     """Return other faults that explain the data as well at the end of a trial, to first order."""
     assert end.fault is not None
     key = (end.fault.kind, end.fault.channels)

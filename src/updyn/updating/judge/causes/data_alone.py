@@ -16,7 +16,7 @@ from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.judge.causes.shown import DataFault, Detection
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
     "detect_data_faults",
@@ -34,14 +34,14 @@ def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
     return replace(frf, variance=noise.initial_variance(frf))
 
 
-def find_data_faults(part: Part, noise: NoiseModel) -> list[Finding]:
+def find_data_faults(part: FRFPart, noise: NoiseModel) -> list[Finding]:
     """Return the faults that the data of a test show without a model, the likeliest first."""
     frf = with_variance(part.frf, noise)
     detections = drop_expected(detect_data_faults(frf, RigidShapes.of(part)), part)
     return [make_finding(one, part.name) for one in detections]
 
 
-def drop_expected(detections: Sequence[Detection], part: Part) -> list[Detection]:
+def drop_expected(detections: Sequence[Detection], part: FRFPart) -> list[Detection]:
     """Return the faults that correct data would not show, according to the model of a part."""
     found = []
     for one in detections:

@@ -10,7 +10,7 @@ import numpy as np
 from updyn.frf import FRF
 from updyn.updating.judge.causes.fault import find_channels, list_channels, remove_channels
 from updyn.updating.judge.causes.shown import LIKELY, DataFault, Detection
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["DeadChannel"]
 
@@ -39,7 +39,7 @@ class DeadChannel(DataFault):
             if log_odds > LIKELY and not frf.values[:, mask].any():
                 yield Detection(cls(channels), log_odds, float(mask.mean()))
 
-    def is_expected(self, part: Part) -> bool:
+    def is_expected(self, part: FRFPart) -> bool:
         """Return whether the model has no response there, e.g. by symmetry or without a connection.
 
         Raises

@@ -56,7 +56,7 @@ from updyn.updating.judge.causes.trial import (
 )
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["find_causes", "find_obstacle", "is_far_from_start", "weight_by_noise"]
 
@@ -93,7 +93,7 @@ _EXPLAINED = 1e-3
 _WORSE = 1.5
 
 
-def is_far_from_start(part: Part, x: _Real) -> bool:
+def is_far_from_start(part: FRFPart, x: _Real) -> bool:
     """Return whether the unknowns moved farther from their start than models are usually off.
 
     The data may then be explained and still be wrong by a common factor.
@@ -103,7 +103,7 @@ def is_far_from_start(part: Part, x: _Real) -> bool:
     return bool(offset.size and np.sqrt(np.mean(offset**2)) > USUAL_DISTANCE)
 
 
-def find_obstacle(part: Part, noise: NoiseModel) -> str:
+def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
     """Return why the data of a test do not permit a search for causes; empty if they do.
 
     The search needs lines with a value above the noise. Without such lines, any factor that moves
@@ -119,7 +119,7 @@ def find_obstacle(part: Part, noise: NoiseModel) -> str:
     return ""
 
 
-def find_causes(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
+def find_causes(part: FRFPart, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
     """Return the faults of one test: those visible in the data alone, then the others by odds.
 
     `points` are ends of fits, used in addition to the start of the unknowns. If the data are not
@@ -171,7 +171,7 @@ class _Explanation:
     """
 
     findings: tuple[Finding, ...]
-    part: Part
+    part: FRFPart
     trial_models: TrialModels
     end: _Real | None
 
@@ -216,7 +216,7 @@ def _restrict_weights(corrected: FRF, frf: FRF) -> FRF:
     )
 
 
-def _try_other_units(part: Part, without: Trial) -> list[Finding]:
+def _try_other_units(part: FRFPart, without: Trial) -> list[Finding]:
     """Return the unit in which the model explains data with which it has nothing in common."""
     if part.solver.system.n > _MOST_DOFS:
         return []
@@ -245,8 +245,8 @@ def _try_other_units(part: Part, without: Trial) -> list[Finding]:
 
 
 def _explain_data(
-    part: Part,
-    whole: Part,
+    part: FRFPart,
+    whole: FRFPart,
     trial_models: TrialModels,
     points: Sequence[_Real],
     stated: Sequence[Finding],
@@ -280,7 +280,9 @@ def _explain_data(
     return _Explanation(tuple(findings), part, trial_models, end)
 
 
-def _correct_whole_part(whole: Part, trial_models: TrialModels, fault: Fault, x: _Real) -> Part:
+def _correct_whole_part(
+    whole: FRFPart, trial_models: TrialModels, fault: Fault, x: _Real
+) -> FRFPart:
     """Return the part with all lines, corrected for a fault if possible."""
     if fault.repair_text:
         return whole.with_data(fault.repair(whole.frf))
@@ -293,7 +295,7 @@ def _correct_whole_part(whole: Part, trial_models: TrialModels, fault: Fault, x:
 
 
 def _fit_size(
-    part: Part, whole: Part, trial_models: TrialModels, found: RankedFault, noise: NoiseModel
+    part: FRFPart, whole: FRFPart, trial_models: TrialModels, found: RankedFault, noise: NoiseModel
 ) -> RankedFault:
     """Return the fault with its size fitted to all lines, with held quantities at their values.
 
@@ -322,20 +324,20 @@ def _fit_size(
     return replace(found, fault=trial.fault)
 
 
-def _mean_square_error(part: Part, trial: Trial, noise: NoiseModel) -> float:
+def _mean_square_error(part: FRFPart, trial: Trial, noise: NoiseModel) -> float:
     """Return the mean square error at the end of a trial, in units of the given noise."""
     H, frf = _evaluate_corrected(part, trial)
     variance = np.maximum(noise.variance(H, frf), np.finfo(float).tiny)
     return float(np.mean(np.abs(frf.values - H) ** 2 / variance))
 
 
-def _evaluate_corrected(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
+def _evaluate_corrected(part: FRFPart, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
     """Return model and data at the end of a trial, corrected for its fault."""
     corrected = part if trial.fault is None else trial.fault.correct_part(part, trial.x)
     return corrected.responses(trial.x), corrected.frf
 
 
-def weight_by_noise(part: Part, trial: Trial, noise: NoiseModel) -> Part:
+def weight_by_noise(part: FRFPart, trial: Trial, noise: NoiseModel) -> FRFPart:
     """Return the part with data weighted by the noise estimated from the residual of a trial."""
     H, frf = _evaluate_corrected(part, trial)
     variance = noise.refit(H, frf, part.n).variance(H, frf)
@@ -345,7 +347,7 @@ def weight_by_noise(part: Part, trial: Trial, noise: NoiseModel) -> Part:
 
 
 def _find_likeliest(
-    part: Part,
+    part: FRFPart,
     trial_models: TrialModels,
     variants: Sequence[CompiledVariant],
     points: Sequence[_Real],
@@ -393,7 +395,7 @@ def _find_likeliest(
     return [one for one in ranked if is_as_likely(one, ranked[0])]
 
 
-def _find_imitation(part: Part, found: RankedFault) -> list[_Real]:
+def _find_imitation(part: FRFPart, found: RankedFault) -> list[_Real]:
     """Return the point at which the unknowns imitate a fault; empty if the fault has no size."""
     if not found.fault.has_free_size:
         return []
@@ -410,8 +412,8 @@ def _is_likely(ranked: Sequence[RankedFault]) -> bool:
 
 
 def _refine_fit(
-    part: Part, current: Part, trial_models: TrialModels, trial: Trial
-) -> tuple[Part, Trial]:
+    part: FRFPart, current: FRFPart, trial_models: TrialModels, trial: Trial
+) -> tuple[FRFPart, Trial]:
     """Return the part with a model valid at the end of a fit without a fault, and this fit.
 
     Far from the data, a model valid around the start and a short fit are sufficient.
@@ -431,7 +433,9 @@ def _refine_fit(
     return current, trial
 
 
-def _rank_by_trials(part: Part, fresh: Sequence[FaultStart], without: Trial) -> list[RankedFault]:
+def _rank_by_trials(
+    part: FRFPart, fresh: Sequence[FaultStart], without: Trial
+) -> list[RankedFault]:
     """Return the faults worth reporting after a fit of each, the likeliest first."""
     ends = _BestTrials(part)
     ends.try_all(fresh)
@@ -444,7 +448,7 @@ def _rank_by_trials(part: Part, fresh: Sequence[FaultStart], without: Trial) -> 
     return _drop_inconsistent(part, rank_faults(ends.trials.values(), without))
 
 
-def _drop_inconsistent(part: Part, found: Sequence[RankedFault]) -> list[RankedFault]:
+def _drop_inconsistent(part: FRFPart, found: Sequence[RankedFault]) -> list[RankedFault]:
     """Return the faults worth reporting, except likely ones whose size depends on the band."""
     remaining = list(filter(is_worth_reporting, found))
     while _is_likely(remaining):
@@ -456,7 +460,7 @@ def _drop_inconsistent(part: Part, found: Sequence[RankedFault]) -> list[RankedF
     return remaining
 
 
-def _depends_on_band(part: Part, found: RankedFault) -> bool:
+def _depends_on_band(part: FRFPart, found: RankedFault) -> bool:
     """Return whether the two halves of the band contradict each other about the size of a fault."""
     fault, trial = found.fault, found.trial
     if not fault.has_constant_size:
@@ -472,7 +476,7 @@ def _depends_on_band(part: Part, found: RankedFault) -> bool:
 class _BestTrials:
     """The best trial of each fault, and the last trial that leaves only noise."""
 
-    part: Part
+    part: FRFPart
     trials: dict[tuple[str, tuple[str, ...]], Trial] = field(default_factory=dict)
     noise: Trial | None = None
 

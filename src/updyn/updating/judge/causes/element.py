@@ -22,7 +22,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.altered import Alteration
 from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.problem.channels import Gains
-from updyn.updating.problem.problem import LineBlock, Part
+from updyn.updating.problem.problem import FRFPart, LineBlock
 
 __all__ = ["AddedElement", "MeasuredDofs", "Receptances"]
 
@@ -71,7 +71,7 @@ class AddedElement(Alteration):
         """Return the dynamic stiffness of an element of size 1, shape (n_f,)."""
         return np.asarray((1.0 + 1j * self.loss) * s ** _POWERS[self.quantity])
 
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the model with the element and the data of a part at a block of lines."""
         frf, s = part.frf, part.frf.s[lines]
         dofs = part.solver.system.dofs.match(list(self.labels)).index
@@ -163,7 +163,7 @@ class Receptances:
     s: _Complex
 
     @classmethod
-    def of(cls, part: Part, x: _Real) -> Self:
+    def of(cls, part: FRFPart, x: _Real) -> Self:
         """Return the receptances of the model of a part at x.
 
         Raises

@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.places import iter_force_places, iter_sensor_places
 from updyn.updating.judge.causes.rates import compute_rayleigh_slopes, list_fixed_coefficients
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -55,7 +55,7 @@ _LARGEST_ENTRY = 1e12
 _SOFT_LOSS = 0.05
 
 
-def compute_spread(part: Part) -> _Real:
+def compute_spread(part: FRFPart) -> _Real:
     """Return the standard deviations of the unknowns about their start, as x, shape (n,)."""
     usual = np.where(part.coordinates.parameters.is_factor, _FACTOR, _LOSS)
     given = [p.prior_std for p in part.coordinates.parameters]
@@ -67,7 +67,7 @@ class HeldQuantity(Parameter):
     """A quantity of the model that is not an unknown of the update but may be slightly wrong."""
 
 
-def find_held(part: Part) -> NDArray[np.bool_]:
+def find_held(part: FRFPart) -> NDArray[np.bool_]:
     """Return which of the unknowns are held stiffnesses and masses, shape (n,)."""
     parameters = part.coordinates.parameters
     return np.array(
@@ -75,7 +75,7 @@ def find_held(part: Part) -> NDArray[np.bool_]:
     )
 
 
-def scale_stiffness(part: Part, x: _Real, group: str, log_factor: float) -> State:
+def scale_stiffness(part: FRFPart, x: _Real, group: str, log_factor: float) -> State:
     """Return the model at x with exp(log_factor) times the stiffness of a group."""
     state, terms = part.state(x), part.solver.system.terms
     is_scaled = [term.group == group and term.quantity == "stiffness" for term in terms]
@@ -104,14 +104,14 @@ class Evidence:
 
     Parameters
     ----------
-    part : Part
+    part : FRFPart
         Model and data of one test, on few lines; the data contain the known variance of their
         noise.
     x : ndarray of float, shape (n,)
         The point.
     """
 
-    part: Part
+    part: FRFPart
     x: _Real
     _ratio_cache: dict[tuple[str, float], _Complex] = field(
         default_factory=dict, init=False, repr=False
@@ -430,14 +430,14 @@ def _project_out(A: _Real, b: _Real) -> _Real:
     return np.asarray(b - Q @ (Q.T @ b))
 
 
-def _solve_block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
+def _solve_block(part: FRFPart, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives at a block of lines."""
     block = part.block(*item)
     assert block.dH is not None
     return block.H, block.dH
 
 
-def _compute_receptance(part: Part, state: State, lift: _Complex | None = None) -> _Complex:
+def _compute_receptance(part: FRFPart, state: State, lift: _Complex | None = None) -> _Complex:
     """Return the receptance of the channels in a state of the model, shape (n_f, n_i, n_j).
 
     `lift`, shape (n_terms,), is added to the coefficients of the terms.

@@ -15,7 +15,7 @@ from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.labels import list_response_labels, list_unsigned_labels
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = [
     "FORCE",
@@ -274,29 +274,29 @@ class Fault(ABC):
         """Return the fault with its best size at a point that was fitted to the other channels."""
         return self
 
-    def fit_all_data(self, part: Part, x: _Real) -> Self:
+    def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
         """Return the fault estimated from all data of a part, if it adapts; by default itself."""
         return self
 
-    def add_model_figures(self, part: Part, x: _Real) -> Self:
+    def add_model_figures(self, part: FRFPart, x: _Real) -> Self:
         """Return the fault with figures of the model at x for its statement; x ends a trial."""
         return self
 
-    def correct_part(self, part: Part, x: _Real) -> Part:
+    def correct_part(self, part: FRFPart, x: _Real) -> FRFPart:
         """Return the part corrected for the fault; by default with the data corrected at x."""
         return part.with_data(self.repair_with_model(Evidence(part, x)))
 
-    def prepare_next_search(self, part: Part, x: _Real) -> Part:
+    def prepare_next_search(self, part: FRFPart, x: _Real) -> FRFPart:
         """Return the part for the search of further faults, with the model of the given part."""
         if self.alters_model:
             return part.with_data(self.repair_with_model(Evidence(part, x)))
         return self.correct_part(part, x)
 
-    def choose_start(self, part: Part, x: _Real) -> _Real:
+    def choose_start(self, part: FRFPart, x: _Real) -> _Real:
         """Return the starting point of a fit that takes account of the fault."""
         return x
 
-    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return other faults with nearly the same effect on the data; they are tried as well."""
         return ()
 

@@ -12,7 +12,7 @@ from updyn.dofs import DIRECTIONS
 from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.updating.judge.causes.evidence import compute_spread
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ModelSupports", "SolverWithSupports", "is_free", "list_ground_springs"]
 
@@ -68,7 +68,7 @@ class SolverWithSupports(ReducedSolver):
         return cls(**known, supports=supports)
 
 
-def _find_supports(part: Part) -> ModelSupports:
+def _find_supports(part: FRFPart) -> ModelSupports:
     """Return the supports of the model of a part; a plain reduced model is taken as held."""
     if isinstance(part.solver, SolverWithSupports):
         return part.solver.supports
@@ -77,7 +77,7 @@ def _find_supports(part: Part) -> ModelSupports:
     return ModelSupports.of(part.solver.system)
 
 
-def is_free(part: Part) -> bool:
+def is_free(part: FRFPart) -> bool:
     """Return whether the model is free in a measured direction of translation.
 
     Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
@@ -86,7 +86,7 @@ def is_free(part: Part) -> bool:
     return not measured <= frozenset().union(*_find_supports(part).directions_by_group.values())
 
 
-def list_ground_springs(part: Part) -> list[str]:
+def list_ground_springs(part: FRFPart) -> list[str]:
     """Return the groups of springs between single nodes and the ground, of known stiffness.
 
     They are among the unknowns of the part, with a narrow prior.

@@ -26,7 +26,7 @@ from updyn.updating.judge.causes.missing_element import list_directed_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL, MATRICES
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import LineBlock, Part
+from updyn.updating.problem.problem import FRFPart, LineBlock
 
 __all__ = ["LossOverFrequency", "LossPowerLaw"]
 
@@ -77,7 +77,7 @@ class LossPowerLaw(Alteration):
         """Key that distinguishes it from all others."""
         return repr(self)
 
-    def alter_part(self, part: Part) -> Part:
+    def alter_part(self, part: FRFPart) -> FRFPart:
         """Return the part with these moduli at its lines."""
         system = part.solver.system
         freq = np.unique(np.append(part.frf.freq, 2.0 * part.frf.freq[-1] + 1.0))
@@ -124,7 +124,7 @@ class LossPowerLaw(Alteration):
         )
         return np.asarray((high - low) / (2.0 * _STEP))
 
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
         return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
@@ -264,11 +264,11 @@ class LossOverFrequency(IrreparableFault):
             evidence.frf, compute_log_ratio(evidence.part, self.loss_power, evidence.x)
         )
 
-    def correct_part(self, part: Part, x: _Real) -> Part:
+    def correct_part(self, part: FRFPart, x: _Real) -> FRFPart:
         """Return the part whose model has these loss factors."""
         return AlteredPart.of(part, self.loss_power) if self.is_plausible() else part
 
-    def add_model_figures(self, part: Part, x: _Real) -> Self:
+    def add_model_figures(self, part: FRFPart, x: _Real) -> Self:
         """Return the fault with the lines of a part and the loss factor of its model at a point."""
         state, terms = part.state(x), part.solver.system.terms
         losses = {
@@ -277,7 +277,7 @@ class LossOverFrequency(IrreparableFault):
         loss = losses.pop() if len(losses) == 1 else 0.0
         return replace(self, loss=loss, lines=_list_lines_above_zero(part))
 
-    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return the other variant, and viscous damping of the groups with such a loss factor."""
         quantity = "stiffness_damping" if self.value > 0.0 else "mass_damping"
         return [
@@ -353,12 +353,12 @@ def _field_values(system: AffineSystem) -> dict[str, Any]:
     return {one.name: getattr(system, one.name) for one in fields(AffineSystem) if one.init}
 
 
-def _list_lines_above_zero(part: Part) -> tuple[float, ...]:
+def _list_lines_above_zero(part: FRFPart) -> tuple[float, ...]:
     """Return the lines of a part above 0 Hz."""
     return tuple(part.frf.freq[part.frf.freq > 0.0].tolist())
 
 
-def _list_loss_factors(part: Part) -> Sequence[tuple[int, Parameter]]:
+def _list_loss_factors(part: FRFPart) -> Sequence[tuple[int, Parameter]]:
     """Return the unknown loss factors of groups without a loss table, with their positions."""
     system = part.solver.system
     return [

@@ -16,7 +16,7 @@ from updyn.updating.judge.causes.element import AddedElement, MeasuredDofs
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, IrreparableFault, divide_data, divide_odds
 from updyn.updating.judge.causes.screening import select_elements
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingElement", "list_directed_places"]
 
@@ -96,7 +96,7 @@ class MissingElement(IrreparableFault):
         """Return the data divided by H with the element over the model's H."""
         return divide_data(evidence.frf, evidence.receptances.log_change(self.element))
 
-    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
         """Return the part whose model has the element."""
         return AlteredPart.of(part, self.element) if self.is_plausible() else part
 

@@ -17,7 +17,7 @@ from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.labels import list_response_labels
 from updyn.updating.judge.causes.misfit import compute_log_misfit
 from updyn.updating.judge.causes.pole_fit import Pole, fit_pole
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingMode"]
 
@@ -129,7 +129,7 @@ class MissingMode(Fault):
         s = frf.s / (2.0 * np.pi * self.value)
         return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
 
-    def fit_all_data(self, part: Part, x: _Real) -> Self:
+    def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
         """Return the mode with its shape, fitted to all data together with the unknowns."""
         frf = part.frf
         evidence = Evidence(part, x)

@@ -11,7 +11,7 @@ from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
 from updyn.updating.judge.causes.missing_element import MissingElement
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import list_fixed_coefficients
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["MissingViscous", "count_viscous_places"]
 
@@ -46,6 +46,6 @@ class MissingViscous(MissingElement):
             )
 
 
-def count_viscous_places(part: Part) -> int:
+def count_viscous_places(part: FRFPart) -> int:
     """Return the number of places of dashpots and of groups whose damping is not an unknown."""
     return len(list(MissingViscous.list_places(part.frf))) + len(list_fixed_coefficients(part))

@@ -14,7 +14,7 @@ from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_data
 from updyn.updating.judge.causes.holding import list_ground_springs
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["NoSupport"]
 
@@ -71,14 +71,14 @@ class NoSupport(IrreparableFault):
             evidence.frf, evidence.log_ratio_with_stiffness(self.channels[0], self.value)
         )
 
-    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
         """Return the part with this stiffness as an unknown with a wide prior."""
         items, at = list(part.coordinates.parameters), self._stiffness_index(part)
         items[at] = replace(items[at], lower=_LEAST, prior_std=_WIDE_DEVIATION)
         wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
         return replace(part, coordinates=wide)
 
-    def choose_start(self, part: Part, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def choose_start(self, part: FRFPart, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x with the stiffness at its share."""
         return part.coordinates.with_one(
             x, self._stiffness_index(part), max(self.value, np.log(_LEAST))
@@ -88,7 +88,7 @@ class NoSupport(IrreparableFault):
         """Return the fault with the stiffness at the point."""
         return replace(self, value=float(evidence.x[self._stiffness_index(evidence.part)]))
 
-    def _stiffness_index(self, part: Part) -> int:
+    def _stiffness_index(self, part: FRFPart) -> int:
         return part.coordinates.parameters.names.index(f"{self.channels[0]}.stiffness")
 
     def is_plausible(self) -> bool:

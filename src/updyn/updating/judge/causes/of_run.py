@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.trust import claim_validated
 from updyn.updating.problem.data import Split
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["CauseSearch", "Causes"]
@@ -120,7 +120,7 @@ class CauseSearch:
                     out += find_data_faults(whole, noise)
         return Causes(tuple(out), was_searched, not_searched, bool(self._overruling))
 
-    def _whole_part(self, i: int) -> Part:
+    def _whole_part(self, i: int) -> FRFPart:
         """Return the part of a test with its whole model and all of its data."""
         part, exact = self.monitor.problem.parts[i], self.exact.parts[i]
         whole = replace(part, solver=exact.solver, variants=exact.variants)

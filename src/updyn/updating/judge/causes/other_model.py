@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
 from updyn.updating.judge.causes.reduced import TrialModels, choose_trial_models
-from updyn.updating.problem.problem import Part
-from updyn.variants import Variant, variants_of
+from updyn.updating.problem.problem import FRFPart
+from updyn.variants import Variant, build_variants
 
 __all__ = ["CompiledVariant"]
 
@@ -24,19 +24,19 @@ class CompiledVariant:
 
     Parameters
     ----------
-    part : Part
+    part : FRFPart
         The part with its whole, unchanged model.
     variant : Variant
         Variant of the model.
     """
 
-    part: Part
+    part: FRFPart
     variant: Variant
-    _variant_part: Part | None = field(default=None, init=False)
+    _variant_part: FRFPart | None = field(default=None, init=False)
     _trial_models: TrialModels | None = field(default=None, init=False)
 
     @property
-    def variant_part(self) -> Part:
+    def variant_part(self) -> FRFPart:
         """The part with the whole variant.
 
         Raises
@@ -51,7 +51,7 @@ class CompiledVariant:
             solver = LineSolver(
                 AffineSystem.compile(model), solver_now.tier, solver_now.backend, name
             )
-            self._variant_part = replace(self.part, solver=solver, variants=variants_of(model))
+            self._variant_part = replace(self.part, solver=solver, variants=build_variants(model))
         return self._variant_part
 
     @property
@@ -67,11 +67,11 @@ class CompiledVariant:
             self._trial_models = choose_trial_models(self.variant_part)
         return self._trial_models
 
-    def replace_model(self, part: Part) -> Part:
+    def replace_model(self, part: FRFPart) -> FRFPart:
         """Return a part of the same model with the whole variant."""
         # The terms equal those of the unchanged model, so the unknowns remain valid.
         return replace(part, solver=self.variant_part.solver, variants=self.variant_part.variants)
 
-    def prepare_part(self, part: Part, points: Sequence[NDArray[np.float64]]) -> Part:
+    def prepare_part(self, part: FRFPart, points: Sequence[NDArray[np.float64]]) -> FRFPart:
         """Return a part of the same model with the variant, valid at some points."""
         return self.trial_models.prepare_part(self.replace_model(part), points)

@@ -19,7 +19,7 @@ from updyn.updating.judge.causes.fault import (
     list_channels,
     remove_channels,
 )
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["OtherTest"]
 
@@ -90,7 +90,7 @@ class OtherTest(Fault):
             )
         return best
 
-    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return the other sensor of its direction, if only one: either may be wrong."""
         prefix = FORCE if self.channels[0].startswith(FORCE) else ""
         dofs = part.frf.references if prefix else part.frf.responses

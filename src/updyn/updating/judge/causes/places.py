@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from updyn.dofs import Dof
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["iter_force_places", "iter_sensor_places", "list_all_places"]
 
@@ -16,7 +16,7 @@ __all__ = ["iter_force_places", "iter_sensor_places", "list_all_places"]
 _MOST = 40
 
 
-def iter_sensor_places(part: Part) -> Iterator[tuple[Dof, Dof]]:
+def iter_sensor_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
     """Yield each response with each of its alternative places."""
     known = _KnownDofs.of(part)
     measured = {str(abs(dof)) for dof in part.frf.responses}
@@ -26,7 +26,7 @@ def iter_sensor_places(part: Part) -> Iterator[tuple[Dof, Dof]]:
                 yield dof, place
 
 
-def iter_force_places(part: Part) -> Iterator[tuple[Dof, Dof]]:
+def iter_force_places(part: FRFPart) -> Iterator[tuple[Dof, Dof]]:
     """Yield each reference with each of the alternative places of its force.
 
     These are near places, as for sensors, and the measured DOFs, whose labels are easily confused.
@@ -42,7 +42,7 @@ def iter_force_places(part: Part) -> Iterator[tuple[Dof, Dof]]:
                 yield dof, place
 
 
-def list_all_places(part: Part) -> list[str]:
+def list_all_places(part: FRFPart) -> list[str]:
     """Return all alternative places of sensors and forces."""
     pairs = [*iter_sensor_places(part), *iter_force_places(part)]
     return list(dict.fromkeys(str(place) for _, place in pairs))
@@ -55,15 +55,15 @@ class _KnownDofs:
     A reduced model provides some DOFs only.
     """
 
-    part: Part
+    part: FRFPart
     of_node: dict[int, list[int]]
     all_dofs: frozenset[int]
 
     @classmethod
-    def of(cls, part: Part) -> _KnownDofs:
+    def of(cls, part: FRFPart) -> _KnownDofs:
         dofs = part.solver.system.dofs
         of_node: dict[int, list[int]] = {}
-        all_dofs = part.solver.others(part.rows[:0]).tolist()
+        all_dofs = part.solver.other_dofs(part.rows[:0]).tolist()
         for i in all_dofs:
             of_node.setdefault(dofs[i].node, []).append(i)
         return cls(part, of_node, frozenset(all_dofs))
@@ -81,7 +81,7 @@ def _is_rotation(dof: Dof) -> bool:
     return dof.direction.startswith("R")
 
 
-def _find_coupled_dofs(part: Part, node_dofs: list[int]) -> list[int]:
+def _find_coupled_dofs(part: FRFPart, node_dofs: list[int]) -> list[int]:
     """Return the DOFs of other nodes coupled to those of a node, nearest in number first."""
     coupled: set[int] = set()
     for i in node_dofs:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import PERFECT_FIT, Evidence, compute_spread
 from updyn.updating.judge.causes.misfit import compute_log_misfit
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["Pole", "fit_pole"]
 
@@ -70,7 +70,7 @@ class _PoleProblem:
     The weight of a line is the number of lines that it represents, `count` of shape (n_f,).
     """
 
-    def __init__(self, part: Part, x: _Real, pole: Pole, count: _Real) -> None:
+    def __init__(self, part: FRFPart, x: _Real, pole: Pole, count: _Real) -> None:
         self.part, self.n, self.n_i = part, part.n, len(pole.a)
         self.line_weight = np.sqrt(count)[:, None, None]
         self.start_pole, self.size = pole, float(np.abs(pole.a).max())
@@ -155,7 +155,7 @@ def _join_complex(parts: _Real) -> _Complex:
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
-def fit_pole(part: Part, x: _Real, pole: Pole) -> Pole:
+def fit_pole(part: FRFPart, x: _Real, pole: Pole) -> Pole:
     """Return the pole that explains the data best in addition to the model, with all unknowns free.
 
     The fit starts at `x` and `pole`. Many lines are first represented by some of them; a few steps
@@ -187,7 +187,7 @@ def _count_represented_lines(freq: _Real, pole: Pole) -> _Real:
     return count
 
 
-def _fit_from(part: Part, x: _Real, pole: Pole, most: int, count: _Real) -> tuple[_Real, Pole]:
+def _fit_from(part: FRFPart, x: _Real, pole: Pole, most: int, count: _Real) -> tuple[_Real, Pole]:
     """Return the end of a fit of model and pole after at most `most` evaluations."""
     problem = _PoleProblem(part, x, pole, count)
     bounds = problem.bounds()

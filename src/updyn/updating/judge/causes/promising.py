@@ -15,7 +15,7 @@ from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.judge.causes.wrong_axes import WrongAxes
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.variants import LARGEST_TRIED
 
 __all__ = ["IN_REACH", "estimate_gain", "list_variants", "select_variants"]
@@ -29,7 +29,7 @@ _LINES, _FOLLOWED = 20, 3
 IN_REACH = 50.0
 
 
-def list_variants(part: Part) -> list[CompiledVariant]:
+def list_variants(part: FRFPart) -> list[CompiledVariant]:
     """Return the variants of the whole model of a part; empty for a large model."""
     if part.solver.system.n > LARGEST_TRIED:
         return []
@@ -37,7 +37,7 @@ def list_variants(part: Part) -> list[CompiledVariant]:
 
 
 def select_variants(
-    part: Part, variants: Sequence[CompiledVariant], without: Trial, start: _Real
+    part: FRFPart, variants: Sequence[CompiledVariant], without: Trial, start: _Real
 ) -> list[WrongAxes]:
     """Return the variants worth a fit from the start, the most promising first.
 
@@ -58,7 +58,7 @@ def select_variants(
     return [fault for gain, fault in found[:_FOLLOWED] if gain > max(least, -IN_REACH)]
 
 
-def estimate_gain(part: Part, fault: WrongAxes, x: _Real) -> float:
+def estimate_gain(part: FRFPart, fault: WrongAxes, x: _Real) -> float:
     """Return the logarithm of the odds of a variant at a point, to first order.
 
     Raises
@@ -69,7 +69,7 @@ def estimate_gain(part: Part, fault: WrongAxes, x: _Real) -> float:
     return _compare_parts(part, fault.correct_part(part, x), fault, x)
 
 
-def _compare_parts(part: Part, variant_part: Part, fault: WrongAxes, x: _Real) -> float:
+def _compare_parts(part: FRFPart, variant_part: FRFPart, fault: WrongAxes, x: _Real) -> float:
     cost, variant_cost = (
         fit_first_order(Evidence(one, x), None)[0] for one in (part, variant_part)
     )

@@ -19,7 +19,7 @@ from updyn.updating.judge.causes.rates import (
     RayleighIncrement,
     compute_rayleigh_slopes,
 )
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ProportionalDamping"]
 
@@ -75,11 +75,11 @@ class ProportionalDamping(IrreparableFault):
             evidence.frf, compute_log_ratio(evidence.part, self._increment, evidence.x)
         )
 
-    def correct_part(self, part: Part, x: _Real) -> Part:
+    def correct_part(self, part: FRFPart, x: _Real) -> FRFPart:
         """Return the part whose model has the damping."""
         return AlteredPart.of(part, self._increment) if self.is_plausible() else part
 
-    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return a loss factor that varies with frequency and has nearly the same effect."""
         return () if self.varying_loss_factor is None else (self.varying_loss_factor,)
 

@@ -14,7 +14,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.sensitivity import Unknowns
 from updyn.updating.judge.causes.altered import Alteration, AlteredPart, replace_system
 from updyn.updating.problem.parameters import Parameter
-from updyn.updating.problem.problem import LineBlock, Part
+from updyn.updating.problem.problem import FRFPart, LineBlock
 
 __all__ = [
     "ALL",
@@ -75,7 +75,7 @@ class RayleighIncrement(Alteration):
             Parameter(group, self.quantity, 0.0, 0.0, 1.0) for group in self.list_groups(system)
         ]
 
-    def alter_part(self, part: Part) -> Part:
+    def alter_part(self, part: FRFPart) -> FRFPart:
         """Return a part with the increased coefficient."""
         system = part.solver.system
         rate = system.start.rate.copy()
@@ -83,12 +83,12 @@ class RayleighIncrement(Alteration):
         larger = replace(system, start=replace(system.start, rate=rate))
         return replace(part, solver=replace_system(part, larger))
 
-    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
+    def block(self, part: FRFPart, x: _Real, lines: slice, *, derivatives: bool) -> LineBlock:
         """Return the altered model and the data of a part at a block of lines."""
         return self.alter_part(part).block(x, lines, derivatives=derivatives)
 
 
-def list_fixed_coefficients(part: Part) -> list[str]:
+def list_fixed_coefficients(part: FRFPart) -> list[str]:
     """Return the coefficients that are not unknowns: of each of several groups, and of all."""
     system = part.solver.system
     sought = {drive.name for p in part.coordinates.parameters for drive in p.acts_on}
@@ -102,7 +102,7 @@ def list_fixed_coefficients(part: Part) -> list[str]:
     return found
 
 
-def compute_rayleigh_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
+def compute_rayleigh_slopes(part: FRFPart, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
     """Return d ln H / d c of the model by Rayleigh coefficients c, by name, shape (n_f, n_i, n_j).
 
     A name is ``"floors.mass_damping"``, or ``"all.mass_damping"`` for the sum over all groups.

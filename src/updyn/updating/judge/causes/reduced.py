@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
-from updyn.dynamics.reduction import Across, Reduction
+from updyn.dynamics.reduction import Reduction, VectorsPerState
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.search import scatter_points
 from updyn.updating.judge.causes.evidence import compute_spread, scale_stiffness
@@ -26,7 +26,7 @@ from updyn.updating.judge.causes.holding import (
     list_ground_springs,
 )
 from updyn.updating.judge.causes.places import list_all_places
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ReducedModels", "TrialModels", "WholeModel", "choose_trial_models"]
 
@@ -40,7 +40,7 @@ _DOFS = 100
 _POINTS, _SAMPLES, _DROPPED = 12, 12, (1e-4, 1e-2)
 #: Size above which a basis is compressed once more.
 _LARGE = 150
-_ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=4, lossy=False)
+_ACROSS = VectorsPerState(shifts=(0.2, 0.5, 0.8), depth=4, combinations=4, lossy=False)
 #: Distance in x from a certified point within which the certificate is assumed to be valid.
 _NEAR = 0.05
 #: Required error at points of decisions, as a share of the largest receptance of a line.
@@ -54,7 +54,7 @@ _LOSSY = 0.3
 class TrialModels(Protocol):
     """Source of the models for trials."""
 
-    def prepare_part(self, part: Part, points: Sequence[_Real]) -> Part:
+    def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
         """Return the part with a model that is valid at some points."""
 
 
@@ -62,7 +62,7 @@ class TrialModels(Protocol):
 class WholeModel:
     """The model itself."""
 
-    def prepare_part(self, part: Part, points: Sequence[_Real]) -> Part:
+    def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
         """Return the part itself."""
         return part
 
@@ -73,11 +73,11 @@ class ReducedModels:
 
     Parameters
     ----------
-    part : Part
+    part : FRFPart
         The part with its whole model.
     """
 
-    part: Part
+    part: FRFPart
     _reduction: Reduction = field(init=False)
     _certified: list[_Real] = field(default_factory=list, init=False)
     _error: _Real = field(init=False)
@@ -116,7 +116,7 @@ class ReducedModels:
         self._supports = ModelSupports.of(part.solver.system)
         self._solver = self._make_solver("reduced, causes")
 
-    def prepare_part(self, part: Part, points: Sequence[_Real]) -> Part:
+    def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
         """Return the part with the reduced model, enriched at points without a certificate.
 
         `part` has the same model and any data; the error of the reduced model is added to their
@@ -143,7 +143,7 @@ class ReducedModels:
         return SolverWithSupports.from_solver(self._reduction.solver(label), self._supports)
 
 
-def _scatter_starts(part: Part, number: int, seed: int) -> list[_Real]:
+def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[_Real]:
     """Return the start, and points about it within the spread of the unknowns."""
     coordinates = part.coordinates
     factor, spread = coordinates.parameters.is_factor, compute_spread(part)
@@ -158,7 +158,7 @@ def _scatter_starts(part: Part, number: int, seed: int) -> list[_Real]:
     ]
 
 
-def choose_trial_models(part: Part) -> TrialModels:
+def choose_trial_models(part: FRFPart) -> TrialModels:
     """Return the source of the models for trials of a part, by the size of its model.
 
     Raises

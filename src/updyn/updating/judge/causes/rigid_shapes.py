@@ -17,7 +17,7 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.holding import is_free
 from updyn.updating.judge.causes.places import iter_sensor_places
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Record
 
 __all__ = ["RigidShapes"]
@@ -34,7 +34,7 @@ class RigidShapes:
 
     Attributes
     ----------
-    part : Part
+    part : FRFPart
         The part.
     shapes : ndarray of float, shape (N, r)
         Basis of the null space of the stiffness, by DOF of the model.
@@ -42,12 +42,12 @@ class RigidShapes:
         Frequency of the lowest elastic mode at the start of the unknowns, in Hz.
     """
 
-    part: Part
+    part: FRFPart
     shapes: NDArray[np.float64]
     elastic: float
 
     @classmethod
-    def of(cls, part: Part) -> RigidShapes | None:
+    def of(cls, part: FRFPart) -> RigidShapes | None:
         """Return the shapes; None if the model is not free, or is reduced or cannot be solved."""
         turning = all(dof.direction.startswith("R") for dof in part.frf.responses)
         if part.solver.tier == "reduced" or not (turning or is_free(part)):

@@ -12,7 +12,7 @@ import numpy as np
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["LIKELY", "DataFault", "Detection"]
 
@@ -72,7 +72,7 @@ class DataFault(IrreparableFault):
         """Return the data in which the affected values have no weight for other faults."""
         return frf
 
-    def is_expected(self, part: Part) -> bool:
+    def is_expected(self, part: FRFPart) -> bool:
         """Return whether correct data would show it as well, according to the model of a part.
 
         Raises

@@ -15,7 +15,7 @@ from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import count_values
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["ScoredFault", "score_faults", "select_likeliest"]
 
@@ -52,7 +52,7 @@ class ScoredFault:
         return self.fault.kind, self.fault.channels
 
 
-def score_faults(part: Part, x: _Real, *, promising: bool = False) -> list[ScoredFault]:
+def score_faults(part: FRFPart, x: _Real, *, promising: bool = False) -> list[ScoredFault]:
     """Return the faults with their expected gain at a point, the best first.
 
     If `promising`, the residual there is nearly noise, and the evidence is meaningful.

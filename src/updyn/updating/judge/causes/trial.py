@@ -25,7 +25,7 @@ from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit,
 from updyn.updating.judge.causes.quadratic import QuadraticMisfit
 from updyn.updating.judge.causes.score import fit_first_order
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import FRFPart, Problem
 from updyn.updating.problem.residuals import LineResidual, LogError, OutputError
 
 __all__ = [
@@ -152,7 +152,7 @@ class Trial:
 
 
 def run_trial(
-    part: Part,
+    part: FRFPart,
     fault: Fault | None,
     points: Sequence[_Real],
     *,
@@ -175,7 +175,7 @@ def run_trial(
 
 
 def _fit_with_fault(
-    part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
+    part: FRFPart, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
 ) -> Trial | None:
     """Return the end of a fit that alternates between the unknowns and the size of a fault."""
     holds = bool(find_held(part).any())
@@ -216,7 +216,7 @@ def _fit_with_fault(
 
 
 def _choose_start(
-    part: Part, fault: Fault | None, x: _Real, steps: int
+    part: FRFPart, fault: Fault | None, x: _Real, steps: int
 ) -> tuple[Fault | None, _Real]:
     """Return the fault and the starting point of a fit."""
     if fault is None:
@@ -228,7 +228,7 @@ def _choose_start(
     return fault, x
 
 
-def _estimate_size(part: Part, corrected: Part, fault: Fault, x: _Real) -> Fault:
+def _estimate_size(part: FRFPart, corrected: FRFPart, fault: Fault, x: _Real) -> Fault:
     """Return the fault with its size from the data at x, either original or corrected for it."""
     if fault.is_adaptive:
         return fault.adapt_to(Evidence(part, x))
@@ -251,7 +251,9 @@ def _has_converged(fault: Fault | None, better: Fault | None) -> bool:
     return not fault.has_free_size or abs(better.value - fault.value) < 1e-3 * abs(better.value)
 
 
-def _approximate_misfit(corrected: Part, fault: Fault | None, x: _Real) -> QuadraticMisfit | None:
+def _approximate_misfit(
+    corrected: FRFPart, fault: Fault | None, x: _Real
+) -> QuadraticMisfit | None:
     """Return the misfit near the end of a trial, to second order, with a free size of the fault."""
     try:
         evidence = Evidence(corrected, x)
@@ -264,7 +266,7 @@ def _approximate_misfit(corrected: Part, fault: Fault | None, x: _Real) -> Quadr
         return None
 
 
-def _descend(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
+def _descend(part: FRFPart, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
     """Return x at the least log error, its mean square, the squared distance, the correlation."""
     problem = _add_priors(part)
     residual = _make_residual(part)
@@ -278,7 +280,7 @@ def _descend(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, flo
     return x, float(np.mean(np.abs(e) ** 2)), squared_distance, correlation
 
 
-def _make_residual(part: Part) -> LineResidual:
+def _make_residual(part: FRFPart) -> LineResidual:
     """Return the residual of a descent, in the unit of the misfit."""
     frf = part.frf
     if isinstance(frf, WeightedData):
@@ -286,15 +288,15 @@ def _make_residual(part: Part) -> LineResidual:
     return LogError.of_noisy_data(part)
 
 
-def _compute_misfit(part: Part, x: _Real) -> NDArray[np.complex128]:
+def _compute_misfit(part: FRFPart, x: _Real) -> NDArray[np.complex128]:
     return compute_log_misfit(part.responses(x), part.frf)[0]
 
 
-def _mean_square(part: Part, x: _Real) -> float:
+def _mean_square(part: FRFPart, x: _Real) -> float:
     return float(np.mean(np.abs(_compute_misfit(part, x)) ** 2))
 
 
-def _add_priors(part: Part) -> Problem:
+def _add_priors(part: FRFPart) -> Problem:
     """Return the problem with priors on all unknowns, of the width of their spread."""
     spread = compute_spread(part)
     parameters = part.coordinates.parameters
@@ -303,7 +305,7 @@ def _add_priors(part: Part) -> Problem:
     return Problem.of([replace(part, coordinates=held)])
 
 
-def raise_loss_factors(part: Part, x: _Real) -> _Real:
+def raise_loss_factors(part: FRFPart, x: _Real) -> _Real:
     """Return x with loss factors of at least 0.1, so that resonances overlap."""
     is_factor = part.coordinates.parameters.is_factor
     return np.clip(
@@ -311,7 +313,7 @@ def raise_loss_factors(part: Part, x: _Real) -> _Real:
     )
 
 
-def fit_robustly(part: Part, x: _Real) -> _Real:
+def fit_robustly(part: FRFPart, x: _Real) -> _Real:
     """Return the end of a fit with less weight on channels that disagree with the others.
 
     The weight of the log error of a channel is 1 / (1 + s^2 / s_0^2), with s its rms and s_0 the
@@ -329,7 +331,7 @@ def fit_robustly(part: Part, x: _Real) -> _Real:
     return x
 
 
-def free_held_quantities(part: Part) -> tuple[Part, _Real]:
+def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
     """Return the part with held quantities as further unknowns, and their start, as x.
 
     Held quantities are slightly wrong; their errors must not be taken for a fault of the data.
@@ -354,7 +356,7 @@ def free_held_quantities(part: Part) -> tuple[Part, _Real]:
     return whole, coordinates.home[len(parameters) :]
 
 
-def adapt_losses(part: Part, x: _Real) -> Part:
+def adapt_losses(part: FRFPart, x: _Real) -> FRFPart:
     """Return the part with prior deviations of held loss factors not below their distances at x.
 
     A held loss factor is often only a guess, or 0. The deviation with the largest prior density of

@@ -15,7 +15,7 @@ from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.misfit import NOISE_LIMIT
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["TurnedSensor", "list_rotation_axes"]
 
@@ -70,7 +70,7 @@ class TurnedSensor(Fault):
             self, value=_find_best_angle(_ChannelRotation.of(self.channels, evidence.frf), evidence)
         )
 
-    def fit_all_data(self, part: Part, x: _Real) -> Self:
+    def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
         """Return the fault with the best-fitting angle for all data of a part."""
         return self.adapt_to(Evidence(part, x))
 

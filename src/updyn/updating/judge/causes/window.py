@@ -15,7 +15,7 @@ from updyn.updating.judge.causes.fault import Fault, divide_data
 from updyn.updating.judge.causes.missing_viscous import count_viscous_places
 from updyn.updating.judge.causes.proportional import ProportionalDamping
 from updyn.updating.judge.causes.rates import ALL
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 __all__ = ["WindowDamping"]
 
@@ -51,11 +51,11 @@ class WindowDamping(Fault):
         """Return the data divided by the model's H(i omega + value) / H(i omega)."""
         return divide_data(evidence.frf, evidence.log_ratio_with_decay(self.value))
 
-    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
         """Return the part whose model is evaluated with the decay of the data."""
         return part.with_data(self.repair(part.frf)) if self.is_plausible() else part
 
-    def list_similar_faults(self, part: Part) -> Iterable[Fault]:
+    def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return viscous damping in proportion to all mass, which has nearly the same effect.
 
         (s + a)^2 M = s^2 M + 2 a s M + a^2 M: only the stiffness a^2 M and the powers of s between

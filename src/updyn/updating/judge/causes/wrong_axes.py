@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import IrreparableFault, divide_odds
 from updyn.updating.judge.causes.other_model import CompiledVariant
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.variants import exchanged_axes
 
 __all__ = ["WrongAxes"]
@@ -47,13 +47,13 @@ class WrongAxes(IrreparableFault):
         """Prior odds that the axes of these groups are wrong."""
         return divide_odds(self.odds, self.n_places)
 
-    def correct_part(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def correct_part(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
         """Return the part with the other model."""
         return (
             part if self.compiled_variant is None else self.compiled_variant.prepare_part(part, [x])
         )
 
-    def prepare_next_search(self, part: Part, x: NDArray[np.float64]) -> Part:
+    def prepare_next_search(self, part: FRFPart, x: NDArray[np.float64]) -> FRFPart:
         """Return the part with the other model."""
         return self.correct_part(part, x)
 

@@ -13,7 +13,7 @@ from updyn.updating.judge.causes.diagnosis import find_causes
 from updyn.updating.judge.causes.ranking import RankedFault, is_worth_reporting
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 
@@ -160,7 +160,7 @@ def test_what_was_evaluated_is_not_evaluated_again(chain12, data, unknowns, monk
         return evaluate(*args, **options)
 
     monkeypatch.setattr(sensitivity, "receptance", counting)
-    part = Part.build(chain12, bad, unknowns)
+    part = FRFPart.build(chain12, bad, unknowns)
     found = find_causes(part, choose_noise(None, bad))
     plain = sum(lines)
     lines.clear()

@@ -11,7 +11,7 @@ from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.misfit import WeightedData, compute_log_misfit, count_values
 from updyn.updating.judge.causes.moved import MisplacedSensor
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 
 def columns_of(evidence, moved):
@@ -30,7 +30,7 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 20), ["2:X", "7:X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
-    part = Part.build(chain12, frf, unknowns)
+    part = FRFPart.build(chain12, frf, unknowns)
     evidence = Evidence(part, part.coordinates.home)
     moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
@@ -46,7 +46,7 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     freq = np.sort(np.append(np.linspace(0.6, 22.0, 20), resonance * (1.0 + 1e-9)))
     frf = updyn.response(true, freq, ["2:X", "7:X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
-    part = Part.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
+    part = FRFPart.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
     evidence = Evidence(part, part.coordinates.home)
     moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
@@ -59,7 +59,7 @@ def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
     frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 30), ["2:X", "7:X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     unknowns = updyn.parameters(chain12, mass="all")
-    part = Part.build(chain12, frf, unknowns)
+    part = FRFPart.build(chain12, frf, unknowns)
     evidence = Evidence(part, part.coordinates.home)
     change = 0.02 * FrequencyScale().slope(evidence)
     assert evidence.imitate_change(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
@@ -71,7 +71,7 @@ def test_slopes_by_frequency_at_a_line_of_0_hz(chain12, quantity):
     freq = np.linspace(0.0, 22.0, 40)
     frf = updyn.response(chain12, freq, ["2:X", "7:X"], ["12:X"], quantity)
     frf = replace(frf, variance=np.full(frf.values.shape, 1e-12))
-    part = Part.build(chain12, frf, updyn.parameters(chain12, mass="all"))
+    part = FRFPart.build(chain12, frf, updyn.parameters(chain12, mass="all"))
     slope = Evidence(part, part.coordinates.home).slope_by_frequency
     assert np.isfinite(slope).all()
     if quantity == "receptance":
@@ -106,7 +106,7 @@ def test_other_lines_are_solved_once_for_all_sensors(chain12, chain12_true):
     """The model at exp(v) f, against one at these lines; asked for again, nothing is solved."""
     frf = updyn.response(chain12_true, np.linspace(2.0, 22.0, 20), ["2:X", "7:-X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
-    part = Part.build(chain12, frf, updyn.parameters(chain12, stiffness="all"))
+    part = FRFPart.build(chain12, frf, updyn.parameters(chain12, stiffness="all"))
     evidence = Evidence(part, part.coordinates.home)
     found = evidence.log_ratio_with_scaled_axis(0.03)
     at = (["2:X", "7:-X"], ["12:X"], "accelerance")

@@ -10,7 +10,7 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.loss_over_frequency import LossOverFrequency
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 FORCES = ["5:X", "12:X"]
@@ -72,7 +72,7 @@ def cause(exponent, group="part2"):
 def test_slopes_by_the_exponent(chain12, unknowns, group, exponent, quantity, decay):
     """Of the model with the course as a table, by central differences."""
     where = (LINES[::9], ["2:X", "5:-X"], ["5:X"], quantity)
-    part = Part.build(chain12, updyn.response(chain12, *where, decay=decay), unknowns)
+    part = FRFPart.build(chain12, updyn.response(chain12, *where, decay=decay), unknowns)
     x = part.coordinates.home + 0.05
     groups = [n for n, g in chain12.groups.items() if g.stiffness is not None]
     groups = groups if group == "all" else [group]
@@ -81,7 +81,7 @@ def test_slopes_by_the_exponent(chain12, unknowns, group, exponent, quantity, de
         true = chain12
         for one in groups:
             true = with_course(true, one, p, 0.01)
-        return np.log(Part.build(true, part.frf, unknowns).responses(x))
+        return np.log(FRFPart.build(true, part.frf, unknowns).responses(x))
 
     altered = cause(exponent, group).correct_part(part, x)
     np.testing.assert_allclose(np.log(altered.responses(x)), log_response(exponent), rtol=1e-10)
@@ -97,7 +97,7 @@ def test_the_storage_modulus_follows_kramers_and_kronig(chain12, exponent):
     model = chain12.with_damping({"part2": {"loss_factor": 0.05}})
     unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
     frf = updyn.response(model, LINES[::9], ["2:X", "5:-X"], ["5:X"], "accelerance")
-    part = Part.build(model, frf, unknowns)
+    part = FRFPart.build(model, frf, unknowns)
     x = part.coordinates.home
     fault = replace(cause(exponent), causal=True)
     altered = fault.correct_part(part, x)
@@ -139,9 +139,9 @@ def test_a_material_is_named_with_the_change_of_its_stiffness(
 def test_at_0_hz_the_loss_factor_is_that_of_the_next_line(chain12, unknowns):
     lines = np.append(0.0, LINES[::9])
     frf = updyn.response(chain12, lines, ["2:X"], ["5:X"])
-    part = Part.build(chain12, frf, unknowns)
+    part = FRFPart.build(chain12, frf, unknowns)
     x = part.coordinates.home + 0.05
-    true = Part.build(with_course(chain12, "part2", -0.5, 0.01, lines), frf, unknowns)
+    true = FRFPart.build(with_course(chain12, "part2", -0.5, 0.01, lines), frf, unknowns)
     altered = cause(-0.5).correct_part(part, x)
     np.testing.assert_allclose(altered.responses(x), true.responses(x), rtol=1e-10)
 
@@ -199,7 +199,7 @@ def test_a_course_that_is_given_is_not_doubted(chain12, unknowns):
     given = with_course(chain12, "part2", 0.4, 0.05)
     frf = updyn.response(given, LINES[::9], ["2:X"], ["5:X"])
     frf = replace(frf, variance=np.abs(frf.values) ** 2 * 1e-4)
-    part = Part.build(given, frf, unknowns)
+    part = FRFPart.build(given, frf, unknowns)
     found = list(LossOverFrequency.propose_faults(Evidence(part, part.coordinates.home)))
     named = {one.channels[0] for one in found}
     assert "part1.loss_factor" in named

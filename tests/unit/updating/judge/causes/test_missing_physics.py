@@ -23,7 +23,7 @@ from updyn.updating.judge.causes.screening import select_elements
 from updyn.updating.judge.causes.trial import run_trial
 from updyn.updating.judge.causes.window import WindowDamping
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 FORCES = ["5:X", "12:X"]
@@ -61,8 +61,8 @@ def test_a_part_with_an_element_is_that_of_a_model_with_it(
 ):
     where = (LINES[::9], ["2:X", "5:-X", "7:X"], ["5:X", "9:X"], quantity)
     frf = updyn.response(chain12, *where, decay=decay)
-    part = Part.build(chain12, frf, unknowns)
-    true = Part.build(with_element(chain12, element), frf, unknowns)
+    part = FRFPart.build(chain12, frf, unknowns)
+    true = FRFPart.build(with_element(chain12, element), frf, unknowns)
     x = part.coordinates.home + 0.05
     altered = AlteredPart.of(part, element)
     wanted = true.block(x, slice(None))
@@ -92,7 +92,7 @@ def test_a_part_with_an_element_is_that_of_a_model_with_it(
 )
 def test_slopes_by_rayleigh_coefficients(chain12, unknowns, name, value):
     frf = updyn.response(chain12, LINES[::9], ["2:X", "5:-X"], ["5:X"], "mobility")
-    part = Part.build(chain12, frf, unknowns)
+    part = FRFPart.build(chain12, frf, unknowns)
     x = part.coordinates.home + 0.05
     fault = ProportionalDamping((name,), value)
     group, quantity = name.split(".")
@@ -100,7 +100,7 @@ def test_slopes_by_rayleigh_coefficients(chain12, unknowns, name, value):
 
     def log_response(amount):
         damped = chain12.with_damping({one: {quantity: amount} for one in groups})
-        return np.log(Part.build(damped, frf, unknowns).responses(x))
+        return np.log(FRFPart.build(damped, frf, unknowns).responses(x))
 
     altered = fault.correct_part(part, x)
     np.testing.assert_allclose(np.log(altered.responses(x)), log_response(value), rtol=1e-10)
@@ -189,7 +189,7 @@ def test_how_far_the_halves_of_the_band_may_be_apart(
 def test_the_difference_of_the_halves_is_counted_in_its_deviations(chain12, unknowns, add_noise):
     """With one size everywhere it is a standard normal number; with two it is far beyond."""
     frf = updyn.response(chain12, LINES, SENSORS, FORCES)
-    part = Part.build(chain12, frf, unknowns)
+    part = FRFPart.build(chain12, frf, unknowns)
     x = part.coordinates.home
     lower = (np.arange(len(LINES)) < len(LINES) // 2)[:, None, None]
     spread = []
@@ -232,7 +232,7 @@ def silent(chain12, unknowns, add_noise):
         "receptance",
         variance=np.concatenate([variance, np.full(noise[0].shape, floor**2)], axis=1),
     )
-    return [Part.build(model, frf, unknowns) for frf in (few, more)]
+    return [FRFPart.build(model, frf, unknowns) for frf in (few, more)]
 
 
 def weighed(part):
@@ -280,7 +280,7 @@ def test_places_share_the_odds_of_a_kind():
 
 
 def test_damping_in_place_of_a_window_shares_the_odds_of_its_kind(chain12, unknowns):
-    part = Part.build(chain12, updyn.response(chain12, LINES, SENSORS, FORCES), unknowns)
+    part = FRFPart.build(chain12, updyn.response(chain12, LINES, SENSORS, FORCES), unknowns)
     (found,) = WindowDamping((), 0.5).list_similar_faults(part)
     rates = 2 * (len(chain12.groups) + 1)
     assert found.prior == pytest.approx(1e-2 / (5 + 10 + rates))
@@ -290,7 +290,7 @@ def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unkno
     element = AddedElement("stiffness", ("2:X", "10:X"), True, 900.0, 0.02)
     frf = measured(with_element(chain12_true, element), add_noise)
     frf = replace(frf, variance=choose_noise(None, frf).initial_variance(frf))
-    part = Part.build(chain12_true, frf, unknowns)
+    part = FRFPart.build(chain12_true, frf, unknowns)
     every = [
         AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.list_places(part.frf)
     ]

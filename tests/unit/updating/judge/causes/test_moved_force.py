@@ -10,7 +10,7 @@ from updyn.errors import OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.evidence import Evidence, compute_spread, stack_real_imag
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["2:X", "5:X", "7:X", "10:-X", "12:X"]
 FREQ = np.linspace(0.6, 22.0, 60)
@@ -52,7 +52,7 @@ def test_a_force_elsewhere_exchanges_its_columns(chain12, chain12_true):
     """Against a factorisation of all columns, in the place of the force that moved."""
     frf = updyn.response(chain12_true, FREQ, ["2:X", "7:-X"], ["5:X", "12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
-    part = Part.build(chain12, frf, updyn.parameters(chain12, stiffness="all", mass="all"))
+    part = FRFPart.build(chain12, frf, updyn.parameters(chain12, stiffness="all", mass="all"))
     evidence = Evidence(part, part.coordinates.home)
     moved = read_fault("moved:force 5:X,force 7:X").repair_with_model(evidence)
     there = part.with_data(moved)

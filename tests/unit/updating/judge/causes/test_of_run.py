@@ -11,7 +11,7 @@ from updyn.updating.judge.causes.diagnosis import find_obstacle
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.suspects import score_faults
 from updyn.updating.problem.noise import Stated
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import Stopped
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
@@ -75,7 +75,7 @@ def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypat
     monkeypatch.setattr("updyn.updating.problem.session._ASK_S", 0.0)
     asked = []
     known = replace(data, variance=1e-4 * np.abs(data.values) ** 2)
-    part = Part.build(chain12, known, unknowns)
+    part = FRFPart.build(chain12, known, unknowns)
     part.session.wants_stop = lambda: bool(asked.append(True))
     found = score_faults(part, part.coordinates.home)
     assert len(asked) > len(found) > len(SENSORS) * (len(SENSORS) - 1) / 2
@@ -135,6 +135,6 @@ def test_causes_are_not_sought_in_data_that_are_lost_in_the_noise(chain12, data)
     result = updyn.update(chain12, data, stiffnesses, noise={"relative": 1.0})
     assert not result.findings
     assert result.trust["plausible"].holds is False
-    part = Part.build(chain12, data, stiffnesses)
+    part = FRFPart.build(chain12, data, stiffnesses)
     assert find_obstacle(part, Stated(relative=1.0, floor=0.0)).endswith("at 60 of 60 lines")
     assert find_obstacle(part, Stated(relative=0.1, floor=0.0)) == ""

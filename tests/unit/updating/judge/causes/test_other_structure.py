@@ -19,7 +19,7 @@ from updyn.updating.judge.causes.missing_mode import MissingMode
 from updyn.updating.judge.causes.other_test import OtherTest
 from updyn.updating.judge.causes.trial import free_held_quantities, raise_loss_factors, run_trial
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 FREQ = np.linspace(0.6, 22.0, 100)
@@ -124,7 +124,7 @@ def test_the_stiffness_of_another_state_is_undone_exactly(chain12_true, clean):
             chain12_true.scaled(stiffer), FREQ, SENSORS, ["5:X", "12:X"], quantity
         )
         bad = replace(sound, values=np.concatenate([other.values[:, :1], sound.values[:, 1:]], 1))
-        part = Part.build(chain12_true, bad, all_unknowns(chain12_true))
+        part = FRFPart.build(chain12_true, bad, all_unknowns(chain12_true))
         fault = read_fault(f"other-test:2:X={-0.5 * float(np.log(1.2))!r}")
         good = fault.repair_with_model(Evidence(part, part.coordinates.home))
         assert good.values == pytest.approx(sound.values, rel=1e-8)
@@ -140,7 +140,9 @@ def test_a_force_is_left_out_and_the_last_one_is_not(data):
 def test_the_last_sensor_is_not_another_test(chain12, data):
     """One that was left out is none to compare the others with."""
     two = data.select(responses=["5:X", "12:X"], references=["12:X"])
-    part = Part.build(chain12, with_variance(two, choose_noise(None, two)), all_unknowns(chain12))
+    part = FRFPart.build(
+        chain12, with_variance(two, choose_noise(None, two)), all_unknowns(chain12)
+    )
     sensors = {("5:X",), ("12:X",)}
     seen = Evidence(part, part.coordinates.home)
     assert {one.channels for one in OtherTest.propose_faults(seen)} == sensors
@@ -228,7 +230,7 @@ def test_the_missing_mode_is_taken_away_exactly(chain12_true, clean):
     """Of data without noise, at the truth."""
     shape = np.array([1.0, -0.7, 0.8, 0.5, -0.9])
     bad = with_mode(clean, 9.3, 0.02, shape, float(np.abs(clean.values).mean()))
-    part = Part.build(
+    part = FRFPart.build(
         chain12_true,
         replace(bad, variance=np.full(bad.values.shape, 1e-30)),
         all_unknowns(chain12_true),
@@ -272,7 +274,7 @@ def test_the_suspension_is_that_of_springs_in_proportion_to_the_mass(chain12_tru
     springs = Group((2.0 * np.pi * 1.5) ** 2 * mass, loss_factor=0.05)
     held = Model.from_groups({**chain12_true.groups, "springs": springs}, chain12_true.dofs)
     hung = updyn.response(held, FREQ, SENSORS, ["5:X", "12:X"])
-    part = Part.build(chain12_true, clean, all_unknowns(chain12_true))
+    part = FRFPart.build(chain12_true, clean, all_unknowns(chain12_true))
     ratio = Evidence(part, part.coordinates.home).log_ratio_on_suspension(1.5)
     assert np.exp(ratio) == pytest.approx(hung.values / clean.values, rel=1e-8)
 
@@ -288,15 +290,15 @@ def test_a_support_of_the_model_that_does_not_hold_is_named(chain12, data):
 
 
 def test_what_holds_a_model_is_told_by_a_rigid_translation(chain12, clean):
-    held = Part.build(chain12, clean, all_unknowns(chain12))
-    free = Part.build(without_ground(chain12), clean, all_unknowns(chain12))
+    held = FRFPart.build(chain12, clean, all_unknowns(chain12))
+    free = FRFPart.build(without_ground(chain12), clean, all_unknowns(chain12))
     assert not is_free(held)
     assert is_free(free)
     stood = on_springs(without_ground(chain12), "stand", ["7:X"], 1.0)
-    part, _ = free_held_quantities(Part.build(stood, clean, all_unknowns(chain12)))
+    part, _ = free_held_quantities(FRFPart.build(stood, clean, all_unknowns(chain12)))
     assert not is_free(part)
     assert list_ground_springs(part) == ["stand"]
-    known, _ = free_held_quantities(Part.build(stood, clean, all_unknowns(stood)))
+    known, _ = free_held_quantities(FRFPart.build(stood, clean, all_unknowns(stood)))
     assert list_ground_springs(known) == []
 
 
@@ -306,7 +308,7 @@ def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(
     ready = prepare(job)
     (test,) = ready.tests
     noise = choose_noise(None, test.frf)
-    part = Part.build(test.model, with_variance(test.frf, noise), ready.parameters).thin(60)
+    part = FRFPart.build(test.model, with_variance(test.frf, noise), ready.parameters).thin(60)
     part, _ = free_held_quantities(part)
     fit = run_trial(part, None, [raise_loss_factors(part, part.coordinates.home)])
     found = [

@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.updating.judge.causes.pole_fit import Pole, _count_represented_lines, fit_pole
 from updyn.updating.problem.noise import Stated
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 
 def test_the_lines_that_are_kept_stand_for_all():
@@ -42,7 +42,7 @@ def test_the_pole_that_was_put_in_is_found(chain12, chain12_true, add_noise, lin
     start = chain12_true.scaled(
         {name: {"stiffness": rng.uniform(0.98, 1.02)} for name in chain12_true.groups}
     )
-    part = Part.build(start, frf, updyn.parameters(start, stiffness="all"))
+    part = FRFPart.build(start, frf, updyn.parameters(start, stiffness="all"))
     begin = Pole(9.35, 0.03, true.a * 0.8, true.b)
     found = fit_pole(part, part.coordinates.home, begin)
     assert found.frequency == pytest.approx(9.3, rel=1e-3)

@@ -17,7 +17,7 @@ from updyn.updating.judge.causes.places import iter_sensor_places
 from updyn.updating.judge.causes.reduced import ReducedModels
 from updyn.updating.judge.causes.trial import free_held_quantities
 from updyn.updating.problem.noise import Stated
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 SENSORS = ["20:Z", "35:Z", "50:Y", "60:Z", "79:Y", "79:Z"]
 
@@ -56,7 +56,7 @@ def unknowns(model):
 @pytest.fixture(scope="module")
 def part(model, data, unknowns):
     variance = Stated(0.01, 1e-3).variance(data.values, data)
-    return free_held_quantities(Part.build(model, replace(data, variance=variance), unknowns))[0]
+    return free_held_quantities(FRFPart.build(model, replace(data, variance=variance), unknowns))[0]
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +167,7 @@ def test_a_suspended_structure_is_told_in_a_reduced_model(free, add_noise):
 
 def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
     held, _ = free_held_quantities(
-        Part.build(
+        FRFPart.build(
             on_springs(model, "stand", ["40:Z"], 1e4),
             replace(data, variance=Stated(0.01, 1e-3).variance(data.values, data)),
             unknowns,
@@ -186,7 +186,7 @@ def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
 def free_part(model):
     freq = np.linspace(10.0, 300.0, 24)
     frf = updyn.response(model, freq, ["20:Z", "79:Z"], ["79:Z"])
-    return Part.build(
+    return FRFPart.build(
         model,
         replace(frf, variance=Stated(0.01, 1e-3).variance(frf.values, frf)),
         updyn.parameters(model, stiffness="all"),

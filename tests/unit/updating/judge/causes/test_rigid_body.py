@@ -12,7 +12,7 @@ from updyn.elements.structure import Beam, rectangle, structure
 from updyn.updating.judge.causes.data_alone import make_finding
 from updyn.updating.judge.causes.rigid_body import RigidBody
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 STEEL = (2.1e11, 7850.0)
 CORNERS = ["1:X", "1:Y", "1:Z", "2:X", "3:Y", "4:Z", "5:X", "6:Z", "7:Y", "8:X", "8:Y", "8:-Z"]
@@ -72,7 +72,7 @@ def shapes(cube):
 
 def shapes_of(model, label):
     frf = updyn.FRF([1.0], np.ones((1, 1, 1)), [label], [label], "receptance")
-    return RigidShapes.of(Part.build(model, frf, updyn.parameters(model, stiffness="all")))
+    return RigidShapes.of(FRFPart.build(model, frf, updyn.parameters(model, stiffness="all")))
 
 
 def found_in(shapes, frf):
@@ -110,10 +110,10 @@ def test_a_held_model_has_no_rigid_body_shapes(cube):
 def test_the_shapes_leave_the_model_as_it_is(cube):
     """Zero entries of the stiffness are not dropped from the pattern of the whole model."""
     frf = updyn.response(cube[0], [10.0], ["1:X"], ["1:X"])
-    part = Part.build(cube[0], frf, updyn.parameters(cube[0], stiffness="all"))
+    part = FRFPart.build(cube[0], frf, updyn.parameters(cube[0], stiffness="all"))
     before = part.responses(part.coordinates.home)
     RigidShapes.of(part)
-    after = Part.responses(replace(part), part.coordinates.home)
+    after = FRFPart.responses(replace(part), part.coordinates.home)
     assert after == pytest.approx(before, rel=1e-9)
     assert before == pytest.approx(frf.values, rel=1e-9)
 
@@ -273,7 +273,7 @@ def test_a_sensor_without_others_is_not_checked(shapes, sound):
 
 def test_a_fault_found_with_the_model_is_reported_alone(bar, add_noise):
     sensors = [f"{i}:X" for i in range(1, 6)]
-    clean = updyn.response(bar, np.arange(4.0, 400.0, 4.0), sensors, ["1:X"], "accelerance")
+    clean = updyn.response(bar, np.arange(4.0, 400.0, 8.0), sensors, ["1:X"], "accelerance")
     frf = add_noise(clean, np.random.default_rng(0), 0.01, 0.001)
     unknowns = updyn.parameters(bar, stiffness="all", loss_factor="all")
     values = frf.values.copy()
@@ -285,7 +285,7 @@ def test_a_fault_found_with_the_model_is_reported_alone(bar, add_noise):
 def test_a_model_that_is_far_off_names_the_sensor_all_the_same(bar, add_noise):
     """Stiffnesses a hundred times too large: model and data have nothing else in common."""
     sensors = [f"{i}:X" for i in range(1, 6)]
-    clean = updyn.response(bar, np.arange(4.0, 400.0, 4.0), sensors, ["1:X"], "accelerance")
+    clean = updyn.response(bar, np.arange(4.0, 400.0, 8.0), sensors, ["1:X"], "accelerance")
     frf = add_noise(clean, np.random.default_rng(0), 0.01, 0.001)
     values = frf.values.copy()
     values[:, 2] *= -1.0

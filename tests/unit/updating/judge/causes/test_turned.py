@@ -10,7 +10,7 @@ import updyn
 from updyn.errors import OptionError
 from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 
 N = 4
 SENSORS = ["1:X", "3:X", "3:Y", "4:X", "4:Y"]
@@ -115,7 +115,7 @@ def test_variance_and_coherence_go_along():
 
 def test_the_slope_is_that_of_a_small_turn(clean):
     frf = replace(clean, variance=1e-12 * np.abs(clean.values) ** 2)
-    part = Part.build(two_chains(), frf, updyn.parameters(two_chains(), stiffness="X*"))
+    part = FRFPart.build(two_chains(), frf, updyn.parameters(two_chains(), stiffness="X*"))
     evidence = Evidence(part, part.coordinates.home)
     fault = CAUSES["turned"](("3:Z",), 20.0)
     model = replace(frf, values=evidence.model_response(frf))

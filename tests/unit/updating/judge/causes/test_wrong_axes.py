@@ -14,7 +14,7 @@ from updyn.updating.judge.causes.promising import list_variants, select_variants
 from updyn.updating.judge.causes.trial import Trial, raise_loss_factors
 from updyn.updating.judge.counterparts import find_counterparts
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.session import RecentCache, Session
 
 GROUPS = ("left", "girder", "right")
@@ -142,7 +142,7 @@ def test_a_reduced_variant_answers_as_the_variant_does(frf):
     places = [f"{n}:X" for n in (5, 12, 20)] + ["36:Z", "40:Z"]
     data = updyn.response(true, np.linspace(20.0, 400.0, 40), places, ["12:X", "40:Z"])
     data = with_variance(data, choose_noise({"relative": 0.01}, data))
-    part = Part.build(wrong, data, unknowns(wrong), session=Session(cache=RecentCache()))
+    part = FRFPart.build(wrong, data, unknowns(wrong), session=Session(cache=RecentCache()))
     assert part.solver.system.n > 100
     other = next(one for one in list_variants(part) if one.variant.groups == ("girder",))
     home = part.coordinates.home
@@ -163,7 +163,7 @@ def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
     """Noise alone near the start needs no other model: half of `far` has to outweigh the odds."""
     start = portal(("girder",), OFF)
     data = with_variance(frf, choose_noise({"relative": 0.01}, frf))
-    part = Part.build(start, data, unknowns(start))
+    part = FRFPart.build(start, data, unknowns(start))
     home = part.coordinates.home
     without = Trial(None, home, power, far, 0.0, 2 * part.n_values)
     found = select_variants(part, list_variants(part), without, raise_loss_factors(part, home))
@@ -171,7 +171,7 @@ def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
 
 
 def test_none_are_tried_of_a_large_model(monkeypatch, frf):
-    part = Part.build(portal(("girder",)), frf, unknowns(portal()))
+    part = FRFPart.build(portal(("girder",)), frf, unknowns(portal()))
     assert [type(one) for one in list_variants(part)] == [CompiledVariant] * 4
     monkeypatch.setattr("updyn.updating.judge.causes.promising.LARGEST_TRIED", 30)
     assert list_variants(part) == []
