@@ -41,7 +41,7 @@ import scipy.sparse.linalg as sla
 import updyn
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import Basis
-from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.dynamics.fields import LineSolver, split_into_blocks
 from updyn.dynamics.reduction import Reduction
 from updyn.linalg.solver import Factorised, SparseSolver, check_backend
 
@@ -283,11 +283,11 @@ class Case:
 
     def evaluation(self) -> float:
         """Processor time of all lines and loads at one state, in s."""
-        solver, loaded = self.reduction.solver(), self.reduction._loaded
+        solver, loaded = self.reduction.solver(), self.reduction._loaded_dofs
         begun = time.process_time()
         for state in self.tests[:2]:
             pencil = solver.pencil(state, self.freq)
-            for block in line_blocks(len(self.freq), solver.block_size(len(loaded))):
+            for block in split_into_blocks(len(self.freq), solver.block_size(len(loaded))):
                 c = solver.system.coefficients(state, 2 * np.pi * self.freq[block])
                 solver.solve(c, loaded, self.freq[block], pencil)
         return (time.process_time() - begun) / 2
@@ -311,7 +311,7 @@ class Case:
             return red.basis
 
         def fixed(reach: float, states: int = 0) -> Basis | None:
-            groups = Groups(system, red._loaded)
+            groups = Groups(system, red._loaded_dofs)
             if len(groups.shared) > (MOST_BETWEEN if states else MOST):
                 return None
             W = np.eye(len(groups.shared))

@@ -20,7 +20,7 @@ import scipy.sparse.linalg as sla
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import Basis
-from updyn.dynamics.fields import line_blocks
+from updyn.dynamics.fields import split_into_blocks
 from updyn.dynamics.reduced_solver import ReducedSolver
 
 _FORCES, _REPEATS = 30, 3
@@ -39,7 +39,7 @@ def seconds(run: Callable[[], object]) -> float:
 def solve(fresh: ReducedSolver, state: State, freq: np.ndarray, *, at_once: bool) -> None:
     solver = replace(fresh)  # no eigendecomposition is kept
     pencil = solver.pencil(state, freq) if at_once else None
-    for block in line_blocks(len(freq), 20 if at_once else 6):
+    for block in split_into_blocks(len(freq), 20 if at_once else 6):
         c = solver.system.coefficients(state, 2.0 * np.pi * freq[block])
         solver.solve(c, solver.observed, freq[block], pencil)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
 if TYPE_CHECKING:
     from updyn.updating.problem.parameters import Parameter
@@ -163,7 +163,7 @@ class Unknowns:
         return unit
 
 
-@alone
+@use_one_thread
 def receptance(
     solver: FieldSolver,
     unknowns: Unknowns,
@@ -230,7 +230,7 @@ def receptance(
     return H, contract(system, unknowns, slopes, V, U)
 
 
-@alone
+@use_one_thread
 def fields_along(
     solver: FieldSolver,
     unknowns: Unknowns,
@@ -274,7 +274,7 @@ def fields_along(
     def forces(U: _Complex, lines: slice) -> _Complex:
         out = np.zeros((*U.shape[:2], directions.shape[1], U.shape[2]), dtype=np.complex128)
         for family in _by_rows(system, unknowns.at):
-            own: Any = system.terms[family[0][0]].own
+            own: Any = system.terms[family[0][0]].row_index
             u = U[own]
             for t, drives in family:
                 times_field = system.terms[t].times(u)[:, :, None, :]
@@ -285,7 +285,7 @@ def fields_along(
     return U, dU.reshape(*U.shape[:2], -1, U.shape[2])
 
 
-@alone
+@use_one_thread
 def condensed_product(
     solver: FieldSolver,
     unknowns: Unknowns,
@@ -378,7 +378,7 @@ def contract(
     out = np.empty((unknowns.n, U.shape[1], V.shape[2], n_u), dtype=np.complex128)
     begun = [False] * unknowns.n
     for family in _by_rows(system, unknowns.at):
-        own: Any = system.terms[family[0][0]].own
+        own: Any = system.terms[family[0][0]].row_index
         u = U[own]
         times_field = np.concatenate([system.terms[t].times(u) for t, _ in family], axis=2)
         product = _product(V[own], times_field)

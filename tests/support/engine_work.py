@@ -97,7 +97,7 @@ def seen_as_leaking(_: object, item: int) -> int:
 def objects_held(_: object, item: int) -> int:
     from updyn.engines import processes
 
-    return len(processes._HELD)
+    return len(processes._SHARED_OBJECTS)
 
 
 def total(shared: list[np.ndarray], item: int) -> float:

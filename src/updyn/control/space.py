@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.control.ports import Port, port_matrix
 from updyn.control.structure import CompiledStructure
 from updyn.dynamics.affine import AffineSystem, State
-from updyn.dynamics.kept_basis import begin
+from updyn.dynamics.kept_basis import begin_reduction
 from updyn.dynamics.modes import modes
 from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.dynamics.reduction import Reduction
@@ -375,7 +375,7 @@ class _Projector:
         system, band = self.system, self.band
         reduction = Reduction(system, out, into, band, check_backend(backend), accuracy)
         lines, structure = np.linspace(band[0], band[1], 400), self.structure
-        begin(reduction, structure.source, structure.kept_basis, system.start, lines)
+        begin_reduction(reduction, structure.source, structure.kept_basis, system.start, lines)
         found = reduction.certify(system.start, lines)
         # Rounding affects the model, too: no basis is free of it.
         lacking = found.error - found.rounding
@@ -400,9 +400,9 @@ class _Projector:
     def _count_rigid(self, reduction: Reduction) -> int:
         """Return the number of rigid-body motions in a basis, at least those seen at the ports."""
         slow = max(self.band[0], _SLOW * self.band[1])
-        if reduction.shifted.below(self.system.start, slow) == 0:
+        if reduction.shifted.count_modes_below(self.system.start, slow) == 0:
             return 0
-        lacking = reduction.outside(self.system.start, _rigid_motions(self.model))
+        lacking = reduction.measure_outside(self.system.start, _rigid_motions(self.model))
         return int((lacking < _SLOW**2).sum())
 
     @property

@@ -1,4 +1,4 @@
-"""Clusters of close modes, whose shapes are compared as subspaces: `close_modes`, `pair_clusters`.
+"""Clusters of close modes, whose shapes are compared as subspaces.
 
 Two shapes with the same frequency are an arbitrary basis of a plane, and a small perturbation
 rotates the shapes of two close frequencies: a coupling by a share e of their frequency rotates
@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.correlation.shapes import ModePairs, cosines_of, mac, orthonormal, unit_shapes
+from updyn.correlation.shapes import ModePairs, compute_cosines, mac, orthonormalise, unit_shapes
 
 __all__ = [
     "CLOSE",
-    "Matched",
+    "PairedModes",
     "PairingRule",
     "Subspace",
-    "close_modes",
+    "cluster_modes",
     "pair_clusters",
     "pair_frequencies",
     "principal_vectors",
@@ -87,35 +87,35 @@ class Subspace:
     @property
     def blocks(self) -> list[tuple[int, int, int, int]]:
         """First and last computed, first and last measured mode of each block of adjacent modes."""
-        rows, columns = _runs(self.computed), _runs(self.measured)
+        rows, columns = _find_runs(self.computed), _find_runs(self.measured)
         return [(*row, *column) for row in rows for column in columns]
 
     def text(self) -> str:
         """Return the modes, the subspace MAC and its limitations as text."""
         text = (
-            f"measured {_in_hertz(self.frequency_measured)} and computed"
-            f" {_in_hertz(self.frequency_computed)}: subspace MAC {self.mac:.3f}, MAC of single"
-            f" shapes at best {self.mac_single:.3f}"
+            f"measured {_format_frequencies(self.frequency_measured)} and computed"
+            f" {_format_frequencies(self.frequency_computed)}: subspace MAC {self.mac:.3f}, MAC of"
+            f" single shapes at best {self.mac_single:.3f}"
         )
         other = {"measured": self.frequency_computed, "computed": self.frequency_measured}
         if self.close in other:
-            apart = other[self.close]
+            difference = other[self.close]
             text += f"; only the {self.close} modes are close"
-            if len(apart) > 1:
-                spread = 100.0 * (apart.max() / apart.min() - 1.0)
+            if len(difference) > 1:
+                spread = 100.0 * (difference.max() / difference.min() - 1.0)
                 text += f", the others are {spread:.2g} % apart"
         if self.vacuous:
             text += "; 1 for any shapes, as there are no more sensors than modes"
         return text
 
 
-def _runs(modes: _Indices) -> list[tuple[int, int]]:
+def _find_runs(modes: _Indices) -> list[tuple[int, int]]:
     """Return the first and last of each run of consecutive numbers."""
     parts = np.split(modes, np.flatnonzero(np.diff(modes) > 1) + 1)
     return [(int(part[0]), int(part[-1])) for part in parts]
 
 
-def _in_hertz(frequency: Array) -> str:
+def _format_frequencies(frequency: Array) -> str:
     return ", ".join(f"{f:#.5g}".rstrip(".") for f in frequency) + " Hz"
 
 
@@ -139,7 +139,7 @@ class PairingRule:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Matched:
+class PairedModes:
     """Pairs of modes, and the subspaces of close modes.
 
     Attributes
@@ -158,14 +158,14 @@ class Matched:
         """Computed modes in a pair or a subspace."""
         return np.unique(np.concatenate([self.pairs.first, *(s.computed for s in self.subspaces)]))
 
-    def renumbered(self, kept: NDArray[np.bool_]) -> Matched:
+    def renumber(self, kept: NDArray[np.bool_]) -> PairedModes:
         """Return the pairs for a subset of the computed modes that contains all of `computed`."""
         number = np.cumsum(kept) - 1
         subspaces = [replace(s, computed=number[s.computed]) for s in self.subspaces]
-        return Matched(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))
+        return PairedModes(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))
 
 
-def close_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
+def cluster_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
     """Divide modes into clusters of close frequencies, by ascending frequency.
 
     A mode without a close one is a cluster by itself. `close` is the largest relative difference
@@ -190,36 +190,36 @@ def close_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
 
 def pair_clusters(
     a: NDArray[Any], b: NDArray[Any], frequency: tuple[Array, Array], rule: PairingRule
-) -> Matched:
+) -> PairedModes:
     """Pair computed and measured modes one to one, and modes of clusters by their subspaces.
 
     `a` and `b` are computed and measured shapes at the sensors, shape (N, n_a) and (N, n_b). The
     MAC of a pair with modes in a subspace is that of the subspace.
     """
-    clusters = close_modes(frequency[0], rule.close), close_modes(frequency[1], rule.close)
+    clusters = cluster_modes(frequency[0], rule.close), cluster_modes(frequency[1], rule.close)
     values = mac(a, b)
-    apart, limit = _differences(frequency, rule.gate)
-    alike, most = values.copy(), {}
-    bases = [_bases(shapes, of) for shapes, of in zip((a, b), clusters, strict=True)]
+    difference, limit = _differences(frequency, rule.gate)
+    similarity, most = values.copy(), {}
+    bases = [_compute_bases(shapes, of) for shapes, of in zip((a, b), clusters, strict=True)]
     for i, one in enumerate(clusters[0]):
         for j, two in enumerate(clusters[1]):
             if len(one) == len(two) == 1:
                 continue
             block = np.ix_(one, two)
-            if (apart[block] > limit[block]).all():
+            if (difference[block] > limit[block]).all():
                 continue
             ranks = bases[0][i].shape[1], bases[1][j].shape[1]
-            squares = cosines_of(bases[0][i], bases[1][j]) ** 2
+            squares = compute_cosines(bases[0][i], bases[1][j]) ** 2
             shared = squares[squares >= rule.least_mac]
-            alike[block] = shared.mean() if len(shared) else squares[0]
+            similarity[block] = shared.mean() if len(shared) else squares[0]
             largest = max(len(one), len(two)) - max(ranks) + len(shared)
             most[i, j] = min(len(one), len(two), largest)
-    first, second = _assigned(alike, apart, limit, rule)
+    first, second = _assign_pairs(similarity, difference, limit, rule)
     membership = _membership(clusters[0]), _membership(clusters[1])
-    kept = _within(most, membership, first, second, apart)
+    kept = _limit_pairs(most, membership, first, second, difference)
     first, second = first[kept], second[kept]
     pairs = ModePairs(first, second, values[first, second])
-    return _with_subspaces(pairs, (a, b), frequency, clusters, values)
+    return _add_subspaces(pairs, (a, b), frequency, clusters, values)
 
 
 def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
@@ -231,13 +231,13 @@ def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
     """
     from scipy.optimize import linear_sum_assignment
 
-    apart, limit = _differences(frequency, gate)
+    difference, limit = _differences(frequency, gate)
     both = (frequency[0][:, None] > 0) & (frequency[1] > 0)
     ratio = np.divide(frequency[0][:, None], frequency[1], out=np.ones(both.shape), where=both)
     score = 1.0 - np.log(ratio) ** 2 / (4.0 * np.log1p(gate) ** 2)
-    may = apart <= limit
-    first, second = linear_sum_assignment(np.where(may, score, 0.0), maximize=True)
-    keep = may[first, second]
+    is_allowed = difference <= limit
+    first, second = linear_sum_assignment(np.where(is_allowed, score, 0.0), maximize=True)
+    keep = is_allowed[first, second]
     first, second = first[keep], second[keep]
     order = np.argsort(second, kind="stable")
     return ModePairs(first[order], second[order], np.full(len(order), np.nan))
@@ -249,10 +249,10 @@ def _differences(frequency: tuple[Array, Array], gate: float) -> tuple[Array, Ar
     return np.abs(one - two), gate * np.minimum(one, two)
 
 
-def _bases(shapes: NDArray[Any], clusters: Sequence[_Indices]) -> list[NDArray[Any]]:
+def _compute_bases(shapes: NDArray[Any], clusters: Sequence[_Indices]) -> list[NDArray[Any]]:
     """Return an orthonormal basis of the shapes of each cluster."""
     unit = unit_shapes("shapes", shapes)
-    return [orthonormal(unit[:, cluster]) for cluster in clusters]
+    return [orthonormalise(unit[:, cluster]) for cluster in clusters]
 
 
 def _membership(clusters: Sequence[_Indices]) -> _Indices:
@@ -263,28 +263,28 @@ def _membership(clusters: Sequence[_Indices]) -> _Indices:
     return number
 
 
-def _assigned(
-    alike: Array, apart: Array, limit: Array, rule: PairingRule
+def _assign_pairs(
+    similarity: Array, difference: Array, limit: Array, rule: PairingRule
 ) -> tuple[_Indices, _Indices]:
     """Return the pairs with the largest total score, by ascending measured frequency."""
     from scipy.optimize import linear_sum_assignment
 
-    share = np.divide(apart, limit, out=np.zeros_like(apart), where=limit > 0)
-    score = alike - _FREQUENCY_WEIGHT * share**2
-    may = (apart <= limit) & (score >= rule.least_mac)
-    first, second = linear_sum_assignment(np.where(may, score, 0.0), maximize=True)
-    keep = may[first, second]
+    share = np.divide(difference, limit, out=np.zeros_like(difference), where=limit > 0)
+    score = similarity - _FREQUENCY_WEIGHT * share**2
+    is_allowed = (difference <= limit) & (score >= rule.least_mac)
+    first, second = linear_sum_assignment(np.where(is_allowed, score, 0.0), maximize=True)
+    keep = is_allowed[first, second]
     first, second = first[keep], second[keep]
     order = np.argsort(second, kind="stable")
     return first[order], second[order]
 
 
-def _within(
+def _limit_pairs(
     most: dict[tuple[int, int], int],
     membership: tuple[_Indices, _Indices],
     first: _Indices,
     second: _Indices,
-    apart: Array,
+    difference: Array,
 ) -> NDArray[np.bool_]:
     """Return which pairs to keep: between two clusters, at most as many as common directions.
 
@@ -295,18 +295,18 @@ def _within(
     blocks = list(zip(membership[0][first].tolist(), membership[1][second].tolist(), strict=True))
     for block in set(blocks) & set(most):
         inside = np.flatnonzero([one == block for one in blocks])
-        order = inside[np.argsort(apart[first[inside], second[inside]], kind="stable")]
+        order = inside[np.argsort(difference[first[inside], second[inside]], kind="stable")]
         keep[order[most[block] :]] = False
     return keep
 
 
-def _with_subspaces(
+def _add_subspaces(
     pairs: ModePairs,
     shapes: tuple[NDArray[Any], NDArray[Any]],
     frequency: tuple[Array, Array],
     clusters: tuple[list[_Indices], list[_Indices]],
     values: Array,
-) -> Matched:
+) -> PairedModes:
     """Return the pairs with the MAC of the subspaces of their clusters.
 
     Clusters that are connected by pairs, directly or through others, form one subspace.
@@ -328,9 +328,9 @@ def _with_subspaces(
         if len(which[0]) == len(which[1]) == 1:
             continue
         close = [bool(np.bincount(of[at]).max() > 1) for of, at in zip(member, which, strict=True)]
-        seen = shapes[0][:, which[0]], shapes[1][:, which[1]]
-        a, b = (orthonormal(unit_shapes("shapes", one)) for one in seen)
-        cosines, single = cosines_of(a, b), values[np.ix_(*which)]
+        member_shapes = shapes[0][:, which[0]], shapes[1][:, which[1]]
+        a, b = (orthonormalise(unit_shapes("shapes", one)) for one in member_shapes)
+        cosines, single = compute_cosines(a, b), values[np.ix_(*which)]
         cosines.flags.writeable = False
         subspace = Subspace(
             *which,
@@ -344,7 +344,7 @@ def _with_subspaces(
         )
         criterion[inside] = subspace.mac
         found.append(subspace)
-    return Matched(pairs._replace(mac=criterion), tuple(found))
+    return PairedModes(pairs._replace(mac=criterion), tuple(found))
 
 
 def principal_vectors(
@@ -354,6 +354,6 @@ def principal_vectors(
 
     The vectors are orthogonal within each span; n is at most the dimension of the smaller span.
     """
-    one, two = orthonormal(unit_shapes("shapes", a)), orthonormal(unit_shapes("shapes", b))
+    one, two = orthonormalise(unit_shapes("shapes", a)), orthonormalise(unit_shapes("shapes", b))
     left, _, right = np.linalg.svd(one.conj().T @ two, full_matrices=False)
     return one @ left[:, :n], two @ right[:n].conj().T

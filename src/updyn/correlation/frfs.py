@@ -25,8 +25,8 @@ __all__ = [
     "fdac",
     "frac",
     "frf_correlation",
+    "nonzero_lines",
     "relative_residual",
-    "told_lines",
 ]
 
 Array = NDArray[np.float64]
@@ -103,14 +103,14 @@ class Correlation:
         dB error (median, 95th percentile). Channels that are not `heard` are ignored, and so are,
         in CSAC and CSF, lines on which both FRFs are zero, such as accelerances at 0 Hz.
         """
-        channels = _counted(np.ones(self.frac.shape, dtype=bool), self.heard)
-        told = told_lines(self.measured.values, self.computed.values)
+        channels = _select_heard(np.ones(self.frac.shape, dtype=bool), self.heard)
+        told = nonzero_lines(self.measured.values, self.computed.values)
         lines = told if told.any() else np.ones_like(told)
         return {
             **self._figures_of(channels),
             "csac_mean": float(self.csac[lines].mean()),
             "csf_mean": float(self.csf[lines].mean()),
-            **_levels(self.db_error[:, channels]),
+            **_summarise_levels(self.db_error[:, channels]),
         }
 
     def by_response(self) -> Mapping[str, dict[str, float]]:
@@ -123,8 +123,11 @@ class Correlation:
         for i, label in enumerate(self.responses.labels):
             own = np.zeros(self.frac.shape, dtype=bool)
             own[i] = True
-            channels = _counted(own, heard)
-            out[label] = {**self._figures_of(channels), **_levels(self.db_error[:, channels])}
+            channels = _select_heard(own, heard)
+            out[label] = {
+                **self._figures_of(channels),
+                **_summarise_levels(self.db_error[:, channels]),
+            }
         return out
 
     @property
@@ -166,7 +169,7 @@ def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
             model_or_frf, frf.freq, frf.responses, frf.references, frf.quantity, decay=frf.decay
         )
     elif isinstance(model_or_frf, FRF):
-        computed = _aligned(model_or_frf, frf)
+        computed = _align(model_or_frf, frf)
     else:
         raise DataError(
             f"correlate: expected a Model or an FRF, found {type(model_or_frf).__name__}"
@@ -179,12 +182,12 @@ def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     return Correlation(computed, frf, *parts)
 
 
-def _aligned(computed: FRF, measured: FRF) -> FRF:
+def _align(computed: FRF, measured: FRF) -> FRF:
     a, x = computed.freq, measured.freq
     if len(a) != len(x):
         raise DataError(
-            f"the two FRFs differ in lines: {_span(a)} and {_span(x)}; select the same lines of"
-            " both"
+            f"the two FRFs differ in lines: {_describe_lines(a)} and {_describe_lines(x)};"
+            " select the same lines of both"
         )
     off = np.abs(a - x) > 1e-9 * x
     if off.any():
@@ -197,12 +200,12 @@ def _aligned(computed: FRF, measured: FRF) -> FRF:
             "the two FRFs differ in the decay of their exponential windows:"
             f" {computed.decay:g} and {measured.decay:g} 1/s"
         )
-    for what, own, other in (
+    for what, dofs, other in (
         ("response", computed.responses, measured.responses),
         ("reference", computed.references, measured.references),
     ):
-        for here, there, name in ((own, other, "second"), (other, own, "first")):
-            missing = [str(d) for d in here if d not in there]
+        for dofs_1, dofs_2, name in ((dofs, other, "second"), (other, dofs, "first")):
+            missing = [str(d) for d in dofs_1 if d not in dofs_2]
             if missing:
                 raise DataError(
                     f"the two FRFs differ: {what} {missing[0]} is not in the {name} ({len(missing)}"
@@ -213,17 +216,17 @@ def _aligned(computed: FRF, measured: FRF) -> FRF:
     )
 
 
-def _span(freq: Array) -> str:
+def _describe_lines(freq: Array) -> str:
     return f"{len(freq)} lines, {freq[0]:g}-{freq[-1]:g} Hz"
 
 
-def _counted(channels: NDArray[np.bool_], heard: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _select_heard(channels: NDArray[np.bool_], heard: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the selected channels that are heard, or all selected ones if none are heard."""
     both = channels & heard
     return both if both.any() else channels
 
 
-def _levels(error: Array) -> dict[str, float]:
+def _summarise_levels(error: Array) -> dict[str, float]:
     # The percentile is one of the values, because interpolation between two infinite values gives
     # nan.
     return {
@@ -253,7 +256,7 @@ def frac(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         If the shapes differ or a number is not finite.
     """
-    hx, ha = _functions(HX, HA)
+    hx, ha = _check_functions(HX, HA)
     above = np.abs(np.sum(hx.conj() * ha, axis=0)) ** 2
     return ratio(above, np.sum(np.abs(hx) ** 2, axis=0) * np.sum(np.abs(ha) ** 2, axis=0))
 
@@ -281,7 +284,7 @@ def frf_correlation(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         As `frac`.
     """
-    hx, ha = _functions(HX, HA)
+    hx, ha = _check_functions(HX, HA)
     above = np.sum(hx.conj() * ha, axis=0).real
     below = np.linalg.norm(hx, axis=0) * np.linalg.norm(ha, axis=0)
     return np.asarray(np.copysign(ratio(np.abs(above), below), above))
@@ -311,14 +314,14 @@ def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         As `frac`.
     """
-    hx, ha = _functions(HX, HA)
+    hx, ha = _check_functions(HX, HA)
     residual, level = np.linalg.norm(ha - hx, axis=0), np.linalg.norm(hx, axis=0)
     out = np.where(residual > 0, np.inf, 0.0)
     np.divide(residual, level, out=out, where=level > 0)
     return out
 
 
-def told_lines(HX: NDArray[np.complex128], HA: NDArray[np.complex128]) -> NDArray[np.bool_]:
+def nonzero_lines(HX: NDArray[np.complex128], HA: NDArray[np.complex128]) -> NDArray[np.bool_]:
     """Return a mask, shape (n_f,), of the lines on which at least one of two FRFs is not zero."""
     return np.asarray((HX != 0).any(axis=(1, 2)) | (HA != 0).any(axis=(1, 2)))
 
@@ -343,7 +346,7 @@ def csac(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         As `frac`.
     """
-    hx, ha = (h.reshape(len(h), -1) for h in _functions(HX, HA))
+    hx, ha = (h.reshape(len(h), -1) for h in _check_functions(HX, HA))
     above = np.abs(np.sum(hx.conj() * ha, axis=1)) ** 2
     return ratio(above, np.sum(np.abs(hx) ** 2, axis=1) * np.sum(np.abs(ha) ** 2, axis=1))
 
@@ -369,7 +372,7 @@ def csf(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         As `frac`.
     """
-    hx, ha = (h.reshape(len(h), -1) for h in _functions(HX, HA))
+    hx, ha = (h.reshape(len(h), -1) for h in _check_functions(HX, HA))
     above = 2.0 * np.abs(np.sum(hx.conj() * ha, axis=1))
     return ratio(above, np.sum(np.abs(hx) ** 2, axis=1) + np.sum(np.abs(ha) ** 2, axis=1))
 
@@ -397,7 +400,7 @@ def fdac(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         If responses or references differ, or a number is not finite.
     """
-    hx, ha = _functions(HX, HA, same_lines=False)
+    hx, ha = _check_functions(HX, HA, same_lines=False)
     x, a = hx.reshape(len(hx), -1), ha.reshape(len(ha), -1)
     above = np.abs(a.conj() @ x.T) ** 2
     return ratio(above, np.outer(np.sum(np.abs(a) ** 2, axis=1), np.sum(np.abs(x) ** 2, axis=1)))
@@ -421,7 +424,7 @@ def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
     DataError
         As `frac`.
     """
-    hx, ha = _functions(HX, HA)
+    hx, ha = _check_functions(HX, HA)
     x, a = np.abs(hx), np.abs(ha)
     out = np.full(x.shape, np.inf)
     both = (x > 0) & (a > 0)
@@ -432,7 +435,7 @@ def db_error(HX: ArrayLike, HA: ArrayLike) -> Array:
     return out
 
 
-def _functions(
+def _check_functions(
     HX: ArrayLike, HA: ArrayLike, *, same_lines: bool = True
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     arrays = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.correlation.clusters import (
     CLOSE,
-    Matched,
+    PairedModes,
     PairingRule,
     Subspace,
     pair_clusters,
@@ -24,8 +24,8 @@ from updyn.correlation.shapes import (
     comac,
     cross_orthogonality,
     ecomac,
+    find_moving,
     mac,
-    moving,
 )
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics import eigen
@@ -159,7 +159,7 @@ class ModeCorrelation:
         """
         if not len(self.dofs):
             return np.full((len(self.measured), len(self.measured)), np.nan)
-        return auto_mac(_weighted(self.measured, self.measured))
+        return auto_mac(_scale_rotations(self.measured, self.measured))
 
     def comac(self) -> Array:
         """Return the co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
@@ -180,8 +180,8 @@ class ModeCorrelation:
     def _by_dof(self, criterion: Any) -> Array:
         if not len(self.pairs.mac) or not len(self.dofs):
             return np.full(len(self.dofs), np.nan)
-        a = _weighted(self.computed, self.measured)
-        b = _weighted(self.measured, self.measured)
+        a = _scale_rotations(self.computed, self.measured)
+        b = _scale_rotations(self.measured, self.measured)
         single = ~self.in_subspace
         columns = [(a[:, self.pairs.first[single]], b[:, self.pairs.second[single]])]
         for one in self.subspaces:
@@ -240,15 +240,15 @@ class ModeCorrelation:
         marks = [self._mark(close) for close in self.in_subspace.tolist()]
         pairs = zip(*self.pairs, self.frequency_change, marks, strict=True)
         for i, j, value, change, mark in pairs:
-            cells = [*_cells(self.measured, j), *_cells(self.computed, i)]
+            cells = [*_format_mode(self.measured, j), *_format_mode(self.computed, i)]
             frequency = float(self.measured.frequency[j])
             shown = "-" if np.isnan(value) else f"{value:.3f}"
             rows.append((frequency, [*cells, f"{change:+.2f}", f"{shown}{mark}"]))
         for j in self.unpaired_measured:
-            cells = [*_cells(self.measured, j), "-", "-", "-", f"-{self._mark(False)}"]
+            cells = [*_format_mode(self.measured, j), "-", "-", "-", f"-{self._mark(False)}"]
             rows.append((float(self.measured.frequency[j]), cells))
         for i in self.unpaired_computed:
-            cells = ["-", "-", *_cells(self.computed, i), "-", f"-{self._mark(False)}"]
+            cells = ["-", "-", *_format_mode(self.computed, i), "-", f"-{self._mark(False)}"]
             rows.append((float(self.computed.frequency[i]), cells))
         rows.sort(key=lambda row: row[0])
         header = ("mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor")
@@ -289,7 +289,7 @@ class ModeCorrelation:
         ]
 
 
-def _cells(of: Modes, at: int) -> list[str]:
+def _format_mode(of: Modes, at: int) -> list[str]:
     """Return frequency and loss factor of a mode as text."""
     loss = float(of.loss_factor[at])
     frequency = f"{of.frequency[at]:#.5g}".rstrip(".")
@@ -380,21 +380,21 @@ def correlate_modes(
     alone = dofs is None and len(at) == 0
     if len(at) == 0 and not alone:
         raise DofError("correlate: no DOF to compare the shapes at")
-    b = _at(measured, at)
+    b = _reduce_to_dofs(measured, at)
     if isinstance(computed, Model):
         low, high = float(b.frequency[0]), float(b.frequency[-1])
         if band is not None:
             low, high = check_band(band)
         found = model_modes(computed, max(high, float(b.frequency[-1])) * (1.0 + gate))
-        seen = _at(found, at)
-        move = np.ones(len(found), bool) if alone else moving(seen.shapes, found.shapes)
+        at_sensors = _reduce_to_dofs(found, at)
+        move = np.ones(len(found), bool) if alone else find_moving(at_sensors.shapes, found.shapes)
         if not move.any():
             raise DataError(
                 f"correlate: none of the {len(found)} modes of the model up to"
                 f" {found.frequency[-1]:g} Hz moves at the DOFs of the measured modes"
             )
-        a = seen.select(move)
-        matched = _match(a, b, rule)
+        a = at_sensors.select(move)
+        matched = _pair_modes(a, b, rule)
         listed = (a.frequency >= low) & (a.frequency <= high)
         listed[matched.computed] = True
         if not listed.any():
@@ -402,16 +402,16 @@ def correlate_modes(
                 f"correlate: the model has no mode from {low:g} to {high:g} Hz that moves at the"
                 " DOFs of the measured modes, and none that is paired with one of them"
             )
-        a, matched = a.select(listed), matched.renumbered(listed)
+        a, matched = a.select(listed), matched.renumber(listed)
     elif isinstance(computed, ModeShapes):
-        a = _at(computed, at)
-        matched = _match(a, b, rule)
+        a = _reduce_to_dofs(computed, at)
+        matched = _pair_modes(a, b, rule)
     else:
         raise DataError(
             f"correlate: expected a Model or modes, found {type(computed).__name__}; measured FRFs"
             " are turned into modes by updyn.identify_modes"
         )
-    values = _mac(a, b)
+    values = _compute_mac(a, b)
     values.flags.writeable = False
     return ModeCorrelation(a, b, values, matched.pairs, matched.subspaces, close)
 
@@ -423,10 +423,10 @@ def model_modes(model: Model, highest: float) -> Modes:
     depends on frequency; otherwise real, with loss factors by modal strain energy. A `DataError`
     is raised if there is no mode up to `highest`.
     """
-    found = _undamped(model, highest)
+    found = _compute_undamped(model, highest)
     if found.loss_factor.any() and model.n_dofs <= _COMPLEX_UP_TO:
-        found = _damped(model, found)
-    return _elastic(found, highest)
+        found = _compute_damped(model, found)
+    return _select_elastic(found, highest)
 
 
 def undamped_modes(model: Model, highest: float) -> Modes:
@@ -434,10 +434,10 @@ def undamped_modes(model: Model, highest: float) -> Modes:
 
     A `DataError` is raised if there is no mode up to `highest`.
     """
-    return _elastic(_undamped(model, highest), highest)
+    return _select_elastic(_compute_undamped(model, highest), highest)
 
 
-def _undamped(model: Model, highest: float) -> Modes:
+def _compute_undamped(model: Model, highest: float) -> Modes:
     """Return the lowest undamped modes, including one above a frequency if there is one."""
     most = min(eigen.mass_rank(model.mass), _MOST)
     wanted = min(20, most)
@@ -448,7 +448,7 @@ def _undamped(model: Model, highest: float) -> Modes:
     return found
 
 
-def _elastic(found: Modes, highest: float) -> Modes:
+def _select_elastic(found: Modes, highest: float) -> Modes:
     """Return the modes above 0 and up to a frequency."""
     kept = (found.frequency > 0) & (found.frequency <= highest)
     if not kept.any():
@@ -456,7 +456,7 @@ def _elastic(found: Modes, highest: float) -> Modes:
     return found.select(kept)
 
 
-def _damped(model: Model, undamped: Modes) -> Modes:
+def _compute_damped(model: Model, undamped: Modes) -> Modes:
     """Return the complex modes, or the undamped ones if complex modes cannot be computed."""
     try:
         return modes(model, len(undamped), complex=True)
@@ -464,20 +464,20 @@ def _damped(model: Model, undamped: Modes) -> Modes:
         return undamped
 
 
-def _at(of: ModeShapes, dofs: DofSet) -> Modes:
+def _reduce_to_dofs(of: ModeShapes, dofs: DofSet) -> Modes:
     """Return modes at a subset of their DOFs, with the signs of these labels."""
     match = of.dofs.match(dofs, "DOF of the measured modes")
     shapes = np.asarray(of.shapes[match.index] * match.sign[:, None])
     return Modes(of.frequency, of.loss_factor, shapes, dofs)
 
 
-def _mac(a: Modes, b: Modes) -> Array:
+def _compute_mac(a: Modes, b: Modes) -> Array:
     if not len(b.dofs):
         return np.full((len(a), len(b)), np.nan)
-    return mac(_weighted(a, b), _weighted(b, b))
+    return mac(_scale_rotations(a, b), _scale_rotations(b, b))
 
 
-def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
+def _scale_rotations(of: Modes, measured: Modes) -> NDArray[Any]:
     """Return shapes with rotations scaled to the average size of translations in measured modes."""
     rotates = measured.dofs.axes >= 3
     size = np.abs(measured.shapes) ** 2
@@ -491,9 +491,9 @@ def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
     return np.asarray(of.shapes * np.where(rotates, length, 1.0)[:, None])
 
 
-def _match(a: Modes, b: Modes, rule: PairingRule) -> Matched:
+def _pair_modes(a: Modes, b: Modes, rule: PairingRule) -> PairedModes:
     """Return the pairs and subspaces of modes at the sensors."""
     if not len(b.dofs):
-        return Matched(pair_frequencies((a.frequency, b.frequency), rule.gate), ())
-    seen = _weighted(a, b), _weighted(b, b)
-    return pair_clusters(*seen, (a.frequency, b.frequency), rule)
+        return PairedModes(pair_frequencies((a.frequency, b.frequency), rule.gate), ())
+    at_sensors = _scale_rotations(a, b), _scale_rotations(b, b)
+    return pair_clusters(*at_sensors, (a.frequency, b.frequency), rule)

@@ -18,12 +18,12 @@ __all__ = [
     "ModePairs",
     "auto_mac",
     "comac",
-    "cosines_of",
+    "compute_cosines",
     "cross_orthogonality",
     "ecomac",
+    "find_moving",
     "mac",
-    "moving",
-    "orthonormal",
+    "orthonormalise",
     "pair_modes",
     "principal_cosines",
     "ratio",
@@ -58,7 +58,7 @@ def mac(A: ArrayLike, B: ArrayLike) -> Array:
         If the row counts differ, or a shape is zero or not finite.
     """
     a, b = unit_shapes("A", A), unit_shapes("B", B)
-    _same_rows(a, b)
+    _check_same_rows(a, b)
     return np.asarray(np.minimum(np.abs(a.conj().T @ b) ** 2, 1.0))
 
 
@@ -87,12 +87,12 @@ def principal_cosines(A: ArrayLike, B: ArrayLike) -> Array:
     Directions in which the shapes of unit length have a singular value below a tenth of the
     largest one are excluded from a span: in measured shapes they are errors.
     """
-    a, b = orthonormal(unit_shapes("A", A)), orthonormal(unit_shapes("B", B))
-    _same_rows(a, b)
-    return cosines_of(a, b)
+    a, b = orthonormalise(unit_shapes("A", A)), orthonormalise(unit_shapes("B", B))
+    _check_same_rows(a, b)
+    return compute_cosines(a, b)
 
 
-def orthonormal(unit: NDArray[Any]) -> NDArray[Any]:
+def orthonormalise(unit: NDArray[Any]) -> NDArray[Any]:
     """Return an orthonormal basis of the span of shapes of unit length, shape (N, r)."""
     if unit.shape[1] == 1:
         return unit
@@ -100,7 +100,7 @@ def orthonormal(unit: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(left[:, size > _LEAST_SPREAD * size[0]])
 
 
-def cosines_of(a: NDArray[Any], b: NDArray[Any]) -> Array:
+def compute_cosines(a: NDArray[Any], b: NDArray[Any]) -> Array:
     """Return the cosines of the principal angles between the spans of orthonormal bases."""
     return np.asarray(np.minimum(np.linalg.svd(a.conj().T @ b, compute_uv=False), 1.0))
 
@@ -151,8 +151,8 @@ def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
     DataError
         If sizes differ, or a shape has no mass.
     """
-    a, b = _shapes("A", A), _shapes("B", B)
-    _same_rows(a, b)
+    a, b = _check_shapes("A", A), _check_shapes("B", B)
+    _check_same_rows(a, b)
     mass = M if hasattr(M, "tocsr") else np.atleast_2d(np.asarray(M, dtype=np.float64))
     if mass.shape != (len(a), len(a)):
         raise DataError(
@@ -187,7 +187,7 @@ def comac(A: ArrayLike, B: ArrayLike) -> Array:
     DataError
         If the shapes of the arrays differ, or a shape is zero.
     """
-    a, b = _paired(A, B)
+    a, b = _check_paired(A, B)
     above = np.sum(np.abs(a * b.conj()), axis=1) ** 2
     return ratio(above, np.sum(np.abs(a) ** 2, axis=1) * np.sum(np.abs(b) ** 2, axis=1))
 
@@ -213,7 +213,7 @@ def ecomac(A: ArrayLike, B: ArrayLike) -> Array:
     DataError
         As `comac`.
     """
-    a, b = _paired(A, B)
+    a, b = _check_paired(A, B)
     inner = np.sum(b.conj() * a, axis=0)
     size = np.abs(inner)
     turn = np.divide(inner, size, out=np.ones_like(inner), where=size > 0)
@@ -265,13 +265,13 @@ def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs
     return ModePairs(first[keep], second[keep], found[keep])
 
 
-def moving(seen: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a mask of the shapes (N, n) that move at given DOFs, with values `seen` (k, n).
+def find_moving(at_sensors: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return a mask of the shapes (N, n) that move at given DOFs, with values `at_sensors` (k, n).
 
     At these DOFs, the other shapes are zero except for rounding.
     """
     largest = np.abs(shapes).max(axis=0)
-    return np.asarray(np.abs(seen).max(axis=0) > _AT_REST * largest)
+    return np.asarray(np.abs(at_sensors).max(axis=0) > _AT_REST * largest)
 
 
 def ratio(above: Array, below: Array) -> Array:
@@ -279,7 +279,7 @@ def ratio(above: Array, below: Array) -> Array:
     return np.minimum(np.divide(above, below, out=np.zeros_like(below), where=below > 0), 1.0)
 
 
-def _shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+def _check_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     array = np.asarray(given)
     if not (np.issubdtype(array.dtype, np.number)):
         raise DataError(f"{name}: expected numbers, found {array.dtype}")
@@ -299,7 +299,7 @@ def _shapes(name: str, given: ArrayLike) -> NDArray[Any]:
 
 def unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     """Return shapes as columns of unit length; errors mention the name."""
-    array = _shapes(name, given)
+    array = _check_shapes(name, given)
     largest = np.abs(array).max(axis=0)
     if (largest == 0).any():
         raise DataError(
@@ -309,14 +309,14 @@ def unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     return np.asarray(array / np.linalg.norm(array, axis=0))
 
 
-def _same_rows(a: NDArray[Any], b: NDArray[Any]) -> None:
+def _check_same_rows(a: NDArray[Any], b: NDArray[Any]) -> None:
     if len(a) != len(b):
         raise DataError(
             f"shapes at {len(a)} and at {len(b)} DOFs; expected the same DOFs in the same order"
         )
 
 
-def _paired(A: ArrayLike, B: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
+def _check_paired(A: ArrayLike, B: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
     a, b = unit_shapes("A", A), unit_shapes("B", B)
     if a.shape != b.shape:
         raise DataError(

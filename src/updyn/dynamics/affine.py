@@ -41,7 +41,7 @@ _CHUNK = 8192
 
 #: Largest number of entries of a system that also stores them by columns, 12 bytes each. Sums then
 #: take a third of the time.
-_BESIDE = 2**21
+_COMBINED_TERMS = 2**21
 
 #: Largest total number of entries for finding places by sorted numbers. For so few, sparse arrays
 #: take longer.
@@ -78,7 +78,7 @@ class Term:
     table: LossTable | None = None
 
     @property
-    def own(self) -> Any:
+    def row_index(self) -> Any:
         """The rows as an index; consecutive rows are a slice, which avoids a copy."""
         if not len(self.rows):
             return slice(0, 0)
@@ -184,7 +184,7 @@ class AffineSystem:
             pattern.indptr,
             pattern.indices,
             model.dofs,
-            _side_by_side(terms, pattern.nnz),
+            _combine_terms(terms, pattern.nnz),
         )
 
     def with_decay(self, decay: float) -> AffineSystem:
@@ -302,7 +302,7 @@ class AffineSystem:
         out = np.zeros_like(X)
         for term, weight in zip(self.terms, weights, strict=True):
             if weight:
-                out[term.own] += weight * (term.local @ X[term.own])
+                out[term.row_index] += weight * (term.local @ X[term.row_index])
         return out
 
     def rows_of_entries(self) -> NDArray[np.intp]:
@@ -332,9 +332,9 @@ def _parts(c: NDArray[Any]) -> NDArray[np.float64]:
     return np.ascontiguousarray(c).view(np.float64)
 
 
-def _side_by_side(terms: tuple[Term, ...], nnz: int) -> Any:
+def _combine_terms(terms: tuple[Term, ...], nnz: int) -> Any:
     ends = np.cumsum([0, *(len(term.data) for term in terms)])
-    if ends[-1] > _BESIDE:
+    if ends[-1] > _COMBINED_TERMS:
         return None
     entries = np.concatenate([t.data for t in terms])
     slots = np.concatenate([t.slots for t in terms])
@@ -348,7 +348,7 @@ def _union(matrices: list[Any], n: int) -> Any:
     once for each matrix. With booleans no entries cancel to zero.
     """
     if sum(m.nnz for m in matrices) + n <= _FEW:
-        numbers = np.unique(np.concatenate([_numbers(m) for m in matrices] + [_diagonal(n)]))
+        numbers = np.unique(np.concatenate([_full_positions(m) for m in matrices] + [_diagonal(n)]))
         ends = np.searchsorted(numbers, n * np.arange(n + 1)).astype(np.int32)
         there = np.ones(len(numbers), dtype=np.bool_)
         return sp.csr_array((there, (numbers % n).astype(np.int32), ends), shape=(n, n))
@@ -368,7 +368,7 @@ def _is_full(matrix: Any) -> bool:
     return bool(matrix.nnz == (len(matrix.indptr) - 1) ** 2)
 
 
-def _numbers(matrix: Any) -> NDArray[np.int64]:
+def _full_positions(matrix: Any) -> NDArray[np.int64]:
     """Return the position of each entry of a canonical CSR pattern in the full one, row by row."""
     n = len(matrix.indptr) - 1
     first = np.repeat(n * np.arange(n), np.diff(matrix.indptr))
@@ -402,7 +402,7 @@ class _Places:
         n, data = len(rows), matrix.data
         if matrix.nnz == n * n:  # the matrix is full
             return Term(name, quantity, rows, data.reshape(n, n), slots, data, table)
-        begin = _begin(matrix, rows)
+        begin = _compact_indptr(matrix, rows)
         # Sparse rows save time only if the group is large and its matrix mostly empty.
         local: Any
         if n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2:
@@ -424,8 +424,8 @@ class _Places:
     def _slots(self, matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
         if len(self.indices) <= _FEW:
             if self._sorted is None:
-                self._sorted = _numbers(self)
-            found = np.searchsorted(self._sorted, _numbers(matrix))
+                self._sorted = _full_positions(self)
+            found = np.searchsorted(self._sorted, _full_positions(matrix))
             return np.asarray(found, dtype=self.indptr.dtype)
         begin, kind = self.indptr[rows], self.indptr.dtype
         own = np.zeros(len(rows) + 1, dtype=kind)
@@ -436,14 +436,15 @@ class _Places:
         shape = len(rows), len(self.indptr) - 1
         whole = sp.csr_array((places, self.indices[places - 1], own), shape=shape)
         part = sp.csr_array(
-            (np.ones(matrix.nnz, dtype=kind), matrix.indices, _begin(matrix, rows)), shape=shape
+            (np.ones(matrix.nnz, dtype=kind), matrix.indices, _compact_indptr(matrix, rows)),
+            shape=shape,
         )
         slots: NDArray[Any] = whole.multiply(part).data
         slots -= 1
         return slots
 
 
-def _begin(matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
+def _compact_indptr(matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
     """Return the indptr of a matrix without its empty rows."""
     return np.append(matrix.indptr[rows], matrix.indptr[-1:])
 

@@ -57,7 +57,7 @@ class Basis:
         """Return V at some DOFs, shape (len(dofs), r)."""
         return np.hstack([b[dofs] for b in self._blocks])
 
-    def leading(self, size: int) -> Basis:
+    def take_leading(self, size: int) -> Basis:
         """Return the first vectors as a basis."""
         out = Basis(self.system, self.weight)
         for block in self._blocks:
@@ -119,8 +119,8 @@ class Basis:
         rows: Any = None
         for t, term in enumerate(self.system.terms):
             if term.rows is not rows:  # stiffness and mass of a group share the array
-                rows, own = term.rows, term.own
-                parts, w = [b[own] for b in self._blocks], W[own]
+                rows, row_index = term.rows, term.row_index
+                parts, w = [b[row_index] for b in self._blocks], W[row_index]
             product = term.local @ w
             corner = w.T @ product
             r = len(self.terms[t])

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import State
 from updyn.dynamics.basis import Basis
-from updyn.dynamics.fields import line_blocks
-from updyn.dynamics.line_residuals import Channels, LineResiduals
+from updyn.dynamics.fields import split_into_blocks
+from updyn.dynamics.line_residuals import ChannelDofs, LineResiduals
 from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.linalg.solver import Factorised
 
-__all__ = ["Certificate", "Estimate"]
+__all__ = ["Certificate", "ErrorEstimate"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -67,7 +67,7 @@ class Certificate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class ErrorEstimate:
     """The error of a reduced model at all lines, for all loaded DOFs and references.
 
     Attributes
@@ -82,24 +82,24 @@ class Estimate:
         Stated errors by the reduction and by rounding.
     """
 
-    channels: Channels
+    channels: ChannelDofs
     H: _Complex
     level: _Real
     reduced: _Real
     rounded: _Real
 
     @classmethod
-    def beside(
+    def by_comparison(
         cls,
         wide: ReducedSolver,
         narrow: ReducedSolver,
         basis: Basis,
-        channels: Channels,
+        channels: ChannelDofs,
         P: _Real,
         definite: Factorised,
         state: State,
         freq: _Real,
-    ) -> Estimate:
+    ) -> ErrorEstimate:
         """Estimate the error of a basis by comparison with a larger basis that contains it.
 
         Parameters
@@ -128,7 +128,7 @@ class Estimate:
         loaded, forced = channels.loaded, channels.forced
         norms = np.array([np.linalg.norm(A) for A in basis.terms])
         parts, of_wide, of_narrow = [], wide.pencil(state, freq), narrow.pencil(state, freq)
-        for block in line_blocks(len(freq), wide.block_size(len(loaded))):
+        for block in split_into_blocks(len(freq), wide.block_size(len(loaded))):
             c = wide.system.coefficients(state, 2.0 * np.pi * freq[block])
             q = wide.solve(c, loaded, freq[block], of_wide)
             H = wide.at(q, loaded)[:, :, forced]

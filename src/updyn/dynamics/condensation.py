@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.dynamics.fields import LineSolver, split_into_blocks
 from updyn.frf import check_lines
 from updyn.model import Model
 
@@ -96,7 +96,7 @@ def condense(
     solver = LineSolver.choose(AffineSystem.compile(model), tier, backend)
     Z = np.empty((len(lines), len(kept), len(kept)), dtype=np.complex128)
     T = np.empty((len(lines), model.n_dofs, len(kept)), dtype=np.complex128)
-    for block in line_blocks(len(lines), solver.block_size(len(kept))):
+    for block in split_into_blocks(len(lines), solver.block_size(len(kept))):
         c = solver.system.coefficients(solver.system.start, 2.0 * np.pi * lines[block])
         Z_block, T_block = solver.condense(c, at.index, lines[block])
         Z[block] = Z_block * at.sign[:, None] * at.sign

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
 __all__ = [
     "DENSE_LIMIT",
@@ -46,7 +46,7 @@ _RANK = 1e-12
 Pairs = tuple[NDArray[Any], NDArray[Any]]
 
 
-@alone
+@use_one_thread
 def mass_rank(M: Any) -> int:
     """Return the number of independent motions with mass: the number of finite eigenvalues.
 
@@ -66,7 +66,7 @@ def mass_rank(M: Any) -> int:
     return int((np.abs(values) > _RANK * len(own)).sum())
 
 
-@alone
+@use_one_thread
 def weakest_dof(K: Any, M: Any) -> int:
     """Return the DOF that moves most in the motion with least stiffness and mass."""
     A = (K + _first_shift(K, M) * M).toarray()
@@ -75,7 +75,7 @@ def weakest_dof(K: Any, M: Any) -> int:
     return int(np.argmax(np.abs(vectors[:, 0] * unit)))
 
 
-@alone
+@use_one_thread
 def real_pairs(K: Any, M: Any, n: int) -> Pairs:
     """Return the n lowest eigenvalues of K phi = lambda M phi and their vectors.
 
@@ -119,7 +119,7 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
         return fine(shift)
 
 
-@alone
+@use_one_thread
 def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple[Any, Any, Any]]:
     """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
@@ -297,7 +297,7 @@ def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[in
     return int((lu.U.diagonal() < 0).sum()), at + 1
 
 
-@alone
+@use_one_thread
 def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     """Return eigenpairs of the complex symmetric K phi = lambda M phi near zero.
 
@@ -348,7 +348,7 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
     return 1.0 / nu - shift, vectors
 
 
-@alone
+@use_one_thread
 def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
     """Return lambda = -s^2 and vectors of s^2 M + s C + K for the roots s above the real axis.
 

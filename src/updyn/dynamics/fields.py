@@ -27,7 +27,7 @@ from updyn.linalg.solver import (
     singular_message,
     unit_scale,
 )
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
 __all__ = [
     "ACCURACY",
@@ -38,9 +38,9 @@ __all__ = [
     "FieldSolver",
     "LineSolver",
     "Partition",
-    "line_blocks",
     "solve_dense",
     "solve_lines",
+    "split_into_blocks",
 ]
 
 EXACT_TIERS = ("dense", "sparse")
@@ -81,7 +81,7 @@ class FieldSolver(Protocol):
         """Name of the solver within a run."""
 
     @property
-    def used(self) -> dict[str, int]:
+    def solve_counts(self) -> dict[str, int]:
         """Number of sparse solves of each backend here, by name."""
 
     def with_decay(self, decay: float) -> FieldSolver:
@@ -126,8 +126,8 @@ class FieldSolver(Protocol):
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return Z_red and T, see `LineSolver.condense`."""
 
-    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return readable DOFs except `seen`."""
+    def other_dofs(self, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return readable DOFs except `excluded`."""
 
     def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
         """Return the DOFs coupled with a DOF in the model, itself included."""
@@ -185,14 +185,14 @@ class LineSolver:
         return f"{self.tier} {self.variant}" if self.variant else self.tier
 
     @property
-    def used(self) -> dict[str, int]:
+    def solve_counts(self) -> dict[str, int]:
         """Number of sparse solves of each backend here, by name."""
         out: dict[str, int] = {}
         for kept in self._kept.values():
             for solver in kept:
                 if not isinstance(solver, SparseSolver):
                     continue
-                for name, number in solver.used.items():
+                for name, number in solver.solve_counts.items():
                     out[name] = out.get(name, 0) + number
         return out
 
@@ -204,9 +204,9 @@ class LineSolver:
         out._kept.update(self._kept)
         return out
 
-    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the DOFs except `seen`."""
-        return np.setdiff1d(np.arange(self.system.n), seen)
+    def other_dofs(self, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the DOFs except `excluded`."""
+        return np.setdiff1d(np.arange(self.system.n), excluded)
 
     def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
         """Return the DOFs coupled with a DOF, itself included."""
@@ -262,7 +262,7 @@ class LineSolver:
             If Z is singular at a line. The message contains the line.
         """
         n, r = self.system.n, len(columns)
-        B = unit_loads(n, columns)
+        B = make_unit_loads(n, columns)
         if self.tier == "dense":
 
             def exact(lines: NDArray[np.intp]) -> NDArray[np.complex128]:
@@ -319,7 +319,7 @@ class LineSolver:
             X = self.solve(coefficients, columns, freq)
             return X, self.solve_forces(coefficients, forces(X, slice(len(freq))), freq)
         solver, Z = self._whole()
-        B = unit_loads(self.system.n, columns)
+        B = make_unit_loads(self.system.n, columns)
         first, second = [], []
         for i in range(len(freq)):
             self.system.write(coefficients[:, i], Z.data)
@@ -436,7 +436,7 @@ class LineSolver:
         if b"" not in self._kept:
             self._kept[b""] = (
                 SparseSolver(self.backend),
-                empty_matrix(self.system.indptr, self.system.indices),
+                make_empty_matrix(self.system.indptr, self.system.indices),
             )
         return cast("tuple[SparseSolver, Any]", self._kept[b""])
 
@@ -479,14 +479,14 @@ class LineSolver:
         return Z.reshape(-1, n, n)
 
 
-def unit_loads(n: int, columns: NDArray[np.intp]) -> NDArray[np.complex128]:
+def make_unit_loads(n: int, columns: NDArray[np.intp]) -> NDArray[np.complex128]:
     """Return unit forces on some of n DOFs as columns in Fortran order."""
     B = np.zeros((n, len(columns)), dtype=np.complex128, order="F")
     B[columns, np.arange(len(columns))] = 1.0
     return B
 
 
-def line_blocks(n_lines: int, size: int) -> Iterator[slice]:
+def split_into_blocks(n_lines: int, size: int) -> Iterator[slice]:
     """Yield the lines in blocks of at most `size`, in order."""
     for first in range(0, n_lines, size):
         yield slice(first, min(first + size, n_lines))
@@ -529,7 +529,7 @@ def solve_lines(
     return X
 
 
-@alone
+@use_one_thread
 def solve_dense(
     Z: NDArray[Any],
     B: NDArray[Any],
@@ -638,7 +638,7 @@ class Partition:
             eliminated,
             places[retained][:, retained],
             places[eliminated][:, retained],
-            empty_matrix(ss.indptr, ss.indices),
+            make_empty_matrix(ss.indptr, ss.indices),
             ss.data,
         )
 
@@ -650,7 +650,7 @@ class Partition:
         return _dense_block(self.nn, values), _dense_block(self.sn, values), self.ss
 
 
-def empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
+def make_empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
     """Return a complex CSC array of a symmetric CSR pattern, with zeros to overwrite.
 
     For a symmetric matrix, the arrays of CSR and of CSC are equal.

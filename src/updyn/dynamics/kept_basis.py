@@ -12,7 +12,7 @@ from updyn.dynamics.basis import Basis
 from updyn.dynamics.reduction import Reduction
 from updyn.model import Model
 
-__all__ = ["KeptBasis", "begin"]
+__all__ = ["KeptBasis", "begin_reduction"]
 
 #: Limit of a kept basis in bytes. 150,000 DOFs and 334 vectors take 0.4e9.
 _LARGEST = 1 << 30
@@ -38,17 +38,17 @@ class KeptBasis:
         basis = reduction.basis
         if 8 * basis.system.n * basis.size > _LARGEST:
             return None
-        return cls(model, basis.leading(basis.size), reduction.band)
+        return cls(model, basis.take_leading(basis.size), reduction.band)
 
-    def serves(self, model: Model, band: tuple[float, float]) -> bool:
+    def is_valid_for(self, model: Model, band: tuple[float, float]) -> bool:
         """Return whether it belongs to this model object, and its band contains `band`."""
         return self.model is model and self.band[0] <= band[0] and band[1] <= self.band[1]
 
     def __reduce__(self) -> tuple[object, tuple[()]]:
-        return _nothing, ()
+        return _restore_nothing, ()
 
 
-def begin(
+def begin_reduction(
     reduction: Reduction,
     model: Model,
     kept: KeptBasis | None,
@@ -78,12 +78,12 @@ def begin(
     SolverError
         If the model cannot be solved at the state.
     """
-    if kept is not None and kept.serves(model, reduction.band):
-        reduction.basis = kept.basis.leading(kept.basis.size)
+    if kept is not None and kept.is_valid_for(model, reduction.band):
+        reduction.basis = kept.basis.take_leading(kept.basis.size)
     else:
         reduction.build(state)
     reduction.compress(state, freq)
 
 
-def _nothing() -> None:
+def _restore_nothing() -> None:
     """Return None: the unpickled value of a basis."""

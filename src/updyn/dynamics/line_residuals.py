@@ -10,13 +10,13 @@ from updyn.dynamics.affine import State
 from updyn.dynamics.basis import Basis
 from updyn.dynamics.reduced_solver import ReducedSolver
 
-__all__ = ["Channels", "LineResiduals"]
+__all__ = ["ChannelDofs", "LineResiduals"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
-class Channels:
+class ChannelDofs:
     """The DOFs of responses and references of a reduced model.
 
     Parameters
@@ -89,7 +89,7 @@ class LineResiduals:
     __slots__ = ("H", "_basis", "_c", "_channels", "_q")
 
     def __init__(
-        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: _Real
+        self, solver: ReducedSolver, basis: Basis, channels: ChannelDofs, state: State, freq: _Real
     ) -> None:
         self._basis, self._channels = basis, channels
         self._c = solver.system.coefficients(state, 2.0 * np.pi * freq)
@@ -133,7 +133,7 @@ class LineResiduals:
             fields = np.hypot(self._basis.expand(q.real), self._basis.expand(q.imag))
             forced = fields[:, self._channels.forced]
             for term, c in zip(self._basis.system.terms, self._c[:, line], strict=True):
-                own = term.own
+                own = term.row_index
                 sum_of += abs(c) * (fields[own].T @ (abs(term.local) @ forced[own]))
         return out
 
@@ -148,7 +148,7 @@ class LineResiduals:
         out = np.zeros_like(U)
         parts = self._by_line(out)
         for term, c in zip(self._basis.system.terms, self._c, strict=True):
-            own, product = term.own, self._by_line(term.local @ U[term.own])
+            own, product = term.row_index, self._by_line(term.local @ U[term.row_index])
             parts[own] += c.real[:, None, None] * product
             if c.imag.any():
                 parts[own, :, 0] -= c.imag[:, None] * product[:, :, 1]

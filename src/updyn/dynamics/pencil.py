@@ -31,7 +31,7 @@ from scipy.linalg import lapack
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.linalg.solver import LARGEST_PROBE_GROWTH, probe_load, unit_scale
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
 __all__ = [
     "LEAST_LINES",
@@ -40,7 +40,7 @@ __all__ = [
     "Pencil",
     "PencilCache",
     "StateWeights",
-    "pays",
+    "saves_time",
 ]
 
 _Real = NDArray[np.float64]
@@ -94,12 +94,12 @@ class StateWeights:
         mass = np.where(quantity == "mass", state.factor, 0.0)
         return cls(stiffness, stiffness * state.loss, mass, loss)
 
-    def pays(self, n_lines: int, least: int = LEAST_LINES) -> bool:
+    def saves_time(self, n_lines: int, least: int = LEAST_LINES) -> bool:
         """Return whether one eigendecomposition saves time for this number of lines."""
         return n_lines >= (least if self.loss is None else LEAST_REAL_LINES)
 
 
-def pays(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LINES) -> bool:
+def saves_time(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LINES) -> bool:
     """Return whether one eigendecomposition saves time for all lines of a state.
 
     Parameters
@@ -114,7 +114,7 @@ def pays(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LI
         Smallest sufficient number of lines if damping makes it complex.
     """
     weights = StateWeights.find(system, state)
-    return weights is not None and weights.pays(n_lines, least)
+    return weights is not None and weights.saves_time(n_lines, least)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +141,7 @@ class Pencil:
     refines: bool = False
 
     @classmethod
-    @alone
+    @use_one_thread
     def decompose(
         cls, K: _Real, D: _Real, M: _Real, omega: float, loss: float | None = None
     ) -> Pencil | None:
@@ -162,7 +162,7 @@ class Pencil:
             L = np.asarray(np.linalg.cholesky(P), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        check, mass = _Check.of(K, M, D, unit_scale(P.diagonal())), _between(L, M)
+        check, mass = _Check.of(K, M, D, unit_scale(P.diagonal())), _transform_symmetric(L, M)
         if loss is not None:
             theta, Q = _modes(mass)
             V = _solve_lower(L, Q, trans="T")
@@ -170,7 +170,7 @@ class Pencil:
             if loss:
                 constant = (1.0 + 1j * loss) * constant
             return cls(V, V, constant, theta, check)
-        delta, U = _modes(_between(L, D))
+        delta, U = _modes(_transform_symmetric(L, D))
         root = 1.0 / np.sqrt(1.0 + 1j * delta)
         S = root[:, None] * (U.T @ mass @ U) * root
         theta, X = scipy.linalg.eig(S, overwrite_a=True, check_finite=False)
@@ -182,7 +182,7 @@ class Pencil:
         W = lapack.zgetrs(factors, pivots, F.T)[0].T
         return cls(F @ X, W, 1.0 - sigma * theta, theta, check)
 
-    @alone
+    @use_one_thread
     def solve(self, squares: _Complex, B: _Real) -> tuple[_Complex, NDArray[np.bool_]]:
         """Solve Z X = B at a block of lines.
 
@@ -282,7 +282,7 @@ class PencilCache:
     least: int = LEAST_LINES
     _key: bytes = b""
     _weights: StateWeights | None = None
-    _made: dict[float, Pencil | None] = field(default_factory=dict)
+    _pencils: dict[float, Pencil | None] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[type[PencilCache], tuple[int]]:
         return PencilCache, (self.least,)  # a pencil stays in its process
@@ -310,18 +310,18 @@ class PencilCache:
         key = np.concatenate((state.factor, state.loss, state.rate)).tobytes()
         if key != self._key:
             self._key, self._weights = key, StateWeights.find(system, state)
-            self._made.clear()
-        if self._weights is None or not self._weights.pays(len(lines), self.least):
+            self._pencils.clear()
+        if self._weights is None or not self._weights.saves_time(len(lines), self.least):
             return None
-        highest = _rounded_up(float(lines.max(initial=0.0)))
-        if highest not in self._made:
+        highest = _round_up_frequency(float(lines.max(initial=0.0)))
+        if highest not in self._pencils:
             K, D, M = matrices(self._weights)
             omega = 2.0 * np.pi * highest
-            self._made[highest] = Pencil.decompose(K, D, M, omega, self._weights.loss)
-        return self._made[highest]
+            self._pencils[highest] = Pencil.decompose(K, D, M, omega, self._weights.loss)
+        return self._pencils[highest]
 
 
-def _rounded_up(freq: float) -> float:
+def _round_up_frequency(freq: float) -> float:
     """Return the next of 1, 2^(1/2), 2, ... Hz; its pencil serves all lines up to it."""
     mantissa, exponent = math.frexp(freq)
     step = math.sqrt(0.5) if mantissa <= math.sqrt(0.5) else 1.0
@@ -334,7 +334,7 @@ def _modes(A: _Real) -> tuple[_Real, _Real]:
     return np.asarray(values, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
 
 
-def _between(L: _Real, A: _Real) -> _Real:
+def _transform_symmetric(L: _Real, A: _Real) -> _Real:
     """Return L^-1 A L^-T of a symmetric A, symmetric to the last bit."""
     half = _solve_lower(L, _solve_lower(L, A).T)
     return np.asarray(0.5 * (half + half.T))

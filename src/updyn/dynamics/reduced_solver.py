@@ -14,7 +14,7 @@ from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import solve_dense, solve_lines
 from updyn.dynamics.pencil import LEAST_REDUCED_LINES, Pencil, PencilCache, StateWeights
 from updyn.errors import OptionError
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
 __all__ = ["NOT_CONDENSED", "ReducedSolver"]
 
@@ -67,7 +67,7 @@ class ReducedSolver:
     tier: ClassVar[str] = "reduced"
 
     @property
-    def used(self) -> dict[str, int]:
+    def solve_counts(self) -> dict[str, int]:
         """Empty, because there are no sparse solves."""
         return {}
 
@@ -129,7 +129,7 @@ class ReducedSolver:
         K, D, M = parts.reshape(3, self.system.n, self.system.n)
         return K, D, M
 
-    @alone
+    @use_one_thread
     def solve(
         self,
         coefficients: NDArray[np.complex128],
@@ -206,9 +206,9 @@ class ReducedSolver:
         """Raise OptionError: the inverse of H multiplies its error by its condition number."""
         raise OptionError(NOT_CONDENSED)
 
-    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return readable DOFs except `seen`."""
-        return np.setdiff1d(self.observed, seen)
+    def other_dofs(self, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return readable DOFs except `excluded`."""
+        return np.setdiff1d(self.observed, excluded)
 
     def coupled_dofs(self, dof: int) -> NDArray[np.integer[Any]]:
         """Return the DOFs coupled with a DOF in the full model, itself included."""

@@ -36,21 +36,21 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.basis import INDEPENDENT, ROWS, Basis
-from updyn.dynamics.certificate import Certificate, Estimate
-from updyn.dynamics.fields import ACCURACY, line_blocks
-from updyn.dynamics.line_residuals import Channels, LineResiduals
+from updyn.dynamics.certificate import Certificate, ErrorEstimate
+from updyn.dynamics.fields import ACCURACY, split_into_blocks
+from updyn.dynamics.line_residuals import ChannelDofs, LineResiduals
 from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.dynamics.shifted import Shifted
 from updyn.errors import OptionError, SolverError
 from updyn.linalg.solver import Factorised
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
-__all__ = ["SAFETY", "Across", "Reduction"]
+__all__ = ["SAFETY", "Reduction", "VectorsPerState"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 #: Coefficients of the terms, lines in Hz, and receptances of shape (n_rows, n_lines, n_columns).
-_Answer: TypeAlias = "tuple[_Complex, _Real, _Complex]"
+_Response: TypeAlias = "tuple[_Complex, _Real, _Complex]"
 
 #: Factor on errors by residuals during enrichment.
 SAFETY = 4.0
@@ -72,12 +72,12 @@ _COMBINATIONS = 2
 #: Largest number of lines with fields for compression: of a state, and of all states together.
 _LINES_A_STATE, _LINES_OF_STATES = 12, 250
 #: Directions with a smaller share of the permitted error are not added.
-_WORTH = 0.05
+_NEGLIGIBLE_SHARE = 0.05
 #: Number of lines in a pass; largest number of lines checked together, and largest total size of
 #: their residuals.
 _COUNT, _TOGETHER, _TOGETHER_BYTES = 12, 4, 2**28
 #: Number of band pieces, each with one line in a pass with another state's factorisation.
-_BESIDE = 4
+_PIECES_PER_PASS = 4
 #: Lines without a residual may be worse than lines with one, so a basis is enriched to this share
 #: of the permitted error.
 _MARGIN = 0.2
@@ -85,7 +85,7 @@ _PASSES = 24
 
 
 @dataclass(frozen=True, slots=True)
-class Across:
+class VectorsPerState:
     """The vectors that each state adds to a basis for many states.
 
     Attributes
@@ -145,7 +145,7 @@ class Reduction:
     poll: Callable[[], object] = lambda: None
     basis: Basis = field(init=False)
     shifted: Shifted = field(init=False)
-    _channels: Channels = field(init=False)
+    _channels: ChannelDofs = field(init=False)
 
     def __post_init__(self) -> None:
         if not 1e-10 <= self.accuracy <= 0.1:
@@ -154,11 +154,11 @@ class Reduction:
                 " 1e-10 and 0.1",
                 key=("accuracy",),
             )
-        self._channels = Channels(self.rows, self.columns, self.system.dofs)
+        self._channels = ChannelDofs(self.rows, self.columns, self.system.dofs)
         top = float((2.0 * np.pi * self.band[1]) ** 2)
         self.shifted = Shifted(self.system, top, self.backend)
 
-    @alone
+    @use_one_thread
     def build(self, state: State) -> None:
         """Build a new basis for one state of the model.
 
@@ -173,23 +173,23 @@ class Reduction:
             If the model cannot be factorised at a shift.
         """
         self._begin(state)
-        loads = np.zeros((self.system.n, len(self._loaded)), order="F")
-        loads[self._loaded, np.arange(len(self._loaded))] = 1.0
+        loads = np.zeros((self.system.n, len(self._loaded_dofs)), order="F")
+        loads[self._loaded_dofs, np.arange(len(self._loaded_dofs))] = 1.0
         low, high = (2.0 * np.pi * self.band[0]) ** 2, self.shifted.top
         points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(
             np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1)
         )
         below = dict(self._expand(state, float(s), loads, self._depth) for s in points)
         for _ in range(_MOST_SHIFTS - _SHIFTS):
-            gap = self._gap(state, below)
+            gap = self._find_gap(state, below)
             if gap is None:
                 break
             shift, number = self._expand(state, 0.5 * (gap[0] + gap[1]), loads, self._depth)
             below[shift] = number
 
-    @alone
+    @use_one_thread
     def build_around(
-        self, states: Sequence[State], seed: int = 0, across: Across | None = None
+        self, states: Sequence[State], seed: int = 0, across: VectorsPerState | None = None
     ) -> None:
         """Build a new basis of low accuracy for many states, for a search.
 
@@ -214,7 +214,7 @@ class Reduction:
             If no state can be factorised.
         """
         self._begin(states[0])
-        rng, across = np.random.default_rng(seed), across or Across()
+        rng, across = np.random.default_rng(seed), across or VectorsPerState()
         for number, state in enumerate(states):
             shift = across.shifts[number % len(across.shifts)] * self.shifted.top
             with suppress(SolverError):
@@ -223,7 +223,7 @@ class Reduction:
         if self.basis.size == 0:
             raise SolverError("tier 'reduced': the model is singular at the start")
 
-    @alone
+    @use_one_thread
     def extend(self, states: Sequence[State], seed: int = 0) -> None:
         """Extend the basis for further states by one factorisation each, as in a search.
 
@@ -241,12 +241,12 @@ class Reduction:
                 self._expand(state, shift, self._combined_loads(rng, _COMBINATIONS), 1)
 
     @property
-    def _loaded(self) -> NDArray[np.intp]:
+    def _loaded_dofs(self) -> NDArray[np.intp]:
         return self._channels.loaded
 
     @property
     def _depth(self) -> int:
-        return int(np.clip(np.ceil(_VECTORS_A_SHIFT / len(self._loaded)), 1, _DEPTH))
+        return int(np.clip(np.ceil(_VECTORS_A_SHIFT / len(self._loaded_dofs)), 1, _DEPTH))
 
     # -- construction --------------------------------------------------------------------------
     def _begin(self, state: State) -> None:
@@ -259,12 +259,12 @@ class Reduction:
         groups = (self.columns, _MOST_REFERENCES), (self.rows, combinations)
         loads = []
         for dofs, most in groups:
-            own = np.unique(dofs)
-            weights = np.eye(len(own))
-            if len(own) > most:
-                weights = rng.standard_normal((len(own), most))
+            dofs_in_group = np.unique(dofs)
+            weights = np.eye(len(dofs_in_group))
+            if len(dofs_in_group) > most:
+                weights = rng.standard_normal((len(dofs_in_group), most))
             F = np.zeros((self.system.n, weights.shape[1]))
-            F[own] = weights
+            F[dofs_in_group] = weights
             loads.append(F)
         return np.asfortranarray(np.hstack(loads))
 
@@ -273,7 +273,7 @@ class Reduction:
     ) -> tuple[float, int | None]:
         """Add the basis vectors of a shift; return it and the number of modes below, if known."""
         shift, factorised, X = self.shifted.solve(state, shift, loads)
-        damping, inertial = self._lossy(state), self._inertial(state)
+        damping, inertial = self._damping_weights(state), self._mass_weights(state)
         lost = None
         if lossy and damping.any():
             lost = factorised.solve(self.system.multiply(damping, X))
@@ -286,14 +286,14 @@ class Reduction:
             self.basis.append(lost)
         return shift, factorised.negative
 
-    def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
+    def _find_gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
         """Return neighbouring shifts with missed or too many modes between them, or None."""
         values = scipy.linalg.eigvalsh(
-            self.basis.weighted_sum(self._inertial(state)),
+            self.basis.weighted_sum(self._mass_weights(state)),
             self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top)),
         )
         squares = 1.0 / np.maximum(values, np.finfo(np.float64).tiny) - self.shifted.top
-        room = max(2, len(self._loaded) * self._depth)
+        room = max(2, len(self._loaded_dofs) * self._depth)
         shifts = sorted(below)
         for low, high in itertools.pairwise(shifts):
             first, last = below[low], below[high]
@@ -305,11 +305,11 @@ class Reduction:
         return None
 
     # -- matrices ------------------------------------------------------------------------------
-    def _lossy(self, state: State) -> _Real:
+    def _damping_weights(self, state: State) -> _Real:
         """Return the weight of each term in D + omega C at the top of the band."""
         return self.system.coefficients(state, np.array([2.0 * np.pi * self.band[1]]))[:, 0].imag
 
-    def _inertial(self, state: State) -> _Real:
+    def _mass_weights(self, state: State) -> _Real:
         """Return the weight of each term in M."""
         return np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor
 
@@ -319,10 +319,10 @@ class Reduction:
         return self._solver_of(self.basis, label)
 
     def _solver_of(self, basis: Basis, label: str = "reduced") -> ReducedSolver:
-        observed = np.union1d(self._loaded, self.extra)
+        observed = np.union1d(self._loaded_dofs, self.extra)
         return ReducedSolver.project(self.system, basis, observed, self.backend, label)
 
-    @alone
+    @use_one_thread
     def compress(self, state: State, freq: _Real) -> None:
         """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
 
@@ -337,7 +337,7 @@ class Reduction:
         """
         r = self.basis.size
         gram = np.zeros((r, r))
-        for q, H in self._answers(state, freq, self._loaded):
+        for q, H in self._yield_responses(state, freq, self._loaded_dofs):
             scaled = (
                 q / np.sqrt(np.abs(H[:, :, self._channels.forced]).max(axis=(0, 2)))[:, None]
             ).reshape(r, -1)
@@ -345,7 +345,7 @@ class Reduction:
         # In the norm of P, the error of a receptance is about the product of its fields' errors.
         self._truncate(state, gram, 0.01 * self.accuracy)
 
-    @alone
+    @use_one_thread
     def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> _Real:
         """Reduce the basis to that of the references' fields at many states, for a search.
 
@@ -370,18 +370,18 @@ class Reduction:
         metric = self.basis.weighted_sum(self.shifted.weights(states[0], -self.shifted.top))
         solver = self.solver()
         gram, total = np.zeros_like(metric), 0
-        before: list[_Answer] = []
+        before: list[_Response] = []
         most = max(1, min(_LINES_A_STATE, _LINES_OF_STATES // len(states)))
         stride = -(-len(freq) // most)
         for number, state in enumerate(states):
             lines = freq[number % stride :: stride]
             c = solver.system.coefficients(state, 2.0 * np.pi * lines)
             try:
-                q = solver.solve(c, self._loaded, lines)
+                q = solver.solve(c, self._loaded_dofs, lines)
             except SolverError:  # skip the state
                 continue
             before.append((c, lines, solver.at(q, self.rows)[:, :, self._channels.forced]))
-            mixed = q @ rng.standard_normal((len(self._loaded), _COMBINATIONS))
+            mixed = q @ rng.standard_normal((len(self._loaded_dofs), _COMBINATIONS))
             q = np.concatenate([q[:, :, np.unique(self._channels.forced)], mixed], axis=2)
             q = q.reshape(len(q), -1)
             q = q / np.sqrt(np.einsum("rk,rk->k", q.conj(), metric @ q).real)
@@ -389,9 +389,9 @@ class Reduction:
             total += q.shape[1]
             self.poll()
         self._truncate(states[0], gram, share**2 * total)
-        return self._changes(before)
+        return self._measure_changes(before)
 
-    def _changes(self, before: Sequence[_Answer]) -> _Real:
+    def _measure_changes(self, before: Sequence[_Response]) -> _Real:
         """Return the rms changes of receptances, shape (n_rows, n_columns).
 
         They are relative to the largest receptance of the line.
@@ -417,7 +417,7 @@ class Reduction:
         )
 
     # -- certification -------------------------------------------------------------------------
-    @alone
+    @use_one_thread
     def certify(
         self, state: State, freq: _Real, *, enrich: bool = True, count: int = _COUNT
     ) -> Certificate:
@@ -449,10 +449,10 @@ class Reduction:
         SolverError
             If K + omega_max^2 M is not definite, or the reduced model is singular at a line.
         """
-        (found,) = self._certificates([state], freq, enrich=enrich, count=count)
+        (found,) = self._certify_states([state], freq, enrich=enrich, count=count)
         return found
 
-    @alone
+    @use_one_thread
     def certify_or_enrich(self, state: State, freq: _Real) -> Certificate | None:
         """Compute the error at a state, or enrich the basis if it is insufficient there.
 
@@ -475,21 +475,23 @@ class Reduction:
             As in `certify`.
         """
         with self.shifted.hold():
-            definite, size = self.shifted.definite(state), self.basis.size
+            definite, size = self.shifted.factor_definite(state), self.basis.size
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
-            lines = _some_lines(freq, level, _COUNT, 0)
+            lines = _choose_lines(freq, level, _COUNT, 0)
             estimate = self._check_and_estimate(definite, state, freq, lines, self.accuracy)
             if estimate is None:
-                self._settle(definite, state, freq, level, _MARGIN * self.accuracy, first=1)
+                self._enrich_in_passes(
+                    definite, state, freq, level, _MARGIN * self.accuracy, first=1
+                )
                 return None
             if estimate.reduction > self.accuracy:
-                worst = _worst_lines(freq, estimate.shares, _COUNT)
+                worst = _choose_worst_lines(freq, estimate.shares, _COUNT)
                 self._check_all(definite, state, worst, _MARGIN * self.accuracy)
                 return None
-            self.basis = self.basis.leading(size)
+            self.basis = self.basis.take_leading(size)
             return estimate.certificate(size, tuple(lines), self.shifted.count)
 
-    @alone
+    @use_one_thread
     def errors(self, states: Sequence[State], freq: _Real) -> _Real:
         """Compute the error at several states without changes of the basis.
 
@@ -511,22 +513,22 @@ class Reduction:
         SolverError
             As in `certify`.
         """
-        found = self._certificates(states, freq, enrich=False, count=_COUNT)
+        found = self._certify_states(states, freq, enrich=False, count=_COUNT)
         return np.array([certificate.error for certificate in found])
 
-    def _certificates(
+    def _certify_states(
         self, states: Sequence[State], freq: _Real, *, enrich: bool, count: int
     ) -> list[Certificate]:
         return [
             self._certify(definite, state, freq, enrich=enrich, count=count)
-            for definite, state in self.shifted.definites(states)
+            for definite, state in self.shifted.factor_definites(states)
         ]
 
     def _certify(
         self, definite: Factorised, state: State, freq: _Real, *, enrich: bool, count: int
     ) -> Certificate:
         level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
-        lines = _some_lines(freq, level, count, 0)
+        lines = _choose_lines(freq, level, count, 0)
         for number in range(1, _PASSES + 1):
             growing = enrich and number < _PASSES
             # In the first pass the basis may already suffice, so no margin is required.
@@ -535,13 +537,13 @@ class Reduction:
             size = self.basis.size
             estimate = self._check_and_estimate(definite, state, freq, lines, allowed)
             if estimate is None:
-                lines = _some_lines(freq, level, count, number)
+                lines = _choose_lines(freq, level, count, number)
                 continue
             if not growing or estimate.reduction <= self.accuracy:
                 break
-            lines = _worst_lines(freq, estimate.shares, count)
+            lines = _choose_worst_lines(freq, estimate.shares, count)
         assert estimate is not None
-        self.basis = self.basis.leading(size)
+        self.basis = self.basis.take_leading(size)
         return estimate.certificate(size, tuple(lines), self.shifted.count)
 
     def _check_and_estimate(
@@ -551,20 +553,20 @@ class Reduction:
         freq: _Real,
         lines: Sequence[float],
         allowed: float,
-    ) -> Estimate | None:
+    ) -> ErrorEstimate | None:
         """Check some lines and return the error at all lines, or None if the basis has grown.
 
         The directions missing at these lines are then part of the basis, as its larger part.
         """
         size = self.basis.size
-        lacking = list(self._checks(definite, state, lines, allowed))
+        lacking = list(self._check_in_groups(definite, state, lines, allowed))
         if self.basis.size > size:
             return None
-        self.basis.extend(self._orthonormal(lacking, state))
+        self.basis.extend(self._orthonormalise(lacking, state))
         return self._estimate_within(definite, state, freq, size)
 
-    @alone
-    def settle(
+    @use_one_thread
+    def enrich_until_accurate(
         self, states: Sequence[State], freq: _Real, *, accuracy: float | None = None
     ) -> None:
         """Enrich the basis at some states until the residuals at some lines are small enough.
@@ -584,11 +586,11 @@ class Reduction:
             As in `certify`.
         """
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
-        for definite, state in self.shifted.definites(states):
+        for definite, state in self.shifted.factor_definites(states):
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
-            self._settle(definite, state, freq, level, allowed)
+            self._enrich_in_passes(definite, state, freq, level, allowed)
 
-    def _settle(
+    def _enrich_in_passes(
         self,
         definite: Factorised,
         state: State,
@@ -600,12 +602,12 @@ class Reduction:
         """Check lines in passes from number `first` until a pass adds nothing."""
         for number in range(first, _PASSES):
             size = self.basis.size
-            lines = _some_lines(freq, level, _COUNT, number)
+            lines = _choose_lines(freq, level, _COUNT, number)
             self._check_all(definite, state, lines, allowed)
             if self.basis.size == size:
                 break
 
-    @alone
+    @use_one_thread
     def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
         """Enrich the basis by missing directions at some lines of several states.
 
@@ -619,10 +621,10 @@ class Reduction:
             Largest error that adds nothing; by default a fifth of the permitted error.
         """
         allowed = _MARGIN * self.accuracy if allowed is None else allowed
-        for definite, state in self.shifted.definites(states):
+        for definite, state in self.shifted.factor_definites(states):
             self._check_all(definite, state, freq.tolist(), allowed)
 
-    @alone
+    @use_one_thread
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
         """Enrich the basis once by missing directions at several states, each at different lines.
 
@@ -634,12 +636,12 @@ class Reduction:
             All frequency lines in Hz; each state uses every n-th line, with its own offset.
         """
         stride = -(-len(freq) // _COUNT)
-        for number, (definite, state) in enumerate(self.shifted.definites(states)):
+        for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
             lines = freq[number % stride :: stride]
             self._check_all(definite, state, lines.tolist(), _MARGIN * self.accuracy)
 
-    @alone
-    def outside(self, state: State, X: _Real) -> _Real:
+    @use_one_thread
+    def measure_outside(self, state: State, X: _Real) -> _Real:
         """Return the part of some motions' space that is outside the basis.
 
         Parameters
@@ -664,8 +666,8 @@ class Reduction:
         )
         return np.asarray(1.0 - scipy.linalg.eigvalsh(shared, X.T @ PX)[::-1])
 
-    @alone
-    def enrich_beside(
+    @use_one_thread
+    def enrich_with_nearby_factor(
         self,
         definite: Factorised,
         state: State,
@@ -697,11 +699,11 @@ class Reduction:
         bool
             Whether the basis has grown.
         """
-        size, lines = self.basis.size, _some_lines(freq, level, _BESIDE, number)[1:-1]
+        size, lines = self.basis.size, _choose_lines(freq, level, _PIECES_PER_PASS, number)[1:-1]
         self._check_all(definite, state, lines, _MARGIN * accuracy)
         return self.basis.size > size
 
-    @alone
+    @use_one_thread
     def residual_errors(self, states: Sequence[State], freq: _Real) -> _Real:
         """Estimate the error at some lines of several states by residuals, without basis changes.
 
@@ -718,8 +720,8 @@ class Reduction:
             The largest error of a receptance, relative to the largest of its line.
         """
         solver, worst = self.solver(), np.zeros(len(states))
-        for number, (definite, state) in enumerate(self.shifted.definites(states)):
-            for some in self._few_together(freq):
+        for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
+            for some in self._group_lines(freq):
                 lines = LineResiduals(solver, self.basis, self._channels, state, some)
                 errors = np.abs(lines.errors(definite.solve(lines.residual())))
                 share = SAFETY * float((errors / self._channels.levels(lines.H)).max())
@@ -727,16 +729,16 @@ class Reduction:
             self.poll()
         return worst
 
-    def _orthonormal(self, pieces: list[_Real], state: State) -> _Real:
+    def _orthonormalise(self, pieces: list[_Real], state: State) -> _Real:
         """Return a basis for the columns of all pieces, orthonormal in K + omega_max^2 M.
 
         The weakest directions, due to rounding, are omitted. The pieces, of shape (N, k) each, are
         consumed, because memory does not suffice for both them and the result.
         """
-        W = _join(pieces)
-        beside = Basis(self.system, self.basis.weight)
-        beside.extend(W)
-        gram = beside.weighted_sum(self.shifted.weights(state, -self.shifted.top))
+        W = _join_columns(pieces)
+        joined_basis = Basis(self.system, self.basis.weight)
+        joined_basis.extend(W)
+        gram = joined_basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
         if not gram.size:
             return W
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
@@ -750,7 +752,7 @@ class Reduction:
 
     def _estimate_within(
         self, definite: Factorised, state: State, freq: _Real, size: int
-    ) -> Estimate:
+    ) -> ErrorEstimate:
         """Return the estimate with as many of the vectors after the first `size` as possible.
 
         They are in order of importance. If the least important vectors make the larger model
@@ -763,29 +765,33 @@ class Reduction:
                 added = self.basis.size - size
                 if added == 0:
                     raise
-                self.basis = self.basis.leading(size + added // 2)
+                self.basis = self.basis.take_leading(size + added // 2)
 
-    def _estimate(self, definite: Factorised, state: State, freq: _Real, size: int) -> Estimate:
+    def _estimate(
+        self, definite: Factorised, state: State, freq: _Real, size: int
+    ) -> ErrorEstimate:
         """Return the error of the first `size` basis vectors, by comparison with all."""
-        wide, narrow = self.solver(), self._solver_of(self.basis.leading(size))
+        wide, narrow = self.solver(), self._solver_of(self.basis.take_leading(size))
         P = self.basis.weighted_sum(self.shifted.weights(state, -self.shifted.top))
-        found = Estimate.beside(wide, narrow, self.basis, self._channels, P, definite, state, freq)
+        found = ErrorEstimate.by_comparison(
+            wide, narrow, self.basis, self._channels, P, definite, state, freq
+        )
         self.poll()
         return found
 
     def _receptance(self, state: State, freq: _Real) -> _Complex:
         """Return the reduced model's receptance, shape (n_f, n_rows, n_columns)."""
         return np.concatenate(
-            [H for _, H in self._answers(state, freq, self.columns)], axis=1
+            [H for _, H in self._yield_responses(state, freq, self.columns)], axis=1
         ).transpose(1, 0, 2)
 
-    def _answers(
+    def _yield_responses(
         self, state: State, freq: _Real, loaded: NDArray[np.intp]
     ) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield coordinates and response of the reduced model, by blocks of lines."""
         solver = self.solver()
         pencil = solver.pencil(state, freq)
-        for block in line_blocks(len(freq), solver.block_size(len(loaded))):
+        for block in split_into_blocks(len(freq), solver.block_size(len(loaded))):
             c = solver.system.coefficients(state, 2.0 * np.pi * freq[block])
             q = solver.solve(c, loaded, freq[block], pencil)
             yield q, solver.at(q, self.rows)
@@ -794,25 +800,27 @@ class Reduction:
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
     ) -> None:
         """Check some lines, and add the important missing directions to the basis."""
-        for _ in self._checks(definite, state, lines, allowed):
+        for _ in self._check_in_groups(definite, state, lines, allowed):
             pass
 
-    def _checks(
+    def _check_in_groups(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
     ) -> Iterator[_Real]:
         """Check some lines, few together; yield missing directions at them, shape (N, k)."""
-        for some in self._few_together(np.array(lines)):
-            yield self._check(definite, state, some, allowed)
+        for some in self._group_lines(np.array(lines)):
+            yield self._check_lines(definite, state, some, allowed)
             self.poll()
 
-    def _few_together(self, lines: _Real) -> Iterator[_Real]:
+    def _group_lines(self, lines: _Real) -> Iterator[_Real]:
         """Yield few lines at a time, fewer for a larger model because of the size of residuals."""
         of_one = 2 * self.system.n * len(self._channels.forced) * np.dtype(np.float64).itemsize
         step = min(max(_TOGETHER_BYTES // of_one, 1), _TOGETHER)
         for first in range(0, len(lines), step):
             yield lines[first : first + step]
 
-    def _check(self, definite: Factorised, state: State, lines: _Real, allowed: float) -> _Real:
+    def _check_lines(
+        self, definite: Factorised, state: State, lines: _Real, allowed: float
+    ) -> _Real:
         """Add the important missing directions at some lines, or return all if none is important.
 
         None is important if the largest error is within the permitted error.
@@ -837,20 +845,20 @@ class Reduction:
         gram = 0.5 * (gram + gram.T)
         if error.max() > allowed:
             size, axes = np.linalg.eigh(gram)
-            kept = size > max((_WORTH * allowed) ** 2, definite.error**2 * size[-1])
+            kept = size > max((_NEGLIGIBLE_SHARE * allowed) ** 2, definite.error**2 * size[-1])
             # Already P-orthogonal to the basis, because V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():
                 return Y[:, :0]
         lacking = []
-        for own in np.split(np.arange(len(gram)), len(lines)):
-            size, axes = np.linalg.eigh(gram[np.ix_(own, own)])
+        for of_line in np.split(np.arange(len(gram)), len(lines)):
+            size, axes = np.linalg.eigh(gram[np.ix_(of_line, of_line)])
             most = size > _SMALL**2 * size[-1]
-            lacking.append(Y[:, own] @ (weight[own, None] * axes[:, most]))
+            lacking.append(Y[:, of_line] @ (weight[of_line, None] * axes[:, most]))
         return np.hstack(lacking)
 
 
-def _join(pieces: list[_Real]) -> _Real:
+def _join_columns(pieces: list[_Real]) -> _Real:
     """Return the arrays, (N, k) each, side by side; each is released after its copy."""
     out = np.empty((len(pieces[0]), sum(piece.shape[1] for piece in pieces)))
     first = 0
@@ -862,13 +870,13 @@ def _join(pieces: list[_Real]) -> _Real:
     return out
 
 
-def _worst_lines(freq: _Real, shares: _Real, count: int) -> list[float]:
+def _choose_worst_lines(freq: _Real, shares: _Real, count: int) -> list[float]:
     """Return the line of the largest share in each piece of the band."""
     pieces = np.array_split(np.arange(len(freq)), min(count, len(freq)))
     return [float(freq[p[np.argmax(shares[p])]]) for p in pieces]
 
 
-def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
+def _choose_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
     """Choose both end lines, and the strongest, weakest and random lines of band pieces."""
     if len(freq) <= count:
         return freq.tolist()  # type: ignore[no-any-return]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, line_blocks
+from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, split_into_blocks
 from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.frf import FRF, QUANTITIES, check_decay, check_lines, check_quantity
@@ -106,7 +106,7 @@ def response(
     pencil = solver.pencil(start, lines)
     if pencil is not None:
         pencil = replace(pencil, refines=True)
-    for block in line_blocks(len(lines), solver.block_size(len(loaded.index))):
+    for block in split_into_blocks(len(lines), solver.block_size(len(loaded.index))):
         c = solver.system.coefficients(start, omega[block])
         X = solver.solve(c, loaded.index, lines[block], pencil)
         X = solver.at(X, read.index).transpose(1, 0, 2)

@@ -68,9 +68,9 @@ class Shifted:
         self._solver = SparseSolver(self.backend, real=True, single=single)
 
     @property
-    def used(self) -> dict[str, int]:
+    def solve_counts(self) -> dict[str, int]:
         """Number of sparse solves of each backend, by name."""
-        return self._solver.used
+        return self._solver.solve_counts
 
     @property
     def _moves(self) -> list[tuple[float, bool]]:
@@ -157,7 +157,7 @@ class Shifted:
                     raise
         raise AssertionError
 
-    def below(self, state: State, frequency: float) -> int | None:
+    def count_modes_below(self, state: State, frequency: float) -> int | None:
         """Return the number of modes below a frequency in Hz, by Sylvester's law of inertia.
 
         It is None if the backend does not count, or the frequency is a natural frequency.
@@ -169,7 +169,7 @@ class Shifted:
         finally:
             self.release()
 
-    def definite(self, state: State) -> Factorised:
+    def factor_definite(self, state: State) -> Factorised:
         """Return the factorised P of a state, or an existing one of a close state.
 
         It is valid until the next factorisation or `release`.
@@ -183,11 +183,11 @@ class Shifted:
             self._definite = self.factorise(state, -self.top, error=_MEASURING), state
         return self._definite[0]
 
-    def definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
+    def factor_definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
         """Yield states, each with its P or that of a close state."""
         with self.hold():
             for state in states:
-                yield self.definite(state), state
+                yield self.factor_definite(state), state
 
     @contextmanager
     def hold(self) -> Iterator[None]:

@@ -110,7 +110,7 @@ class Cluster(Remote):
                 [shared], broadcast=True, hash=False, timeout=PATIENCE_S
             )
         except OSError as error:  # a worker died meanwhile; TimeoutError is an OSError
-            raise self._lost(error) from error
+            raise self._handle_lost(error) from error
         return future
 
     def _submit(self, function: Callable[..., Any], handle: Future, item: Any) -> Future:
@@ -125,15 +125,15 @@ class Cluster(Remote):
         try:
             wait([call])
         except CancelledError as error:
-            raise self._lost(error) from error
+            raise self._handle_lost(error) from error
         if call.status == "error":
             if self._is_lost(call):
-                raise self._lost(call.exception())
+                raise self._handle_lost(call.exception())
             return call.result()  # raises
         try:
             return call.result(timeout=PATIENCE_S)
         except (CancelledError, OSError) as error:  # its worker died before it was fetched
-            raise self._lost(error) from error
+            raise self._handle_lost(error) from error
 
     def _is_lost(self, call: Future) -> bool:
         from distributed import KilledWorker
@@ -148,9 +148,9 @@ class Cluster(Remote):
 
     def _check_connection(self) -> None:
         if self._client.status != "running":
-            raise self._lost(ConnectionError("the scheduler was out of reach"))
+            raise self._handle_lost(ConnectionError("the scheduler was out of reach"))
 
-    def _lost(self, error: BaseException) -> LostError:
+    def _handle_lost(self, error: BaseException) -> LostError:
         """Wait for a scheduler and a worker, forget lost objects, and return the error."""
         until = time.monotonic() + PATIENCE_S
         while self._client.status == "connecting" and time.monotonic() < until:

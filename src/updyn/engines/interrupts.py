@@ -1,4 +1,4 @@
-"""`interrupts_blocked`: only the parent process handles Ctrl-C while a process starts."""
+"""`block_interrupts`: only the parent process handles Ctrl-C while a process starts."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["interrupts_blocked"]
+__all__ = ["block_interrupts"]
 
 
 @contextmanager
-def interrupts_blocked() -> Iterator[None]:
+def block_interrupts() -> Iterator[None]:
     """Block SIGINT in this thread, and in processes started meanwhile until they unblock it.
 
     A SIGINT while a process imports its modules would end it with a traceback.

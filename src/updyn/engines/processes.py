@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from updyn.engines.engine import Engine, Serial
-from updyn.engines.interrupts import interrupts_blocked
+from updyn.engines.interrupts import block_interrupts
 from updyn.engines.remote import LostError, Remote
 from updyn.errors import EngineError, OptionError
 
@@ -63,7 +63,7 @@ class _Call:
     pool: Any
     future: Any
     parcel: Parcel
-    called_off: Path
+    cancelled: Path
 
 
 class Processes(Remote):
@@ -139,15 +139,15 @@ class Processes(Remote):
         from joblib.externals.loky import BrokenProcessPool
 
         known = tuple(parcel.path for _, parcel in self._sent)
-        called_off = self._new_path("off")
+        cancelled = self._new_path("off")
         try:
-            with interrupts_blocked():
+            with block_interrupts():
                 if self._pool is None:
-                    self._pool = _new_pool(self._workers, called_off.parent)
-                future = self._pool.submit(_work, function, handle.path, known, called_off, item)
+                    self._pool = _new_pool(self._workers, cancelled.parent)
+                future = self._pool.submit(_work, function, handle.path, known, cancelled, item)
         except BrokenProcessPool as error:
-            raise self._lost(self._pool, error) from error
-        return _Call(self._pool, future, handle, called_off)
+            raise self._handle_lost(self._pool, error) from error
+        return _Call(self._pool, future, handle, cancelled)
 
     def _result(self, call: _Call) -> Any:
         from joblib.externals.loky import BrokenProcessPool
@@ -155,7 +155,7 @@ class Processes(Remote):
         try:
             return call.future.result()
         except BrokenProcessPool as error:
-            raise self._lost(call.pool, error) from error
+            raise self._handle_lost(call.pool, error) from error
 
     def _is_lost(self, call: _Call) -> bool:
         from joblib.externals.loky import BrokenProcessPool
@@ -167,9 +167,9 @@ class Processes(Remote):
             if not call.future.cancel() and not call.future.done():
                 # The item is in the queue of the workers, which `cancel` does not reach; the
                 # worker that takes it finds this file.
-                call.called_off.touch()
+                call.cancelled.touch()
 
-    def _lost(self, pool: Any, error: Exception) -> LostError:
+    def _handle_lost(self, pool: Any, error: Exception) -> LostError:
         """Shut down a broken pool, which settles all of its calls, and return the error."""
         pool.shutdown(wait=True)
         if pool is self._pool:
@@ -200,7 +200,7 @@ def _new_pool(workers: int, folder: Path) -> Any:
     from joblib.externals.loky import ProcessPoolExecutor
 
     share = max(1, cpu_count() // workers)
-    limits = {name: str(min(share, _limit(name, share))) for name in _THREADS}
+    limits = {name: str(min(share, _thread_limit(name, share))) for name in _THREADS}
     kept = {name: os.environ.get(name, value) for name, value in _MEMORY.items()}
     environment = limits | kept
     return ProcessPoolExecutor(
@@ -208,7 +208,7 @@ def _new_pool(workers: int, folder: Path) -> Any:
     )
 
 
-def _limit(name: str, otherwise: int) -> int:
+def _thread_limit(name: str, otherwise: int) -> int:
     """Return the number of threads set by the user; a list such as ``"4,2"`` is ignored."""
     value = os.environ.get(name) or os.environ.get("OMP_NUM_THREADS", "")
     return int(value) if value.isdecimal() and int(value) else otherwise
@@ -216,7 +216,7 @@ def _limit(name: str, otherwise: int) -> int:
 
 # -- in the worker -----------------------------------------------------------------------------
 #: Shared objects of this worker by file, including data cached in them.
-_HELD: dict[Path, Any] = {}
+_SHARED_OBJECTS: dict[Path, Any] = {}
 
 
 def _start_worker(parent: int, folder: Path) -> None:
@@ -227,10 +227,10 @@ def _start_worker(parent: int, folder: Path) -> None:
     # loky ends a worker that has grown by 300 MB, assuming a leak; these workers cache factors.
     process_executor._USE_PSUTIL = False
     if os.name == "posix":
-        threading.Thread(target=_end_with, args=(parent, folder), daemon=True).start()
+        threading.Thread(target=_exit_with_parent, args=(parent, folder), daemon=True).start()
 
 
-def _end_with(parent: int, folder: Path) -> None:
+def _exit_with_parent(parent: int, folder: Path) -> None:
     """End this worker and remove its files if the parent process was killed."""
     while os.getppid() == parent:
         time.sleep(_PARENT_CHECK_S)
@@ -239,16 +239,16 @@ def _end_with(parent: int, folder: Path) -> None:
 
 
 def _work(
-    function: Callable[..., Any], path: Path, known: tuple[Path, ...], called_off: Path, item: Any
+    function: Callable[..., Any], path: Path, known: tuple[Path, ...], cancelled: Path, item: Any
 ) -> Any:
-    if called_off.exists():
-        called_off.unlink()
+    if cancelled.exists():
+        cancelled.unlink()
         return None
-    for gone in _HELD.keys() - {path, *known}:
-        del _HELD[gone]
-    if path not in _HELD:
-        _HELD[path] = open_parcel(path)
-    return function(_HELD[path], item)
+    for gone in _SHARED_OBJECTS.keys() - {path, *known}:
+        del _SHARED_OBJECTS[gone]
+    if path not in _SHARED_OBJECTS:
+        _SHARED_OBJECTS[path] = open_parcel(path)
+    return function(_SHARED_OBJECTS[path], item)
 
 
 # -- the shared file -------------------------------------------------------------------------
@@ -310,14 +310,14 @@ def open_parcel(path: Path) -> Any:
         memory = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY))
     (count,) = np.frombuffer(memory, dtype=np.int64, count=1)
     sizes = np.frombuffer(memory, dtype=np.int64, count=count, offset=8)
-    parts, at = [], _padded(8 + 8 * int(count))
+    parts, at = [], _align_size(8 + 8 * int(count))
     for size in sizes.tolist():
         parts.append(memory[at : at + size])
-        at += _padded(size)
+        at += _align_size(size)
     return ForkingPickler.loads(parts[0], buffers=parts[1:])
 
 
-def _padded(size: int) -> int:
+def _align_size(size: int) -> int:
     return -(-size // _ALIGNED) * _ALIGNED
 
 

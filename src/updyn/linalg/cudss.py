@@ -86,7 +86,7 @@ class Cudss:
         """Largest memory on the card with the factor; estimated before `factor`."""
         return int(self._card.query("MEMORY_ESTIMATES", np.int64, 16)[1])
 
-    def factor(self, A: Any) -> _LDL:
+    def factor(self, A: Any) -> _CudssFactors:
         """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
 
         The result of an earlier call becomes invalid. Raises RuntimeError for an error of the
@@ -105,7 +105,7 @@ class Cudss:
         negative = None
         if self._kind == np.float64:
             negative = int(self._card.query("INERTIA", np.int32, 2)[1])
-        return _LDL(self._card, self._matrix, scale, self._kind, negative)
+        return _CudssFactors(self._card, self._matrix, scale, self._kind, negative)
 
     def release(self) -> None:
         """Free the card's memory; the object cannot be used afterwards."""
@@ -113,7 +113,7 @@ class Cudss:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _LDL:
+class _CudssFactors:
     card: _Card
     matrix: int
     scale: NDArray[np.float64]
@@ -149,7 +149,7 @@ class _Card:
         """Open a session."""
         found = _libraries()
         cudss = found.cudss
-        with _named_errors(cudss):
+        with _convert_errors(cudss):
             handle = cudss.create()
             held.callback(cudss.destroy, handle)
             config = cudss.config_create()
@@ -167,14 +167,14 @@ class _Card:
         """Set a parameter."""
         values: NDArray[Any] = np.array([value], dtype=kind)
         parameter = self.cudss.ConfigParam[name]
-        with _named_errors(self.cudss):
+        with _convert_errors(self.cudss):
             self.cudss.config_set(self.config, parameter, values.ctypes.data, values.nbytes)
 
     def query(self, name: str, kind: type, n: int) -> NDArray[Any]:
         """Return a result of the last phase."""
         values: NDArray[Any] = np.zeros(n, dtype=kind)
         written = np.zeros(1, dtype=np.uint64)
-        with _named_errors(self.cudss):
+        with _convert_errors(self.cudss):
             self.cudss.data_get(
                 self.handle, self.data, self.cudss.DataParam[name],
                 values.ctypes.data, values.nbytes, written.ctypes.data,
@@ -211,7 +211,7 @@ class _Card:
             self.upload(place, array)
         n, cudss = len(begin) - 1, self.cudss
         index = cudss.DataType.R_32I
-        with _named_errors(cudss):
+        with _convert_errors(cudss):
             made = cudss.matrix_create_csr(
                 n, n, len(column), places[0], 0, places[1], values, index, index,
                 self._value_type(kind), cudss.MatrixType.SYMMETRIC, cudss.MatrixViewType.UPPER,
@@ -225,7 +225,7 @@ class _Card:
         place, cudss = self.room(held, array.nbytes), self.cudss
         self.upload(place, array)
         n, r = array.shape
-        with _named_errors(cudss):
+        with _convert_errors(cudss):
             made = cudss.matrix_create_dn(
                 n, r, n, place, self._value_type(array.dtype), cudss.Layout.COL_MAJOR
             )
@@ -234,7 +234,7 @@ class _Card:
 
     def run(self, phase: str, matrix: int, solution: int, load: int) -> None:
         """Execute a phase and wait for its end."""
-        with _named_errors(self.cudss, phase):
+        with _convert_errors(self.cudss, phase):
             self.cudss.execute(
                 self.handle, self.cudss.Phase[phase], self.config, self.data, matrix, solution, load
             )
@@ -260,7 +260,7 @@ class _Card:
 
 
 @contextmanager
-def _named_errors(cudss: Any, phase: str = "") -> Iterator[None]:
+def _convert_errors(cudss: Any, phase: str = "") -> Iterator[None]:
     """Convert errors of the library to the types of the protocol."""
     try:
         yield

@@ -70,7 +70,7 @@ class Mumps:
             megabytes = self._context.factor_stats.memory
         return int(megabytes) * 10**6
 
-    def factor(self, A: Any) -> _LDL:
+    def factor(self, A: Any) -> _MumpsFactors:
         """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
 
         The result of an earlier call becomes invalid. Raises RuntimeError if A is singular, or for
@@ -81,7 +81,7 @@ class Mumps:
         negative = None
         if self._real:
             negative = int(self._context.mumps_instance.infog[12])
-        return _LDL(self._context, negative)
+        return _MumpsFactors(self._context, negative)
 
     def release(self) -> None:
         """Free the library's memory; the object cannot be used afterwards."""
@@ -98,7 +98,7 @@ class Mumps:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _LDL:
+class _MumpsFactors:
     context: Any
     negative: int | None
 

@@ -18,7 +18,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.linalg.single import in_range, solve_scaled
+from updyn.linalg.single import round_to_single, solve_scaled
 from updyn.linalg.triangle import upper_triangle
 
 __all__ = ["Pardiso", "library"]
@@ -105,7 +105,7 @@ class Pardiso:
         """Largest memory of the library with the factor; estimated before `factor`."""
         return self._session.peak_bytes()
 
-    def factor(self, A: Any) -> _LDL:
+    def factor(self, A: Any) -> _PardisoFactors:
         """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
 
         The result of an earlier call becomes invalid. Raises RuntimeError for an error of the
@@ -120,7 +120,7 @@ class Pardiso:
                 session.a[at : at + len(values)] = values
             at += len(values)
         if session.is_single:
-            in_range(session.a)
+            round_to_single(session.a)
         session.call(_FACTOR)
         if session.iparm[13]:
             # A perturbed pivot hides that a matrix is singular.
@@ -128,7 +128,7 @@ class Pardiso:
         negative = None
         if self._kind == _REAL_SYMMETRIC_INDEFINITE:
             negative = int(session.iparm[22])
-        return _LDL(session, negative)
+        return _PardisoFactors(session, negative)
 
     def release(self) -> None:
         """Free the library's memory; the object cannot be used afterwards."""
@@ -136,7 +136,7 @@ class Pardiso:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _LDL:
+class _PardisoFactors:
     session: _Session
     negative: int | None
 

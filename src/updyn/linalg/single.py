@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["in_range", "solve_scaled"]
+__all__ = ["round_to_single", "solve_scaled"]
 
 
-def in_range(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def round_to_single(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values rounded to single precision; raises RuntimeError if one is beyond its range."""
     if not np.isfinite(values).all():
         raise RuntimeError("values beyond the range of single precision")

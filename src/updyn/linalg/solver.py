@@ -129,7 +129,7 @@ class SparseSolver:
 
     Attributes
     ----------
-    used : dict
+    solve_counts : dict
         Number of solves by backend; others than `backend` only if it failed.
     refined : int
         Number of these that needed a refinement step.
@@ -138,9 +138,9 @@ class SparseSolver:
     backend: str
     real: bool = field(default=False, kw_only=True)
     single: bool = field(default=False, kw_only=True)
-    used: dict[str, int] = field(default_factory=dict, init=False)
+    solve_counts: dict[str, int] = field(default_factory=dict, init=False)
     refined: int = field(default=0, init=False)
-    _analysed: dict[_Way, Backend] = field(default_factory=dict, init=False)
+    _analysed: dict[_BackendChoice, Backend] = field(default_factory=dict, init=False)
     _pattern: tuple[NDArray[Any], NDArray[Any]] | None = field(default=None, init=False)
     _alive: weakref.ref[Factorised] | None = field(default=None, init=False)
 
@@ -160,7 +160,7 @@ class SparseSolver:
         try:
             return factorised.solve(B)
         finally:
-            self._retire()
+            self._invalidate_factors()
 
     def factorise(
         self,
@@ -183,9 +183,9 @@ class SparseSolver:
             raise TypeError(
                 f"found a matrix of {A.dtype}; expected {'real' if self.real else 'complex'} values"
             )
-        self._retire()
-        self._forget_other_pattern(A)
-        made = Factorised(self, A, (freq, held), error, self._ways(single_only=single_only))
+        self._invalidate_factors()
+        self._release_other_pattern(A)
+        made = Factorised(self, A, (freq, held), error, self._list_choices(single_only=single_only))
         self._alive = weakref.ref(made)
         return made
 
@@ -197,43 +197,43 @@ class SparseSolver:
 
     def release(self) -> None:
         """Free all memory; a later call analyses the pattern again."""
-        self._retire()
+        self._invalidate_factors()
         for backend in self._analysed.values():
             backend.release()
         self._analysed.clear()
         self._pattern = None
 
-    def _retire(self) -> None:
+    def _invalidate_factors(self) -> None:
         if self._alive is not None:
             alive = self._alive()
             if alive is not None:
                 alive._factors = None
         self._alive = None
 
-    def _ways(self, *, single_only: bool) -> Iterator[_Way]:
+    def _list_choices(self, *, single_only: bool) -> Iterator[_BackendChoice]:
         """Yield the backends and precisions to try: the requested backend first."""
         for name in _backends_from(self.backend):
             if not BACKENDS[name].available():
                 continue
             if self.single and getattr(BACKENDS[name], "has_single", False):
-                yield _Way(name, single=True)
+                yield _BackendChoice(name, single=True)
                 if single_only:
                     return
-            yield _Way(name)
+            yield _BackendChoice(name)
 
-    def _factor(self, way: _Way, A: Any) -> Factors:
-        if way not in self._analysed:
-            single = {"single": True} if way.single else {}
-            self._analysed[way] = BACKENDS[way.name](A, real=self.real, **single)
-        return self._analysed[way].factor(A)
+    def _factor(self, choice: _BackendChoice, A: Any) -> Factors:
+        if choice not in self._analysed:
+            single = {"single": True} if choice.single else {}
+            self._analysed[choice] = BACKENDS[choice.name](A, real=self.real, **single)
+        return self._analysed[choice].factor(A)
 
-    def _forget(self, way: _Way) -> None:
+    def _release_choice(self, choice: _BackendChoice) -> None:
         """Free a backend that failed, before another one needs the memory."""
-        failed = self._analysed.pop(way, None)
+        failed = self._analysed.pop(choice, None)
         if failed is not None:
             failed.release()
 
-    def _forget_other_pattern(self, A: Any) -> None:
+    def _release_other_pattern(self, A: Any) -> None:
         known = self._pattern
         same = known is not None and (
             (known[0] is A.indptr and known[1] is A.indices)
@@ -245,7 +245,7 @@ class SparseSolver:
 
 
 @dataclass(frozen=True, slots=True)
-class _Way:
+class _BackendChoice:
     """A backend and its precision."""
 
     name: str
@@ -272,6 +272,8 @@ class Factorised:
     __slots__ = (
         "_A",
         "__weakref__",
+        "_choice",
+        "_choices",
         "_error",
         "_factors",
         "_line",
@@ -279,8 +281,6 @@ class Factorised:
         "_probed",
         "_scale",
         "_solver",
-        "_way",
-        "_ways",
     )
 
     def __init__(
@@ -289,12 +289,18 @@ class Factorised:
         A: Any,
         line: tuple[float, str],
         error: float,
-        ways: Iterator[_Way],
+        choices: Iterator[_BackendChoice],
     ) -> None:
-        self._solver, self._A, self._line, self._error, self._ways = solver, A, line, error, ways
+        self._solver, self._A, self._line, self._error, self._choices = (
+            solver,
+            A,
+            line,
+            error,
+            choices,
+        )
         self._scale = unit_scale(A.diagonal())
         self._factors: Factors | None = None
-        self._way: _Way | None = None
+        self._choice: _BackendChoice | None = None
         self._off = _EXACT
         # A real matrix is deliberately shifted close to an eigenvalue.
         self._probed = solver.real
@@ -308,12 +314,12 @@ class Factorised:
         For A = K - omega^2 M with positive definite M: the number of natural frequencies below
         omega.
         """
-        return self._current()[0].negative
+        return self._latest_factors()[0].negative
 
     @property
     def error(self) -> float:
         """Permitted relative error of solutions; 0 in double precision."""
-        return self._error if self._current()[1].single else 0.0
+        return self._error if self._latest_factors()[1].single else 0.0
 
     def times(self, X: NDArray[Any]) -> NDArray[Any]:
         """Return A X, X of shape (n, r)."""
@@ -325,7 +331,7 @@ class Factorised:
         Raises SolverError as `SparseSolver.solve`, RuntimeError if the solver has factorised
         another matrix since, or was released.
         """
-        _, way = self._current()
+        _, choice = self._latest_factors()
         if self._solver.real and np.iscomplexobj(B):
             raise TypeError("found complex right-hand sides; expected real ones")
         n, r = B.shape
@@ -340,18 +346,20 @@ class Factorised:
                 X, left, grown = self._refine_solution(B)
             except RuntimeError:
                 left = np.inf
-            if left <= way.residual:
+            if left <= choice.residual:
                 break
             if not self._factored_by_next():
                 if np.isinf(left):
                     raise SolverError(singular_message(*self._line, scale=self._scale))
                 where = f"residual {left:.1e} at {self._line[0]:g} Hz"
-                raise SolverError(f"{way.name}: {where}; the matrix is singular or nearly singular")
-            _, way = self._current()
+                raise SolverError(
+                    f"{choice.name}: {where}; the matrix is singular or nearly singular"
+                )
+            _, choice = self._latest_factors()
         if not (grown[:r] <= LARGEST_GROWTH).all() or not (grown[r:] <= LARGEST_PROBE_GROWTH).all():
             raise SolverError(singular_message(*self._line, scale=self._scale))
         self._probed = True
-        self._solver.used[way.name] = self._solver.used.get(way.name, 0) + 1
+        self._solver.solve_counts[choice.name] = self._solver.solve_counts.get(choice.name, 0) + 1
         return X[:, :r]
 
     def _refine_solution(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
@@ -359,22 +367,22 @@ class Factorised:
 
         Columns with a larger error than permitted are corrected once.
         """
-        run, way = self._current()
+        run, choice = self._latest_factors()
         X = run(B)
-        if way.single:
-            self._settle(run, X, B)
-        errors, grown = accuracy(self._A, self._scale, X, B, way.residual)
-        off = ~(errors <= way.residual)
+        if choice.single:
+            self._refine_to_tolerance(run, X, B)
+        errors, grown = accuracy(self._A, self._scale, X, B, choice.residual)
+        off = ~(errors <= choice.residual)
         if off.any():
             with np.errstate(invalid="ignore", over="ignore"):
                 X[:, off] += run(np.asfortranarray(B[:, off] - self._A @ X[:, off]))
             errors[off], grown[off] = accuracy(
-                self._A, self._scale, X[:, off], B[:, off], way.residual
+                self._A, self._scale, X[:, off], B[:, off], choice.residual
             )
             self._solver.refined += 1
         return X, float(errors.max(initial=0.0)), grown
 
-    def _settle(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
+    def _refine_to_tolerance(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
         """Refine solutions of factors in single precision to the permitted error.
 
         Raises RuntimeError if they do not converge.
@@ -385,25 +393,29 @@ class Factorised:
                 return
             change = run(np.asfortranarray(B - self._A @ X))
             X += change
-            size = float(_grown(_sizes(change, self._scale), _sizes(X, self._scale)).max(initial=0))
+            size = float(
+                _compute_growth(
+                    _column_sizes(change, self._scale), _column_sizes(X, self._scale)
+                ).max(initial=0)
+            )
             left, before = size * max(self._off.share, size / before), size
         raise RuntimeError(f"solutions in single precision do not converge: error {left:.1e}")
 
     def _factored_by_next(self) -> bool:
         """Factorise with the next backend; return whether one succeeded."""
         self._factors = None
-        for way in self._ways:
-            if self._way is not None:
-                self._solver._forget(self._way)
-            self._way = way
+        for choice in self._choices:
+            if self._choice is not None:
+                self._solver._release_choice(self._choice)
+            self._choice = choice
             try:
-                factors = self._solver._factor(way, self._A)
-                self._off = self._off_by(factors) if way.single else _EXACT
+                factors = self._solver._factor(choice, self._A)
+                self._off = self._distance_from_matrix(factors) if choice.single else _EXACT
             except RuntimeError:
                 continue
             except MemoryError as error:
                 # Others need as much memory, and would end the process instead.
-                message = f"{way.name}: not enough memory to factorise {self._A.shape[0]} DOFs"
+                message = f"{choice.name}: not enough memory to factorise {self._A.shape[0]} DOFs"
                 if str(error):
                     message += f" ({error})"
                 raise SolverError(message) from error
@@ -413,7 +425,7 @@ class Factorised:
             del factors
         return False
 
-    def _off_by(self, factors: Factors) -> _Off:
+    def _distance_from_matrix(self, factors: Factors) -> _FactorDistance:
         """Return the distance of factors in single precision from the matrix A.
 
         They are those of A + E. A refinement step changes a solution by the share A^-1 E and leaves
@@ -424,18 +436,18 @@ class Factorised:
         with np.errstate(invalid="ignore", over="ignore"):
             X = factors(load)
             change = factors(np.asfortranarray(load - self._A @ X))
-            size = _sizes(X, self._scale)
-            share = _grown(_sizes(change, self._scale), size)
-            grown = _grown(size, _sizes(load, 1.0 / self._scale))
-        return _Off(float(share[0]), _ROUNDINGS * np.finfo(float).eps * float(grown[0]))
+            size = _column_sizes(X, self._scale)
+            share = _compute_growth(_column_sizes(change, self._scale), size)
+            grown = _compute_growth(size, _column_sizes(load, 1.0 / self._scale))
+        return _FactorDistance(float(share[0]), _ROUNDINGS * np.finfo(float).eps * float(grown[0]))
 
-    def _current(self) -> tuple[Factors, _Way]:
-        if self._factors is None or self._way is None:
+    def _latest_factors(self) -> tuple[Factors, _BackendChoice]:
+        if self._factors is None or self._choice is None:
             raise RuntimeError(
                 "this factorisation is no longer valid: its solver has factorised another matrix,"
                 " or was released"
             )
-        return self._factors, self._way
+        return self._factors, self._choice
 
 
 #: Largest accepted backward error, in double and in single precision.
@@ -443,7 +455,7 @@ RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class _Off:
+class _FactorDistance:
     """Distance of factors from the matrix.
 
     Attributes
@@ -458,7 +470,7 @@ class _Off:
     floor: float
 
 
-_EXACT = _Off(0.0, 0.0)
+_EXACT = _FactorDistance(0.0, 0.0)
 #: Largest share for which refinement converges, and largest number of its steps.
 _FARTHEST, _MOST_STEPS = 0.2, 20
 #: Approximate number of roundings of double precision in a residual.
@@ -504,7 +516,7 @@ def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[
     over the columns, approximately a lower bound of the condition number of the scaled matrix.
     """
     scale = unit_scale(diagonal)[..., None]
-    grown = _grown((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
+    grown = _compute_growth((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
     return np.asarray(grown.max(axis=-1, initial=0))
 
 
@@ -537,8 +549,8 @@ def accuracy(
     for first in range(0, X.shape[1], _CHECKED_COLUMNS):
         part = slice(first, first + _CHECKED_COLUMNS)
         x, b = X[:, part], B[:, part]
-        solved, load = _sizes(x, scale), _sizes(b, 1.0 / scale)
-        grown[part] = _grown(solved, load)
+        solved, load = _column_sizes(x, scale), _column_sizes(b, 1.0 / scale)
+        grown[part] = _compute_growth(solved, load)
         # nan propagates and is detected.
         with np.errstate(invalid="ignore", over="ignore"):
             bound = _combination_bound(A, scale, x, b, solved + load)
@@ -580,7 +592,7 @@ def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
     return np.concatenate([X[i : i + step] @ weight for i in range(0, len(X), step)])
 
 
-def _sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+def _column_sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the largest scaled real or imaginary part of each column."""
     if np.iscomplexobj(X):
         scale = np.repeat(scale, 2)
@@ -590,7 +602,7 @@ def _sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([(np.abs(piece) * scale).max(axis=1, initial=0.0) for piece in pieces])
 
 
-def _grown(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_growth(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np.float64]:
     with np.errstate(divide="ignore", invalid="ignore"):
         grown = solved / load
     # 0 / 0: a column without load.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.linalg.single import in_range, solve_scaled
+from updyn.linalg.single import round_to_single, solve_scaled
 
 __all__ = ["SuperLU"]
 
@@ -47,7 +47,7 @@ class SuperLU:
         if self._single:
             with np.errstate(over="ignore"):
                 A = A.astype(np.float32)
-            in_range(A.data)
+            round_to_single(A.data)
         # Minimum degree on A + A^T with nearly diagonal pivots: 1.6 times faster than the default
         # ordering on solids.
         return _LU(

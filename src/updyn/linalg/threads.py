@@ -9,16 +9,16 @@ from typing import Any, ParamSpec, TypeVar
 
 from updyn.linalg.pardiso import library
 
-__all__ = ["alone", "limit"]
+__all__ = ["limit", "use_one_thread"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Whether a calling function has already set the limit of `alone`.
+#: Whether a calling function has already set the limit of `use_one_thread`.
 _is_alone = ContextVar("_is_alone", default=False)
 
 
-def alone(function: Callable[P, R]) -> Callable[P, R]:
+def use_one_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Decorate a function to run with one thread of OpenBLAS, the library of numpy and scipy.
 
     For many small factorisations and products, at each of which the threads would wait for each

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 from updyn.modal.axis import Axis
 from updyn.modal.continuation import remove_decay
 from updyn.modal.fits import Mode
@@ -70,7 +70,7 @@ _RATIONAL, _FIRST, _LOSS = 160, 4, 0.01
 _AS_GOOD = 1e3
 
 
-@alone
+@use_one_thread
 def identify_modes(
     frf: FRF,
     *,

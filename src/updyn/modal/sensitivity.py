@@ -355,8 +355,8 @@ def _derivative_forces(
             share = power * state.factor[at] / values[owner]
             yield (
                 int(owner),
-                term.own,
-                share * (term.local @ shapes[term.own]),
+                term.row_index,
+                share * (term.local @ shapes[term.row_index]),
                 term.quantity == "mass",
             )
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.correlation.shapes import moving
+from updyn.correlation.shapes import find_moving
 from updyn.errors import DataError
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.layout import Layout
@@ -36,8 +36,8 @@ class EffectiveIndependence(Criterion):
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
         """Select responses by effective independence."""
-        rows = effective_independence(_observed_shapes(planning), n_responses)
-        return Layout(tuple(rows), _references(planning, n_references))
+        rows = effective_independence(_find_observed_shapes(planning), n_responses)
+        return Layout(tuple(rows), _select_references(planning, n_references))
 
 
 class LeastMac(Criterion):
@@ -47,8 +47,8 @@ class LeastMac(Criterion):
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
         """Select responses by the largest MAC off the diagonal."""
-        rows = least_mac(_observed_shapes(planning), n_responses)
-        return Layout(tuple(rows), _references(planning, n_references))
+        rows = least_mac(_find_observed_shapes(planning), n_responses)
+        return Layout(tuple(rows), _select_references(planning, n_references))
 
 
 class DrivingPointResidue(Criterion):
@@ -59,24 +59,26 @@ class DrivingPointResidue(Criterion):
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
         """Select responses by driving-point residue."""
         residue = driving_point_residues(planning.response_shapes, planning.modes.frequency)
-        return Layout(_largest(residue, n_responses), _references(planning, n_references))
+        return Layout(
+            _find_largest(residue, n_responses), _select_references(planning, n_references)
+        )
 
 
-def _observed_shapes(planning: Planning) -> _Real:
+def _find_observed_shapes(planning: Planning) -> _Real:
     """Return the target modes at the candidate responses, without those at rest."""
     shapes = planning.response_shapes
-    move = moving(shapes, planning.modes.shapes)
+    move = find_moving(shapes, planning.modes.shapes)
     if not move.any():
         raise DataError("no mode in the band moves at the candidate responses")
     return np.asarray(shapes[:, move])
 
 
-def _references(planning: Planning, count: int) -> tuple[int, ...]:
+def _select_references(planning: Planning, count: int) -> tuple[int, ...]:
     residue = driving_point_residues(planning.reference_shapes, planning.modes.frequency)
-    return _largest(residue, count)
+    return _find_largest(residue, count)
 
 
-def _largest(values: _Real, count: int) -> tuple[int, ...]:
+def _find_largest(values: _Real, count: int) -> tuple[int, ...]:
     return tuple(np.argsort(-values, kind="stable")[:count].tolist())
 
 
@@ -96,11 +98,11 @@ def effective_independence(shapes: _Real, count: int) -> list[int]:
     columns of phi.
     """
     phi = shapes[:, : min(count, shapes.shape[1])]
-    left = np.arange(len(phi))
-    while len(left) > count:
-        basis = np.linalg.qr(phi[left])[0]
-        left = np.delete(left, int(np.argmin((basis**2).sum(axis=1))))
-    return [int(i) for i in left]
+    remaining = np.arange(len(phi))
+    while len(remaining) > count:
+        basis = np.linalg.qr(phi[remaining])[0]
+        remaining = np.delete(remaining, int(np.argmin((basis**2).sum(axis=1))))
+    return [int(i) for i in remaining]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +132,9 @@ def least_mac(shapes: _Real, count: int) -> list[int]:
     best = [criterion.score(item + items) for item in items]
     first, second = np.unravel_index(int(np.argmax(best)), (len(items), len(items)))
     pair = [int(first), int(second)]
-    left = np.setdiff1d(np.arange(len(items)), pair)
-    further, total = select_greedily(items[left], items[pair].sum(axis=0), count - 2, criterion)
-    chosen = [*pair, *left[further].tolist()]
+    remaining = np.setdiff1d(np.arange(len(items)), pair)
+    further, total = select_greedily(
+        items[remaining], items[pair].sum(axis=0), count - 2, criterion
+    )
+    chosen = [*pair, *remaining[further].tolist()]
     return sorted(exchange_items(items, total, chosen, criterion))

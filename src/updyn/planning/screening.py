@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.dynamics.reduction import Across, Reduction
+from updyn.dynamics.reduction import Reduction, VectorsPerState
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.information import Candidates, PairInformation
 from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 from updyn.updating.problem.session import Record
 
-__all__ = ["is_many", "screen", "where_reduced"]
+__all__ = ["is_many", "reduce_candidates", "screen_candidates"]
 
 _Real = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ _DOFS = 600
 #: Least number of states of a basis, each solved at another shift, with their additional vectors;
 #: square root of the share of the energy of fields that may be dropped.
 _STATES, _DROPPED = 6, 1e-4
-_ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
+_ACROSS = VectorsPerState(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
 #: Largest error of a reduced model, as a share of the largest receptance of a line; the expected
 #: results of the layout are computed with the model itself.
 _ERROR = 1e-2
@@ -55,7 +55,7 @@ def is_many(candidates: Candidates) -> bool:
     return len(candidates.responses) * len(candidates.references) > _PAIRS
 
 
-def screen(
+def screen_candidates(
     candidates: Candidates,
     points: Sequence[_Real],
     rule: Criterion,
@@ -68,32 +68,35 @@ def screen(
     interest; `counts` are the numbers of responses and references to select. Raises SolverError if
     the model cannot be solved, Stopped if the user stops the work.
     """
-    solver = _around(candidates, points).solver()
+    solver = _build_reduction(candidates, points).solver()
     rows = np.arange(len(candidates.responses))
     columns = np.arange(len(candidates.references))
-    some_rows, some_columns = _sample(candidates.responses), _sample(candidates.references)
+    some_rows, some_columns = (
+        _sample_dofs(candidates.responses),
+        _sample_dofs(candidates.references),
+    )
     rough = replace(candidates, reduced=solver)
-    rough = rough.with_level(rough.only(rows, some_columns))
+    rough = rough.with_level(rough.select(rows, some_columns))
     kept = [max(least, _FOR_EACH * count) for least, count in zip(_KEPT, counts, strict=True)]
     few = rough.at_lines(_spread_lines(candidates.freq, _LINES))
-    home = points[:1]
+    start_point = points[:1]
 
-    looked = few.only(some_rows, columns)
-    information = PairInformation.compute(looked, home)
-    score = rule.score(Planning(looked, information, wanted))
+    sampled = few.select(some_rows, columns)
+    information = PairInformation.compute(sampled, start_point)
+    score = rule.score(Planning(sampled, information, wanted))
     items = information.of_references(range(len(some_rows)))
-    columns = _best(items, information.before, kept[1], score)
+    columns = _select_best(items, information.before, kept[1], score)
 
-    looked = few.only(rows, columns)
-    information = PairInformation.compute(looked, home)
-    score = rule.score(Planning(looked, information, wanted))
-    rows = _responses(information, counts, kept[0], score)
+    sampled = few.select(rows, columns)
+    information = PairInformation.compute(sampled, start_point)
+    score = rule.score(Planning(sampled, information, wanted))
+    rows = _select_responses(information, counts, kept[0], score)
 
-    chosen = where_reduced(replace(rough.only(rows, columns), reduced=None), points)
+    chosen = reduce_candidates(replace(rough.select(rows, columns), reduced=None), points)
     return chosen if chosen.reduced is None else chosen.without_weak()
 
 
-def _responses(
+def _select_responses(
     information: PairInformation, counts: tuple[int, int], kept: int, score: DesignScore
 ) -> NDArray[np.intp]:
     """Return indices of responses: of layouts from several references, then the best of all.
@@ -115,13 +118,15 @@ def _responses(
         layouts.append((float(score.score(total)), rows))
     layouts.sort(key=lambda layout: -layout[0])
     of_layouts = list(dict.fromkeys(itertools.chain(*(rows for _, rows in layouts))))[:kept]
-    left = np.setdiff1d(np.arange(n_i), of_layouts)
+    remaining = np.setdiff1d(np.arange(n_i), of_layouts)
     items = information.of_responses(range(n_j))
-    more = left[_best(items[left], information.before, kept - len(of_layouts), score)]
+    more = remaining[
+        _select_best(items[remaining], information.before, kept - len(of_layouts), score)
+    ]
     return np.union1d(of_layouts, more)
 
 
-def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
+def _build_reduction(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
     """Return an approximate reduction between all candidates and around all points."""
     part, dofs = candidates.part, candidates.model.dofs
     freq = candidates.freq
@@ -140,7 +145,7 @@ def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
     return reduction
 
 
-def where_reduced(candidates: Candidates, points: Sequence[_Real]) -> Candidates:
+def reduce_candidates(candidates: Candidates, points: Sequence[_Real]) -> Candidates:
     """Return the candidates in a reduced model that is accurate at all points, if possible.
 
     A small model is not reduced. Raises SolverError if the model cannot be solved, Stopped if the
@@ -149,15 +154,15 @@ def where_reduced(candidates: Candidates, points: Sequence[_Real]) -> Candidates
     part = candidates.part
     if part.solver.system.n <= _DOFS:
         return candidates
-    reduction = _around(candidates, points)
+    reduction = _build_reduction(candidates, points)
     reduction.compress_around([part.state(x) for x in points], candidates.freq, _DROPPED)
-    error = max(_error(candidates, reduction, x) for x in points)
+    error = max(_certify_error(candidates, reduction, x) for x in points)
     if error > _ERROR:
         return candidates
     return replace(candidates, reduced=reduction.solver(), error=error)
 
 
-def _error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
+def _certify_error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
     """Return the certified error of a reduced model at a point, relative to each line's largest."""
     part, lines = candidates.part, _spread_lines(candidates.freq, _CERTIFIED)
 
@@ -173,7 +178,7 @@ def _spread_lines(freq: _Real, count: int) -> _Real:
     return np.asarray(freq[np.unique(np.linspace(0, len(freq) - 1, count).astype(int))])
 
 
-def _sample(dofs: DofSet) -> NDArray[np.intp]:
+def _sample_dofs(dofs: DofSet) -> NDArray[np.intp]:
     """Return indices of evenly spaced DOFs, of translations and of rotations."""
     is_turned = dofs.axes >= 3
     found = []
@@ -183,7 +188,7 @@ def _sample(dofs: DofSet) -> NDArray[np.intp]:
     return np.sort(np.concatenate(found))
 
 
-def _best(items: _Real, before: _Real, count: int, score: DesignScore) -> NDArray[np.intp]:
+def _select_best(items: _Real, before: _Real, count: int, score: DesignScore) -> NDArray[np.intp]:
     """Return indices of items: half by greedy selection, the rest the best separate ones."""
     if len(items) <= count or not count:
         return np.arange(min(len(items), count))

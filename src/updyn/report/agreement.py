@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.correlation import correlate, csf, fdac
 from updyn.correlation.figures import ONE_AT_BEST, figure_text
-from updyn.correlation.frfs import told_lines
+from updyn.correlation.frfs import nonzero_lines
 from updyn.frf import FRF
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
@@ -145,7 +145,7 @@ def _plot_by_line(
     ):
         if found is None or computed is None:
             continue
-        values = np.where(told_lines(data.measured, computed), found, np.nan)
+        values = np.where(nonzero_lines(data.measured, computed), found, np.nan)
         traces.append(
             {
                 "type": "scatter",

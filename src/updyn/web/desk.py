@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from updyn.engines.interrupts import interrupts_blocked
+from updyn.engines.interrupts import block_interrupts
 from updyn.errors import InputError, UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
 
@@ -111,7 +111,7 @@ class Desk:
         self._line, other = self._context.Pipe()
         arguments = (other, self._folder, self._memory)
         process = self._context.Process(target=_answer_calls, args=arguments, daemon=True)
-        with interrupts_blocked():
+        with block_interrupts():
             process.start()
         self._process = process
         other.close()

@@ -358,7 +358,7 @@ def test_what_a_basis_lacks_is_about_its_error(long_fit) -> None:
         system, np.array([0, LONG - 1]), np.array([0]), (1.0, 40.0), "superlu", 1e-4
     )
     reduction.build(system.start)
-    reduction.basis = reduction.basis.leading(8)
+    reduction.basis = reduction.basis.take_leading(8)
     other = replace(system.start, factor=system.start.factor * [1.0, 1.1, 0.9])
     line = np.array([40.0])
     (said,) = reduction.residual_errors([other], line)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import updyn
 from updyn.correlation import ecomac, mac, principal_cosines
-from updyn.correlation.clusters import CLOSE, close_modes
+from updyn.correlation.clusters import CLOSE, cluster_modes
 from updyn.errors import DataError
 
 STOREYS = 4
@@ -219,13 +219,13 @@ def test_close_modes_are_as_close_as_stated_and_no_chain():
     step = 0.4 * CLOSE
     chain = 20.0 * (1 + step) ** np.arange(7)
     chain[3:] *= 1.0 + 0.1 * step  # the largest gap is between the third and the fourth mode
-    clusters = close_modes(chain)
+    clusters = cluster_modes(chain)
     assert np.concatenate(clusters).tolist() == list(range(7))
     for cluster in clusters:
         assert chain[cluster[-1]] <= chain[cluster[0]] * (1 + CLOSE)
     assert [0, 1, 2] in [cluster.tolist() for cluster in clusters]
-    assert [c.tolist() for c in close_modes(np.array([0.0, 0.0, 1.0]))] == [[0, 1], [2]]
-    assert [len(c) for c in close_modes(np.array([20.0, 20.0 * (1 + 1e-9)]), 0.0)] == [1, 1]
+    assert [c.tolist() for c in cluster_modes(np.array([0.0, 0.0, 1.0]))] == [[0, 1], [2]]
+    assert [len(c) for c in cluster_modes(np.array([20.0, 20.0 * (1 + 1e-9)]), 0.0)] == [1, 1]
 
 
 def test_the_limit_of_close_modes_is_where_a_usual_perturbation_leaves_a_mac_of_nine_tenths():

@@ -117,7 +117,7 @@ def test_term_times_a_field_is_the_matrix_product(n):
 def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
     """Two groups that fill the whole pattern, whose entries are mixed together, and one that does not."""
     monkeypatch.setattr(affine, "_CHUNK", chunk)
-    monkeypatch.setattr(affine, "_BESIDE", beside)
+    monkeypatch.setattr(affine, "_COMBINED_TERMS", beside)
     rng = np.random.default_rng(2)
     A, B, C = (X @ X.T for X in rng.standard_normal((3, 4, 4)))
     groups = {
@@ -136,7 +136,7 @@ def test_sums_in_pieces_and_at_once(n_lines, chunk, beside, monkeypatch):
 @pytest.mark.parametrize("beside", [0, 100])
 def test_real_sums_stay_real(model, beside, monkeypatch):
     """K - 4 M with weights on the terms, as `terms` lists them."""
-    monkeypatch.setattr(affine, "_BESIDE", beside)
+    monkeypatch.setattr(affine, "_COMBINED_TERMS", beside)
     system = AffineSystem.compile(model)
     values = system.real_values(np.array([1.0, -4.0, 1.0, -4.0, 0.0, 1.0]))
     assert values.dtype == np.float64
@@ -164,7 +164,7 @@ def test_what_matrices_have_in_common_is_kept_once(model):
         updyn.Model.from_groups({"f": updyn.Group(np.eye(2) + 1.0)}, ["1:X", "2:X"])
     ).terms[0]
     assert np.shares_memory(full.local, full.data)
-    assert [t.own for t in AffineSystem.compile(model).terms][:3] == [
+    assert [t.row_index for t in AffineSystem.compile(model).terms][:3] == [
         slice(0, 2),
         slice(0, 2),
         slice(1, 3),
@@ -177,7 +177,7 @@ def test_rows_apart_are_an_index():
         {"a": updyn.Group(K), "b": updyn.Group(np.eye(3))}, ["1:X", "2:X", "3:X"]
     )
     term = AffineSystem.compile(model).terms[0]
-    assert list(term.own) == [0, 2]
+    assert list(term.row_index) == [0, 2]
     assert term.times(np.array([2.0 + 1j, 5.0])[:, None])[:, 0] == pytest.approx([-3 + 1j, 3 - 1j])
 
 
@@ -187,7 +187,7 @@ def test_a_matrix_of_zeros_adds_nothing():
     )
     system = AffineSystem.compile(model)
     assert list(system.real_values(np.array([3.0, 5.0]))) == [3.0, 3.0]
-    assert np.arange(2)[system.terms[1].own].size == 0
+    assert np.arange(2)[system.terms[1].row_index].size == 0
 
 
 def test_state_of_start_repeats_the_model(model):

@@ -6,7 +6,7 @@ import pytest
 import updyn
 from updyn.dynamics import fields
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.fields import LineSolver, line_blocks
+from updyn.dynamics.fields import LineSolver, split_into_blocks
 from updyn.errors import OptionError, SolverError
 
 
@@ -23,9 +23,9 @@ def chain(n, *, free=False, loss=0.02, seed=0):
     return updyn.Model.from_groups({"chain": group}, [f"{i + 1}:X" for i in range(n)])
 
 
-def test_line_blocks_cover_all_lines_in_order():
-    assert [list(range(7))[b] for b in line_blocks(7, 3)] == [[0, 1, 2], [3, 4, 5], [6]]
-    assert list(line_blocks(2, 100)) == [slice(0, 2)]
+def test_blocks_cover_all_lines_in_order():
+    assert [list(range(7))[b] for b in split_into_blocks(7, 3)] == [[0, 1, 2], [3, 4, 5], [6]]
+    assert list(split_into_blocks(2, 100)) == [slice(0, 2)]
 
 
 def test_tier_by_size_and_by_force():

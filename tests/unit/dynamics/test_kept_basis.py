@@ -12,7 +12,7 @@ import updyn
 from reduced_cases import moved, plate, true_error
 from updyn.dynamics import kept_basis
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.kept_basis import KeptBasis, begin
+from updyn.dynamics.kept_basis import KeptBasis, begin_reduction
 from updyn.dynamics.reduction import Reduction
 
 LINES = np.linspace(5.0, 60.0, 80)
@@ -45,7 +45,7 @@ def kept(model) -> KeptBasis:
 def test_it_begins_a_reduction_that_is_proved_as_a_new_one(model, kept, rows) -> None:
     reduction = reduction_of(model, rows)
     state = moved(reduction.system, 0.02)
-    begin(reduction, model, kept, state, LINES)
+    begin_reduction(reduction, model, kept, state, LINES)
     assert reduction.shifted.count == 0
     found = reduction.certify(state, LINES)
     true = true_error(reduction.system, state, reduction, LINES)
@@ -55,8 +55,8 @@ def test_it_begins_a_reduction_that_is_proved_as_a_new_one(model, kept, rows) ->
 def test_what_begins_with_it_leaves_it_as_it_is(model, kept) -> None:
     before, first = kept.basis.size, [A.copy() for A in kept.basis.terms]
     reduction = reduction_of(model)
-    begin(reduction, model, kept, reduction.system.start, LINES)
-    reduction.settle([moved(reduction.system, 0.3)], LINES)
+    begin_reduction(reduction, model, kept, reduction.system.start, LINES)
+    reduction.enrich_until_accurate([moved(reduction.system, 0.3)], LINES)
     assert kept.basis.size == before
     for A, B in zip(first, kept.basis.terms, strict=True):
         np.testing.assert_array_equal(A, B)
@@ -64,23 +64,23 @@ def test_what_begins_with_it_leaves_it_as_it_is(model, kept) -> None:
 
 def test_few_channels_take_few_of_its_vectors(model, kept) -> None:
     reduction = reduction_of(model, SENSORS[:1])
-    begin(reduction, model, kept, reduction.system.start, LINES)
+    begin_reduction(reduction, model, kept, reduction.system.start, LINES)
     assert reduction.basis.size < kept.basis.size
 
 
 def test_it_serves_no_other_model_though_alike_and_no_wider_band(model, kept) -> None:
-    assert kept.serves(model, BAND)
-    assert kept.serves(model, (10.0, 20.0))
-    assert not kept.serves(model.scaled({"quarter 1": {"stiffness": 2.0}}), BAND)
-    assert not kept.serves(plate(), BAND)
-    assert not kept.serves(model, (5.0, 61.0))
-    assert not kept.serves(model, (4.0, 60.0))
+    assert kept.is_valid_for(model, BAND)
+    assert kept.is_valid_for(model, (10.0, 20.0))
+    assert not kept.is_valid_for(model.scaled({"quarter 1": {"stiffness": 2.0}}), BAND)
+    assert not kept.is_valid_for(plate(), BAND)
+    assert not kept.is_valid_for(model, (5.0, 61.0))
+    assert not kept.is_valid_for(model, (4.0, 60.0))
 
 
 def test_another_model_begins_with_a_basis_of_its_own(kept) -> None:
     other = plate(local=0.3)
     reduction = reduction_of(other)
-    begin(reduction, other, kept, reduction.system.start, LINES)
+    begin_reduction(reduction, other, kept, reduction.system.start, LINES)
     assert reduction.shifted.count > 0
     found = reduction.certify(reduction.system.start, LINES)
     assert true_error(reduction.system, reduction.system.start, reduction, LINES) <= found.error

@@ -148,9 +148,9 @@ def test_a_basis_that_has_settled_is_certified_as_it_is() -> None:
     system = AffineSystem.compile(plate())
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-7)
     built_size = reduction.basis.size
-    reduction.settle([system.start], BAND, accuracy=1e-4)
+    reduction.enrich_until_accurate([system.start], BAND, accuracy=1e-4)
     roughly = reduction.basis.size
-    reduction.settle([system.start], BAND)
+    reduction.enrich_until_accurate([system.start], BAND)
     size = reduction.basis.size
     assert built_size <= roughly < size
     assert reduction.certify(system.start, BAND).size == size
@@ -163,7 +163,7 @@ def test_a_group_without_entries_is_no_hindrance() -> None:
     groups = {**model.groups, "none": updyn.Group(stiffness=empty, mass=empty)}
     system = AffineSystem.compile(updyn.Model.from_groups(groups, model.dofs))
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-7)
-    reduction.settle([system.start], BAND)
+    reduction.enrich_until_accurate([system.start], BAND)
     assert true_error(system, system.start, reduction, UNSEEN) <= 1e-7
 
 
@@ -171,7 +171,7 @@ def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
     """Terms differ by a factor of e; each pass looks at other lines of them."""
     system = AffineSystem.compile(plate())
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
-    definite, before = reduction.shifted.definite(system.start), reduction.shifted.count
+    definite, before = reduction.shifted.factor_definite(system.start), reduction.shifted.count
     signs = np.where(np.random.default_rng(3).random((2, len(system.terms))) < 0.5, -0.5, 0.5)
     level = np.ones(len(BAND))
     for sign in signs:
@@ -179,7 +179,7 @@ def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
         off = true_error(system, far, reduction, UNSEEN)
         assert off > 3e-3
         passes = 0
-        while reduction.enrich_beside(definite, far, BAND, level, passes, 1e-4):
+        while reduction.enrich_with_nearby_factor(definite, far, BAND, level, passes, 1e-4):
             passes += 1
         assert 2 <= passes <= 12
         assert true_error(system, far, reduction, UNSEEN) < min(1e-3, 0.05 * off)
@@ -338,7 +338,7 @@ def test_vectors_are_added_to_a_basis_that_is_not_orthonormal(change: str) -> No
     else:
         basis.extend(rng.standard_normal((system.n, 4)))
     if change == "leading":
-        basis = basis.leading(10)
+        basis = basis.take_leading(10)
     size, all_dofs = basis.size, np.arange(system.n)
     before = basis.at(all_dofs)
     basis.append(before @ rng.standard_normal((size, 3)))

@@ -41,11 +41,11 @@ def test_the_cores_are_shared_among_the_processes(two_processes):
 def test_a_number_of_threads_set_by_the_user(value, expected, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", value)
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    assert [processes._limit(name, 4) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")] == [
-        expected
-    ] * 2
+    assert [
+        processes._thread_limit(name, 4) for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    ] == [expected] * 2
     monkeypatch.setenv("MKL_NUM_THREADS", "2")
-    assert processes._limit("MKL_NUM_THREADS", 4) == 2
+    assert processes._thread_limit("MKL_NUM_THREADS", 4) == 2
 
 
 @posix

@@ -214,7 +214,7 @@ def test_units_do_not_decide_what_a_small_pivot_is(card):
     X = solver.solve(A, B, 1.0)
     truth = np.linalg.solve(chain(n, 0.3, complex, 0.01).toarray(), np.eye(n))
     assert X * size[:, None] == pytest.approx(truth, abs=1e-11)
-    assert solver.used == {"cudss": 1}
+    assert solver.solve_counts == {"cudss": 1}
 
 
 def test_a_perturbed_pivot_is_not_accepted(card):

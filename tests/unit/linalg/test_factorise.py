@@ -256,7 +256,7 @@ def test_a_real_singular_matrix_is_found(backend):
 def test_no_right_hand_side_at_all(backend):
     solver = SparseSolver(backend)
     assert solver.solve(symmetric(9), np.zeros((9, 0)), 1.0).shape == (9, 0)
-    assert solver.used == {backend: 1}
+    assert solver.solve_counts == {backend: 1}
 
 
 @pytest.mark.parametrize("backend", INSTALLED)
@@ -268,7 +268,7 @@ def test_sent_to_another_process_it_begins_anew(backend, real):
     solver = SparseSolver(backend, real=real)
     solver.solve(A, B, 1.0)
     other = pickle.loads(pickle.dumps(solver))  # noqa: S301
-    assert (other.backend, other.real, other.used) == (backend, real, {})
+    assert (other.backend, other.real, other.solve_counts) == (backend, real, {})
     solver.release()
     assert other.solve(A, B, 1.0) == pytest.approx(np.linalg.solve(A.toarray(), B), rel=1e-9)
 
@@ -281,14 +281,14 @@ def test_solves_are_counted_by_backend(monkeypatch):
     monkeypatch.setitem(BACKENDS._entries, "pardiso", sloppy)
     A, B = symmetric(6), np.eye(6, dtype=complex)
     solver = SparseSolver("pardiso")
-    assert (solver.used, solver.refined) == ({}, 0)
+    assert (solver.solve_counts, solver.refined) == ({}, 0)
     solver.solve(A, B, 1.0)
     solver.solve(A, B, 1.0)
-    assert (solver.used, solver.refined) == ({"pardiso": 2}, 2)
+    assert (solver.solve_counts, solver.refined) == ({"pardiso": 2}, 2)
     sloppy.answer = staticmethod(lambda A, B: B * np.nan)
     solver.solve(A, B, 1.0)
-    assert solver.used["pardiso"] == 2
-    assert sum(solver.used.values()) == 3
+    assert solver.solve_counts["pardiso"] == 2
+    assert sum(solver.solve_counts.values()) == 3
 
 
 def test_a_backend_that_fails_gives_its_memory_back_before_another_takes_some(monkeypatch):
@@ -312,8 +312,8 @@ def test_a_factorisation_kept_survives_the_failure_of_its_backend(monkeypatch):
     moody.answer = staticmethod(lambda A, B: B * 0)
     for _ in range(2):
         assert factorised.solve(B) == pytest.approx(exact(A, B), rel=1e-9)
-    assert solver.used.pop("pardiso") == 1
-    assert list(solver.used.values()) == [2]
+    assert solver.solve_counts.pop("pardiso") == 1
+    assert list(solver.solve_counts.values()) == [2]
     assert factorised.negative in (truth, None)
 
 
@@ -440,7 +440,7 @@ def test_a_backend_of_another_package_is_one_registration(registered):
     A, B = symmetric(6), np.eye(6, dtype=complex)
     solver = SparseSolver("dense")
     assert solver.solve(A, B, 1.0) == pytest.approx(exact(A, B), rel=1e-11)
-    assert solver.used == {"dense": 1}
+    assert solver.solve_counts == {"dense": 1}
 
 
 def test_a_backend_of_another_package_is_backed_up_by_the_built_in_ones(registered, monkeypatch):
@@ -448,4 +448,4 @@ def test_a_backend_of_another_package_is_backed_up_by_the_built_in_ones(register
     A, B = symmetric(6), np.eye(6, dtype=complex)
     solver = SparseSolver("dense")
     assert solver.solve(A, B, 1.0) == pytest.approx(exact(A, B), rel=1e-11)
-    assert solver.used == {INSTALLED[0]: 1}
+    assert solver.solve_counts == {INSTALLED[0]: 1}

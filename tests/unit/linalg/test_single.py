@@ -73,7 +73,7 @@ def test_what_single_precision_cannot_solve_is_solved_in_double(backend):
     factorised = solver.factorise(K, 1.0)
     assert factorised.solve(load)[:, 0] == pytest.approx(np.arange(1.0, n + 1), rel=1e-6)
     assert factorised.negative in (0, None)
-    assert solver.used == {backend: 1}  # which is no other backend
+    assert solver.solve_counts == {backend: 1}  # which is no other backend
 
 
 @pytest.mark.parametrize("backend", ABLE)
@@ -149,7 +149,7 @@ def test_answers_are_refined_or_double_precision_takes_over(monkeypatch, error, 
     X = solver.factorise(A, 1.0).solve(B)
     assert rounded.made == ways
     assert off(X, np.linalg.solve(A.toarray(), B)) < accuracy
-    assert solver.used == {"pardiso": 1}
+    assert solver.solve_counts == {"pardiso": 1}
 
 
 def test_a_backend_without_single_precision_is_not_asked_for_it(monkeypatch):

@@ -21,7 +21,7 @@ for threads_now in (1, 3, 1):
     assert pardiso.library().MKL_Get_Max_Threads() == threads_now
     assert np.abs(A @ solver.solve(A, B, 1.0) - B).max() < 1e-11
 threads.limit(1)
-print(pardiso.library().MKL_Get_Max_Threads(), solver.used)
+print(pardiso.library().MKL_Get_Max_Threads(), solver.solve_counts)
 """
 
 
@@ -60,13 +60,13 @@ def openblas_threads():
 def test_alone_limits_what_it_calls_too_and_ends_with_the_outermost_call():
     seen = []
 
-    @threads.alone
+    @threads.use_one_thread
     def inner(*, fails):
         seen.append(openblas_threads())
         if fails:
             raise ZeroDivisionError
 
-    @threads.alone
+    @threads.use_one_thread
     def outer():
         with pytest.raises(ZeroDivisionError):
             inner(fails=True)

@@ -30,7 +30,7 @@ from updyn.modal.peaks import find_resonance_peaks
 from updyn.model import Model
 from updyn.text_table import format_count
 from updyn.updating.judge.claim import Claim
-from updyn.variants import LARGEST_TRIED, variants_of
+from updyn.variants import LARGEST_TRIED, build_variants
 
 __all__ = ["Counterparts", "Pair", "find_counterparts", "identify_modes_for"]
 
@@ -464,7 +464,7 @@ def _try_variants(model: Model, test: ModeSet, n_measured: int) -> _Hypothesis |
     """Return the counterparts in the best variant of a model; None if these are few."""
     if model.n_dofs > LARGEST_TRIED:
         return None
-    variants = variants_of(model)
+    variants = build_variants(model)
     best: _Hypothesis | None = None
     for variant in variants:
         try:

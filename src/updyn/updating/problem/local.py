@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from updyn.linalg.threads import alone
+from updyn.linalg.threads import use_one_thread
 
 __all__ = [
     "Local",
@@ -82,7 +82,7 @@ _EVEN = 0.03
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
-@alone
+@use_one_thread
 def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
     """Return R of the QR factors of [columns^T last], shape (min(m, n + 1), n + 1).
 
@@ -129,7 +129,7 @@ def _copy_rows(columns: _Matrix, last: _Vector, rows: Any) -> _Matrix:
     return out.T
 
 
-@alone
+@use_one_thread
 def _householder(block: _Matrix) -> _Matrix:
     """Return R by reflections, shape (min(m, n), n); overwrites a block in Fortran order."""
     if min(block.shape) == 0:

@@ -96,7 +96,8 @@ class ModalTarget:
         match = system.dofs.match(modes.dofs, "DOF of the modes")
         if (modes.frequency == 0).any():
             raise DataError(
-                "modal: a measured mode at 0 Hz, a rigid-body motion, says nothing; leave it out"
+                "modal: a measured mode at 0 Hz is a rigid-body motion and carries no information;"
+                " leave it out"
             )
         shapes = modes.real_shapes
         rotates = modes.dofs.axes >= 3
