@@ -74,7 +74,7 @@ def test_truth_and_mirror_image_are_the_two_answers(on_the_axis):
 def test_the_remedy_names_a_sensor_off_the_axis_and_it_settles_the_matter(on_the_axis):
     (other,) = on_the_axis.alternatives
     assert other.sensor in ("1:X", "3:X")
-    assert on_the_axis.remedy.startswith(f"A sensor at {other.sensor} would tell them apart")
+    assert on_the_axis.remedy.startswith(f"A sensor at {other.sensor} would distinguish them")
     there = update(measured(["2:X", other.sensor], seed=7))
     assert there.status == "converged"
     assert there.alternatives == ()
@@ -108,7 +108,7 @@ def test_an_unknown_that_nothing_sees_is_said_beside_the_two_answers():
     # both causes are named, and what helps against each
     assert "the data determine only 2 of 3 unknowns: aside.stiffness" in found.message
     assert "2 answers fit the data equally well" in found.message
-    assert f"A sensor at {other.sensor} would tell them apart" in found.remedy
+    assert f"A sensor at {other.sensor} would distinguish them" in found.remedy
     assert found.identifiability.advice in found.remedy
 
 

@@ -81,7 +81,7 @@ def check_both(found: updyn.UpdateResult) -> updyn.Alternative:
     assert found.status == "not-identifiable"
     assert found.identifiability.complete
     assert "2 answers fit the data equally well" in found.message
-    assert found.remedy.startswith(f"A sensor at {other.sensor} would tell them apart")
+    assert found.remedy.startswith(f"A sensor at {other.sensor} would distinguish them")
     return other
 
 

@@ -126,7 +126,7 @@ class ModeComparison:
         ended = common["message"].partition(". ")[0].removesuffix(".")
         changed |= {"message": f"{ended}. {statement}", "remedy": self.remedy}
         if status == "converged":
-            ended = "The fit converged, but its answer is not to be believed"
+            ended = "The fit converged, but its result is not credible"
             changed |= {"status": "not-credible", "message": f"{ended}. {statement}"}
         return changed
 

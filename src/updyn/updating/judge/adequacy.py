@@ -493,7 +493,7 @@ def assess_residual(
         return replace(
             found,
             outcome="exact",
-            verdict="The model answers the data exactly; nothing is left to test.",
+            verdict="The model reproduces the data exactly; no test is possible.",
         )
     if freedom <= 0 or n_values < 2:
         text = "There are too few measured numbers to test whether the residual is noise."
@@ -548,8 +548,8 @@ def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
         return ""
     size = "far" if found.chi_square == 0.0 else f"{found.chi_square**-0.5:.3g} times"
     return (
-        f" The noise that was stated or measured is {size} larger than what the residual shows;"
-        " standard deviations that rest on it are as much too large."
+        f" The stated or measured noise is {size} larger than the residual; standard deviations"
+        " based on it are too large by the same factor."
     )
 
 
@@ -634,11 +634,11 @@ def _describe_suspects(suspects: Sequence[Suspect]) -> str:
     share = f"{100.0 * best.explains:.0f} %"
     if not best.confirmed:
         return (
-            "By an estimate of first order, which no fit has confirmed, an error in"
+            "To first order, not confirmed by a fit, an error in"
             f" {names} would explain {share} of it."
         )
     if best.explains < EXPLAINED:
-        return f"No single quantity explains it: the most, {share}, an error in {names} would."
+        return f"No single quantity explains it: an error in {names} would explain most, {share}."
     return f"An error in {names} would explain {share} of it."
 
 
@@ -889,7 +889,7 @@ def _describe_misfit(
 
 def _describe_outcome(found: Adequacy) -> str:
     if found.outcome == "noise":
-        known = "" if found.absolute else ", whose size was taken from it"
+        known = "" if found.absolute else ", whose size was estimated from it"
         if found.noisy:
             known += f", sensor by sensor: {_describe_noisy_sensors(found.noisy)}"
         return f"The residual cannot be distinguished from noise{known}."
@@ -903,13 +903,12 @@ def _describe_outcome(found: Adequacy) -> str:
         if found.outcome == "structure":
             how = "serially correlated"
         return (
-            f"The residual is {how} over many channels or bands, though no place stands out by"
-            f" itself; most in {where}.{_describe_isolated_lines(found.lone)}"
+            f"The residual is {how} over many channels or bands, although none is significant by"
+            f" itself; it is largest in {where}.{_describe_isolated_lines(found.lone)}"
         )
     if found.noisy:
-        return (
-            f"The residual is noise, but not of one size: {_describe_noisy_sensors(found.noisy)}."
-        )
+        noisy = _describe_noisy_sensors(found.noisy)
+        return f"The residual is noise of different size at the sensors: {noisy}."
     start = "More noise than expected, or outliers, in"
     if found.outcome == "structure":
         start = "The model cannot explain"
@@ -918,9 +917,9 @@ def _describe_outcome(found: Adequacy) -> str:
         over = f"serially correlated over {first.correlation_length:.0f} lines"
     more = ""
     if number == 2:
-        more = "; and 1 more place"
+        more = "; and 1 more channel or band"
     elif number > 2:
-        more = f"; and {number - 1} more places"
+        more = f"; and {number - 1} more channels or bands"
     return f"{start} {where}: {size}, {over}{more}.{_describe_isolated_lines(found.lone)}"
 
 
@@ -931,8 +930,8 @@ def _describe_isolated_lines(lone: Sequence[float]) -> str:
     shown = ", ".join(f"{f:.5g}" for f in lone[:_NAMED])
     if len(lone) > _NAMED:
         shown += f" and {len(lone) - _NAMED} more"
-    which = "the line at" if len(lone) == 1 else "the lines at"
-    return f" Most of it is in {which} {shown} Hz alone, and not beside."
+    which = "the isolated line" if len(lone) == 1 else "the isolated lines"
+    return f" Most of it is in {which} at {shown} Hz."
 
 
 def _describe_noisy_sensors(noisy: Sequence[NoisySensor]) -> str:

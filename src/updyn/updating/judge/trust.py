@@ -46,8 +46,8 @@ _ENDED = {
 ROUNDED = 1e-8
 #: Sentence for data without a value clear of the noise.
 _HIDDEN = (
-    "No value stands clear of the noise that was stated or measured, so that the misfit says"
-    " nothing of the model."
+    "No value is clear of the stated or measured noise, so that the misfit contains no"
+    " information on the model."
 )
 #: Typical misfit above which a residual that is not noise makes plausibility unknown, unless
 #: held-out data are predicted; the search for causes uses the same limit for noise.
@@ -211,7 +211,7 @@ def _qualify_plausible(
         return Claim(
             None,
             f"The residual is not noise, and half of the values are off by {percent(rough)} or"
-            " more: the model lacks something.",
+            " more: the model is incomplete.",
         )
     if without_interval:
         verb = "is" if len(without_interval) == 1 else "are"
@@ -323,7 +323,7 @@ def _claim_plausible(
     if distant:
         return Claim(
             False,
-            f"{distant[0].statement}, and the residual is not noise: it makes up for an error"
+            f"{distant[0].statement}, and the residual is not noise: it compensates for an error"
             " elsewhere.",
         )
     names, number = at_bound
@@ -344,8 +344,8 @@ def _claim_plausible(
         if residual >= NOTHING:
             return Claim(
                 False,
-                f"The median residual is {residual:.2g} of the level of the data: a model without"
-                " any answer would be as near.",
+                f"The median residual is {residual:.2g} of the level of the data: a model with zero"
+                " response would fit as well.",
             )
         if residual > HARM * before["residual_median"] and residual > SMALL:
             return Claim(
@@ -355,7 +355,7 @@ def _claim_plausible(
             )
     remark = f" {findings[0].statement}" if findings else ""
     if not_searched:
-        remark = f" What is left is not noise; {not_searched}."
+        remark = f" The residual is not noise; {not_searched}."
     if math.isnan(misfit):
         return Claim(None, _HIDDEN + remark)
     text = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
@@ -364,5 +364,5 @@ def _claim_plausible(
         text = " ".join(describe_modes(after) for after in modal)
     complete = all(after["modes_paired"] == after["modes_measured"] for after in modal)
     if misfit < ROUNDED and complete:
-        text = "The model answers the data but for rounding."
+        text = "The model reproduces the data except for rounding."
     return Claim(True, text + remark)

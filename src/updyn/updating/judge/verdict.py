@@ -53,11 +53,11 @@ _FALLING, _STEADY = 0.05, 0.1
 _CLOSER = "Start closer, or use the default method."
 _CHECK = "Check units, calibration and labels"
 _OWN_NOISE = (
-    'Let each sensor count by its own noise, noise = "estimated-by-channel": the values get'
-    " closer to the truth, and their standard deviations smaller."
+    'Estimate the noise of each sensor, noise = "estimated-by-channel": the values become more'
+    " accurate, and their standard deviations smaller."
 )
 _LONE = (
-    "Leave out the lines that stand out alone (exclude under [test]), or let outliers count less"
+    "Leave out the isolated lines (exclude under [test]), or give less weight to outliers"
     ' (noise = { robust = "student-t" }); if it is a resonance, measure it with finer lines.'
 )
 _LOOK = f"{_CHECK}; look at the channels with the lowest FRAC; free other groups."
@@ -177,7 +177,7 @@ def _describe_noise_estimate(fit: Fit) -> str:
     known = fit.noise[0] if fit.noise else {}
     if known.get("kind") == Assumed.kind:
         return (
-            " There are no more measured numbers than unknowns, so the noise cannot be seen:"
+            " There are no more measured numbers than unknowns, so the noise cannot be estimated:"
             f" {100.0 * known['relative']:g} % was assumed for the standard deviations. State the"
             " noise, or measure more."
         )
@@ -198,7 +198,7 @@ def _describe_noise_estimate(fit: Fit) -> str:
 def _describe_active_bounds(active_bounds: Sequence[ActiveBound]) -> str:
     """Return the sentences on bounds that exclude the values that the data require."""
     return "".join(
-        f" {one.name} stopped at its {one.side} bound, {one.limit:.4g}; the data ask for a value"
+        f" {one.name} stopped at its {one.side} bound, {one.limit:.4g}; the data require a value"
         f" beyond it, by {one.deviations:.2g} standard deviations."
         for one in active_bounds
     )
@@ -209,7 +209,7 @@ def _advise_wider_bounds(active_bounds: Sequence[ActiveBound]) -> str:
     its = "its bound" if len(active_bounds) == 1 else "their bounds"
     return (
         f"If the structure allows it, widen {its} ({names}); if not, another part of the model or"
-        " the calibration is wrong, and this unknown makes up for it."
+        " the calibration is wrong, and this unknown compensates for it."
     )
 
 
@@ -235,13 +235,13 @@ def _describe_step_limit(
         return message, "Raise max_iterations."
     if end.deviations <= _ARRIVED:
         message += (
-            f" What is left to gain is {end.deviations:.1g} standard deviations: more steps would"
-            " change no value by what could be told from the noise."
+            f" The remaining gain is {end.deviations:.1g} standard deviations: more steps would"
+            " not change the values significantly."
         )
     else:
         message += (
-            " The last steps followed a valley along which the misfit hardly changes, led by"
-            f" {', '.join(end.leading)}; {end.deviations:.2g} standard deviations are left."
+            " The last steps followed a valley along which the misfit hardly changes, mainly in"
+            f" {', '.join(end.leading)}; {end.deviations:.2g} standard deviations remain."
         )
     misfit_text, remedy = _describe_misfit(fit, misfit)
     if misfit_text:
@@ -269,12 +269,12 @@ def _describe_end(
         return "failed", message, fit.remedy or _CLOSER
     if fit.reason == "stopped":
         message = (
-            "Stopped before it had converged and been judged; the values are those of the best step"
-            " so far."
+            "Stopped before convergence and assessment; the values are those of the best step so"
+            " far."
         )
         if not fit.R.any():
             message += " What the data determine is not known."
-        return "stopped", message, "Run it again; with a checkpoint it goes on from here."
+        return "stopped", message, "Run it again; with a checkpoint it continues from here."
     if fit.reason == "max-iterations":
         if analysis.report.complete:
             return "max-iterations", *_describe_step_limit(fit, analysis, names, misfit, end)
@@ -296,8 +296,8 @@ def _describe_end(
             remedy = "State the noise, free what is held and may be wrong, or widen bounds."
             return "stalled", fit.cause, remedy
         message = (
-            "The search did not settle: the residual of its best answer is not noise, and"
-            " its tries did not agree on it. A better answer may exist."
+            "The search did not settle: the residual of its best solution is not noise, and"
+            " its tries did not agree. A better solution may exist."
         )
         return "stalled", message, "Raise starts, start closer, or fix what is known."
     if fit.reason == "unsolvable":
@@ -345,7 +345,7 @@ def explain_rejection(trust: Trust, message: str, remedy: str) -> tuple[str, str
     reasons = " ".join(why for why in against if why not in message)
     message = message.replace("The fit converged and the data", "The data")
     return (
-        f"The fit converged, but its answer is not to be believed. {reasons} {message}".replace(
+        f"The fit converged, but its result is not credible. {reasons} {message}".replace(
             "  ", " "
         ),
         remedy or _LOOK,
@@ -384,7 +384,7 @@ def explain_ambiguity(
     least_difference = min(other.difference for other in others if other.sensor)
     where = " or ".join(sensors)
     return message, (
-        f"A sensor at {where} would tell them apart: there they differ by"
+        f"A sensor at {where} would distinguish them: there they differ by"
         f" {100.0 * least_difference:.0f} % typically. {known}."
     )
 
@@ -408,7 +408,7 @@ def _describe_convergence(
     std = np.sqrt(np.diag(analysis.covariance))
     weak = [f"{n} ({100 * s:.0f} %)" for n, s in zip(names, std, strict=True) if s > _WEAK]
     if weak:
-        message += f" Only weakly: the standard deviation is large for {', '.join(weak)}."
+        message += f" Weakly determined: the standard deviation is large for {', '.join(weak)}."
     # Of several tests: the same for all but the kind of their noise.
     noise = fit.noise[0] if fit.noise else {}
     length = float(noise.get("correlation_length", 1.0))
@@ -430,7 +430,7 @@ def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
     text = ""
     if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
         text += (
-            " But the model still misses the data: half of the values are off by more than"
+            " But the model does not fit the data: half of the values are off by more than"
             f" {100 * misfit:.0f} %."
         )
     # Of several tests: the same for all but the kind of their noise.
@@ -439,6 +439,6 @@ def _describe_misfit(fit: Fit, misfit: float) -> tuple[str, str]:
     if chi_square > _MISFIT:
         text += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
-            " cannot follow the data, and the standard deviations were widened by as much."
+            " cannot fit the data, and the standard deviations were widened by the same factor."
         )
     return text, f"{_LOOK} {fit.note}".strip() if text else ""

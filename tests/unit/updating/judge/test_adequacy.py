@@ -121,7 +121,7 @@ def test_pure_noise_seldom_raises_an_alarm(absolute):
     assert sum(not a.adequate for a in found) <= 10  # 5 % of runs; the level is 2 %
     assert {a.verdict for a in found if a.adequate} == {
         "The residual cannot be distinguished from noise"
-        + ("." if absolute else ", whose size was taken from it.")
+        + ("." if absolute else ", whose size was estimated from it.")
     }
     assert all(a.worst == () and a.p_value > LEVEL for a in found if a.adequate)
 
@@ -216,7 +216,7 @@ def test_a_noisy_sensor_is_not_called_an_error_of_the_model():
     assert {m.response for m in found.worst} == {"2:Z"}
     assert [one.response for one in found.noisy] == ["2:Z"]
     assert found.noisy[0].times == pytest.approx(3.0, rel=0.15)  # of 360 numbers and more
-    assert found.verdict.startswith("The residual is noise, but not of one size: ")
+    assert found.verdict.startswith("The residual is noise of different size at the sensors: ")
     assert found.verdict.endswith(" times that of most sensors at 2:Z.")
 
 
@@ -269,8 +269,8 @@ def test_where_no_place_stands_out_the_most_telling_of_many_is_named(where, seed
     else:
         assert named.low == FREQ[cut[1].start]
     assert found.verdict == (
-        "The residual is larger than the noise over many channels or bands, though no place stands out by itself;"
-        f" most in channel {named.response} (force {named.reference}) near {named.near:.4g} Hz."
+        "The residual is larger than the noise over many channels or bands, although none is significant by itself;"
+        f" it is largest in channel {named.response} (force {named.reference}) near {named.near:.4g} Hz."
     )
     assert (
         named.misfit
@@ -292,8 +292,8 @@ def test_lines_that_stand_out_alone_are_named(at, absolute):
     assert found.lone == tuple(FREQ[at])
     assert found.worst[0].near in FREQ[at]  # and not next to it
     named = ", ".join(f"{f:.5g}" for f in FREQ[at])
-    which = "the line at" if len(at) == 1 else "the lines at"
-    assert found.verdict.endswith(f" Most of it is in {which} {named} Hz alone, and not beside.")
+    which = "the isolated line" if len(at) == 1 else "the isolated lines"
+    assert found.verdict.endswith(f" Most of it is in {which} at {named} Hz.")
 
 
 @pytest.mark.parametrize("wide", [1.0, 2.0, 5.0])
@@ -320,7 +320,7 @@ def test_many_lines_or_a_little_of_the_misfit_do_not_stand_out_alone():
 def test_noise_that_was_stated_far_too_large_is_said_with_its_factor():
     said = look(noise(3) / 20.0).verdict
     assert re.search(
-        r"stated or measured is (19|20)(\.\d)? times larger than what the residual", said
+        r"stated or measured noise is (19|20)(\.\d)? times larger than the residual", said
     )
     for known in (look(noise(3) / 1.6), look(noise(3) / 20.0, absolute=False)):
         assert "larger" not in known.verdict
@@ -379,7 +379,7 @@ def test_what_would_explain_it_is_said():
     # As a wrong calibration leaves it, where lines are too far apart for serial correlation.
     assert add_suspects(loud, suspects).outcome == "structure"
     assert add_suspects(loud, suspects).noisy == ()
-    assert "not of one size" not in add_suspects(loud, suspects).verdict
+    assert "of different size" not in add_suspects(loud, suspects).verdict
     assert add_suspects(look(noise(0)), suspects).explained_by == ()
 
 
@@ -388,8 +388,8 @@ def test_what_would_explain_it_is_said():
     [
         (
             Suspect("a", "mass", 0.3, 0.1, 0.1, confirmed=True),
-            "No single quantity explains it: the most, 30 %, an error in the mass of a (9.5 % too"
-            " low) would.",
+            "No single quantity explains it: an error in the mass of a (9.5 % too low) would"
+            " explain most, 30 %.",
         ),
         (
             Suspect("a", "mass", 0.9, 1.1, 0.1, confirmed=True),
@@ -405,7 +405,7 @@ def test_what_would_explain_it_is_said():
         ),
         (
             Suspect("1:RX", "calibration", 0.9, 0.1, 0.0),
-            "By an estimate of first order, which no fit has confirmed, an error in the sensor"
+            "To first order, not confirmed by a fit, an error in the sensor"
             " 1:RX (reads too much) would explain 90 % of it.",
         ),
     ],

@@ -51,9 +51,9 @@ def finding(kind="sign", value=0.0, explains=0.9):
 def test_data_lost_in_the_noise_say_nothing_of_the_model():
     found = judged(misfit=float("nan"), remaining_gain=0.01)
     assert found.plausible.holds is None
-    assert found.plausible.why.startswith("No value stands clear of the noise")
+    assert found.plausible.why.startswith("No value is clear of the stated or measured noise")
     assert "could gain 0.01 standard deviations" in found.converged.why
-    assert judged(misfit=0.0).plausible.why == "The model answers the data but for rounding."
+    assert judged(misfit=0.0).plausible.why == "The model reproduces the data except for rounding."
 
 
 def test_a_good_fit_holds_in_all_that_is_known():
@@ -242,7 +242,7 @@ def test_how_a_fit_ended_that_did_not_converge_is_said_in_words(status, said):
 def test_of_data_that_are_answered_but_for_rounding_no_deviations_are_given():
     exact = judged(misfit=1e-13, remaining_gain=4.0)
     assert exact.converged.why == "The fit ended at a minimum of the misfit."
-    assert exact.plausible.why == "The model answers the data but for rounding."
+    assert exact.plausible.why == "The model reproduces the data except for rounding."
     assert "0.5 standard deviations" in judged(remaining_gain=0.5).converged.why
 
 

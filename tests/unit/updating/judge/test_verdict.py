@@ -142,9 +142,7 @@ def test_sensors_of_unlike_noise_are_to_count_by_their_own():
     status, message, remedy = compose_verdict(fit, analysis, NAMES, "", adequacy={"": found})
     assert status == "converged"
     assert message.endswith(" times that of most sensors at 3:X.")
-    assert remedy.startswith(
-        'Let each sensor count by its own noise, noise = "estimated-by-channel"'
-    )
+    assert remedy.startswith('Estimate the noise of each sensor, noise = "estimated-by-channel"')
 
 
 def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them_apart():
@@ -156,7 +154,7 @@ def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them
         " a.stiffness (1.5, 0.7 or 1.5), b.stiffness (0.7, 1.5 or 1)."
     )
     assert remedy == (
-        "A sensor at 3:X or 1:X would tell them apart: there they differ by 31 % typically. Fix"
+        "A sensor at 3:X or 1:X would distinguish them: there they differ by 31 % typically. Fix"
         " one of these unknowns where it is known."
     )
 
@@ -206,7 +204,7 @@ def test_steps_along_a_valley_name_the_unknowns_that_lead_it():
     status, message, remedy = cut(0.8, 0.001, 0.01)
     assert status == "max-iterations"
     assert "valley" in message
-    assert "0.8 standard deviations are left" in message
+    assert "0.8 standard deviations remain" in message
     assert "tell b.stiffness apart" in remedy
 
 
@@ -231,7 +229,7 @@ def test_a_bound_that_excludes_the_truth_is_in_the_message(chain12):
     )
     result = updyn.update(chain12, frf, unknowns, noise={"relative": 0.01}, starts=0)
     assert result.at_bound == {"part3.stiffness": "upper"}
-    assert "part3.stiffness stopped at its upper bound, 1.2; the data ask" in result.message
+    assert "part3.stiffness stopped at its upper bound, 1.2; the data require" in result.message
     assert "widen its bound (part3.stiffness)" in result.remedy
 
 

@@ -204,7 +204,7 @@ def test_coherence_that_was_filled_in_says_nothing():
     """A misfit of next to nothing would count as many times that noise."""
     data = plain(np.ones((3, 1, 1)), coherence=np.ones((3, 1, 1)), averages=5)
     assert isinstance(choose_noise(None, data), Estimated)
-    with pytest.raises(OptionError, match="that of the data is 1 whatever the noise"):
+    with pytest.raises(OptionError, match="the coherence of the data is 1 for any noise"):
         choose_noise("coherence", data)
     told = np.array([1.0, 1.0, 0.999]).reshape(3, 1, 1)
     assert isinstance(choose_noise(None, replace(data, coherence=told)), Coherence)
@@ -213,7 +213,7 @@ def test_coherence_that_was_filled_in_says_nothing():
 def test_variance_that_was_filled_in_says_nothing():
     data = replace(plain(np.ones((3, 1, 1))), variance=np.zeros((3, 1, 1)))
     assert isinstance(choose_noise(None, data), Estimated)
-    with pytest.raises(OptionError, match="zero everywhere; it says nothing"):
+    with pytest.raises(OptionError, match="the variance of the data is zero everywhere"):
         choose_noise("variance", data)
     told = np.array([0.0, 0.0, 1e-6]).reshape(3, 1, 1)
     assert isinstance(choose_noise(None, replace(data, variance=told)), Variance)
@@ -222,5 +222,5 @@ def test_variance_that_was_filled_in_says_nothing():
 def test_coherence_of_one_average_says_nothing():
     data = plain(np.ones((3, 1, 1)), coherence=np.ones((3, 1, 1)), averages=1)
     assert isinstance(choose_noise(None, data), Estimated)
-    with pytest.raises(OptionError, match="single average is 1 whatever the noise"):
+    with pytest.raises(OptionError, match="single average is 1 for any noise"):
         choose_noise("coherence", data)

@@ -279,7 +279,7 @@ class Variance(NoiseModel):
         """Return the noise model for the data of a fit; raise if the variance is zero."""
         if not cls.is_informative(frf):
             raise OptionError(
-                "noise 'variance': that of the data is zero everywhere; it says nothing",
+                "noise 'variance': the variance of the data is zero everywhere",
                 key=("noise",),
             )
         return cls()
@@ -339,7 +339,7 @@ class Coherence(NoiseModel):
         if not cls.is_informative(frf):
             single = "of a single average" if frf.averages == 1 else "of the data"
             raise OptionError(
-                f"noise 'coherence': that {single} is 1 whatever the noise; it says nothing",
+                f"noise 'coherence': the coherence {single} is 1 for any noise",
                 key=("noise",),
             )
         return cls(frf.averages is not None, frf.freq, _smooth_coherence(frf))
