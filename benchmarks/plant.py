@@ -28,7 +28,7 @@ from updyn.control.complex_modes import FittedModes
 from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
 from updyn.control.space import Conversion, Matrices
-from updyn.control.task import task_of
+from updyn.control.task import build_task
 from updyn.demos.antenna import TRUTH
 from updyn.demos.antenna_model import AZIMUTH, ELEVATION, antenna
 from updyn.model import Model
@@ -178,7 +178,7 @@ def causal(bench: Bench) -> None:
 def relative_needed(bench: Bench, quantity: str) -> tuple[list[int | None], float, int]:
     """States that balanced truncations of all complex modes need; their error and number."""
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
-    task, _ = task_of(bench.model, *ports, bench.band, quantity, None, None)
+    task, _ = build_task(bench.model, *ports, bench.band, quantity, None, None)
     target, best, least = task.target, None, np.inf
     for conversion in task.fitted_conversions("complex"):
         mask = np.ones(len(conversion.frequency), dtype=np.bool_)
@@ -373,7 +373,7 @@ def order_needed(
 ) -> list[int | None]:
     """States that balanced truncations of one conversion need to be as good as some plants."""
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
-    task, _ = task_of(bench.model, *ports, bench.band, quantity, None, None)
+    task, _ = build_task(bench.model, *ports, bench.band, quantity, None, None)
     target = task.target
     conversion = next(c for c in task.fitted_conversions(made[0].route) if fit_of(c) == fit)
     freq = target.freq

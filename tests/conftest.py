@@ -115,7 +115,7 @@ def read_foreign_files_here(
     def load(
         function: str, path: Any, *arguments: Any, what: str, reader: str, beside: Any = ()
     ) -> Any:
-        found = box.load_here(function, path, *arguments, what=what)
+        found = box.load_in_process(function, path, *arguments, what=what)
         return plain.decode(memoryview(b"".join(plain.encode(found))))
 
     monkeypatch.setattr(box, "load", load)

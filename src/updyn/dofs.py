@@ -375,7 +375,7 @@ def positions(
     An error of type `error`, with the name `what`, is raised if a number is out of range or occurs
     twice, or something else is given.
     """
-    array = _array_of(given, what, error)
+    array = _as_array(given, what, error)
     if array.dtype.kind == "b" and array.shape == (n,):
         return np.flatnonzero(array)
     found = whole_numbers(array, what, error).reshape(-1)
@@ -393,7 +393,7 @@ def whole_numbers(
 
     An error of type `error`, with the name `what`, is raised if one is not a whole number.
     """
-    array = _array_of(given, what, error)
+    array = _as_array(given, what, error)
     if array.dtype.kind not in "iuf":
         raise error(f"{what}: expected whole numbers, found {array.dtype}")
     if array.dtype.kind == "f":
@@ -408,7 +408,7 @@ def whole_numbers(
     return array.astype(np.int64)
 
 
-def _array_of(given: ArrayLike, what: str, error: type[InputError]) -> NDArray[Any]:
+def _as_array(given: ArrayLike, what: str, error: type[InputError]) -> NDArray[Any]:
     try:
         return np.asarray(given)
     except (ValueError, OverflowError) as cause:

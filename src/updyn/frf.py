@@ -43,7 +43,7 @@ ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
 _DIMS = ("freq", "response", "reference")
 #: Largest number of channels drawn in a notebook, and of labels listed.
-_DRAWN = 8
+_MOST_DRAWN = 8
 #: Tolerated excess of a coherence above 1: two units in the last place of single precision, in
 #: which analysers compute it.
 _ABOVE_ONE = 2.0**-22
@@ -262,7 +262,7 @@ class FRF:
         size = np.abs(self.values).reshape(len(self.freq), -1)
         pairs = [(i, j) for i in self.responses.labels for j in self.references.labels]
         shown = [PlotCurve(f"{i} / {j}", size[:, k]) for k, (i, j) in enumerate(pairs)]
-        if len(pairs) > _DRAWN:
+        if len(pairs) > _MOST_DRAWN:
             rms = np.sqrt(np.mean(size**2, axis=1))
             shown = [PlotCurve(f"rms of {len(pairs)} channels", rms)]
         units = ", ".join(dict.fromkeys(unit(self.quantity, i, j) for i, j in pairs))
@@ -381,7 +381,7 @@ class FRF:
         left_out = list(exclude)
         for each in left_out:
             with key_path("exclude"):
-                keep = self._without(keep, each)
+                keep = self._lines_outside(keep, each)
         if left_out and band is not None:
             unused += ", or is excluded"
         if lines is not None:
@@ -475,7 +475,7 @@ class FRF:
         """
         return self.select(band=(low, high))
 
-    def _without(self, keep: NDArray[np.intp], band: tuple[float, float]) -> NDArray[np.intp]:
+    def _lines_outside(self, keep: NDArray[np.intp], band: tuple[float, float]) -> NDArray[np.intp]:
         """Return the positions of lines without those in a band."""
         low, high = check_band(band)
         rest = keep[(self.freq[keep] < low) | (self.freq[keep] > high)]
@@ -635,7 +635,7 @@ class FRF:
                 )
         if quantity is not None:  # an invalid quantity is reported as such
             check_quantity(quantity)
-        quantity_label = data.attrs.get("quantity", _quantity_of(data))
+        quantity_label = data.attrs.get("quantity", _find_quantity(data))
         if quantity_label is None and quantity is None:
             raise DataError(
                 "the dataset does not say what it measured: give quantity='receptance', 'mobility'"
@@ -673,8 +673,8 @@ class FRF:
 
 def _format_labels(dofs: DofSet) -> str:
     """Return the labels as text; for many labels, the first ones and their number."""
-    text = ", ".join(dofs[:_DRAWN].labels)
-    return text if len(dofs) <= _DRAWN else f"{text}, ... ({len(dofs)} in all)"
+    text = ", ".join(dofs[:_MOST_DRAWN].labels)
+    return text if len(dofs) <= _MOST_DRAWN else f"{text}, ... ({len(dofs)} in all)"
 
 
 def _select_dofs(given: Any, existing: DofSet, what: str) -> list[str | Dof] | None:
@@ -737,7 +737,7 @@ def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
     return value.item() if single else value
 
 
-def _quantity_of(data: xr.Dataset) -> str | None:
+def _find_quantity(data: xr.Dataset) -> str | None:
     """Return the quantity implied by the unit of the values; None if the unit is unknown."""
     found = find_ratio(str(data["frf"].attrs.get("units", "")))
     return found.kind if found else None

@@ -50,7 +50,9 @@ _RIGID_SHAPE = 0.1  # the same after a rigid motion, which has more freedom
 _BETTER = 0.25  # rms distance over that of the given pairs, below which another system is accepted
 _COARSE = 0.25  # largest distance to a nearest node that is not gross, as a share of the size
 _IN_LINE = 1e-6  # width of a set of points over its length
-_TURNED = 1.0  # degrees of rotation from which test directions are taken to be along other axes
+_SMALLEST_ROTATION = (
+    1.0  # degrees of rotation from which test directions are taken to be along other axes
+)
 _SHOWN = 6  # pairs listed in a message
 
 Points = NDArray[np.float64]
@@ -398,9 +400,9 @@ class _Comparison:
             )
             return LabelCheck(system, warning=warning)
         text = f"The positions of the test are those of the same labels in the model if {motion}"
-        if system.turn <= _TURNED and system.factor <= 1.0:
+        if system.turn <= _SMALLEST_ROTATION and system.factor <= 1.0:
             return LabelCheck(system, note=text)
-        if system.turn <= _TURNED:
+        if system.turn <= _SMALLEST_ROTATION:
             return LabelCheck(system, warning=f"{text}; models are in SI")
         pairs = ", ".join(f"{node} = {node}" for node in self.spread_nodes())
         warning = (

@@ -32,7 +32,7 @@ __all__ = [
     "RunStage",
     "StageClock",
     "asks_to_stop",
-    "shown_progress",
+    "display_progress",
 ]
 
 #: Shortest time between plain lines of a stage in s: between steps, and within a step.
@@ -126,7 +126,7 @@ class RunPosition:
     share : float
         Completed share of the stage, 0 to 1, relative to its largest number of steps; nan if
         unknown.
-    left : float
+    remaining : float
         Remaining time at that rate, in s; nan if unknown.
     """
 
@@ -134,7 +134,7 @@ class RunPosition:
     of: int
     name: str
     share: float
-    left: float
+    remaining: float
 
 
 class StageClock:
@@ -175,7 +175,7 @@ class StageClock:
         self._reached = max(self._reached, found)
         share, remaining = self._estimate(progress, found)
         return RunPosition(
-            self._reached + 1, len(self._stages), _short(progress.stage), share, remaining
+            self._reached + 1, len(self._stages), _shorten_name(progress.stage), share, remaining
         )
 
     def _find(self, text: str) -> int:
@@ -197,7 +197,7 @@ class StageClock:
         return share, passed * (1.0 - share) / share
 
 
-def _short(stage: str) -> str:
+def _shorten_name(stage: str) -> str:
     """Return the name of a stage without its count and without repetition."""
     name, _, inner = re.sub(r" \(\d+ of \d+\)", "", stage).partition(": ")
     return name if inner in ("", name) else f"{name}: {inner}"
@@ -290,7 +290,7 @@ class ProgressBar:
         return time.monotonic() - shown_at >= pause
 
     @contextmanager
-    def drawn(self) -> Iterator[None]:
+    def live_bar(self) -> Iterator[None]:
         """Draw a bar if the console is a terminal that supports it."""
         if not self.console.is_terminal or self.console.is_dumb_terminal:
             yield
@@ -323,8 +323,8 @@ def _figures(progress: RunProgress, where: RunPosition) -> list[str]:
     figures = []
     if not math.isnan(progress.cost):
         figures = [f"iteration {progress.accepted}", f"cost {progress.cost:.3g}"]
-    if not math.isnan(where.left):
-        figures.append(f"up to {_clock(where.left)}")
+    if not math.isnan(where.remaining):
+        figures.append(f"up to {_clock(where.remaining)}")
     return figures
 
 
@@ -390,7 +390,7 @@ def _bar(name: str, share: float, figures: str) -> str:
 
 
 @contextmanager
-def shown_progress(stages: Sequence[RunStage] = ()) -> Iterator[Callable[[RunProgress], None]]:
+def display_progress(stages: Sequence[RunStage] = ()) -> Iterator[Callable[[RunProgress], None]]:
     """Display progress in a notebook, in a terminal (stderr) or as lines of a log.
 
     Parameters
@@ -415,7 +415,7 @@ def shown_progress(stages: Sequence[RunStage] = ()) -> Iterator[Callable[[RunPro
 
     stream = io.StringIO() if sys.stderr is None else None  # stderr is closed
     shown = ProgressBar(Console(stderr=stream is None, file=stream), stages)
-    with shown.drawn():
+    with shown.live_bar():
         yield shown.show
 
 

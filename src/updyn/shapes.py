@@ -21,9 +21,9 @@ __all__ = [
     "WEDGE",
     "Shape",
     "as_quadrangles",
-    "edges_of",
-    "faces_of",
     "outer_faces",
+    "unique_edges",
+    "unique_faces",
 ]
 
 
@@ -90,7 +90,7 @@ HEXAHEDRON = Shape(
 )
 
 
-def edges_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
+def unique_edges(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
     """Return the edges of elements, each once.
 
     Parameters
@@ -110,7 +110,7 @@ def edges_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.
     return np.asarray(joined[joined[:, 0] != joined[:, 1]])
 
 
-def faces_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
+def unique_faces(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
     """Return the outer faces of elements, each once.
 
     Parameters

@@ -146,7 +146,7 @@ def _table() -> dict[str, list[Unit]]:
 _UNITS = _table()
 
 
-def _regardless_of_case() -> dict[str, list[Unit]]:
+def _fold_names() -> dict[str, list[Unit]]:
     """Return the units by lower-case name, without names whose case matters (mN, MN)."""
     meanings: dict[str, list[list[Unit]]] = {}
     for name, units in _UNITS.items():
@@ -156,7 +156,7 @@ def _regardless_of_case() -> dict[str, list[Unit]]:
     return {name: known[0] for name, known in meanings.items() if len(known) == 1}
 
 
-_FOLDED = _regardless_of_case()
+_FOLDED = _fold_names()
 
 #: Kinds of the values of a channel.
 CHANNEL = ("force", "receptance", "mobility", "accelerance")

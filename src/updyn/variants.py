@@ -1,4 +1,4 @@
-"""`variants_of`: variants of a model without a frequent mistake in its definition.
+"""`build_variants`: variants of a model without a frequent mistake in its definition.
 
 The mistake is exchanged section axes of beams (`updyn.exchanged`), in one group or in all.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from updyn.model import Model
 
-__all__ = ["LARGEST_TRIED", "Variant", "exchanged_axes", "variants_of"]
+__all__ = ["LARGEST_TRIED", "Variant", "build_variants", "exchanged_axes"]
 
 #: Largest number of DOFs for which variants are compared with data: about a second each.
 LARGEST_TRIED = 5_000
@@ -84,7 +84,7 @@ def exchanged_axes(groups: Sequence[str]) -> str:
     return f"the section axes of the {names} are exchanged (Iy and Iz)"
 
 
-def variants_of(model: Model) -> tuple[Variant, ...]:
+def build_variants(model: Model) -> tuple[Variant, ...]:
     """Return the variants of a model with exchanged section axes of one group, and of all.
 
     Parameters

@@ -159,4 +159,4 @@ def test_a_mat_file_of_zeros_is_refused_by_its_size(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "_UNPACKED", 10**6)
     scipy.io.savemat(tmp_path / "m.mat", {"K": np.zeros((1000, 1000))}, do_compression=True)
     with pytest.raises(FormatError, match=r"declares .* of data"):
-        box.load_here("updyn.foreign.matlab:load", tmp_path / "m.mat", what="MATLAB file")
+        box.load_in_process("updyn.foreign.matlab:load", tmp_path / "m.mat", what="MATLAB file")

@@ -13,7 +13,7 @@ from updyn.io.calculix.model import read_parts
 from updyn.io.consistent_units import check_materials, find_units
 from updyn.io.keyword_deck.cards import format_number, read_cards
 from updyn.io.keyword_deck.structure import nodes_by_shape, read_deck, read_properties
-from updyn.shapes import edges_of, faces_of
+from updyn.shapes import unique_edges, unique_faces
 
 
 def parts_of(path: Path, text: str):
@@ -101,11 +101,11 @@ def test_what_the_bar_is_made_of(tmp_path):
     assert parts["ALU"].values("mass") == [2700.0]
     assert step == ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "*END STEP"]
     # 6 x 2 bricks side by side: 6*3*2 edges along X, 7*2*2 along Y, 7*3 along Z.
-    edges = edges_of(nodes_by_shape(deck))
+    edges = unique_edges(nodes_by_shape(deck))
     assert len(edges) == 36 + 28 + 21
     assert np.isin(deck.nodes, edges).all()
     assert (
-        len(faces_of(nodes_by_shape(deck))) == 2 * 12 + 2 * 6 + 2 * 2
+        len(unique_faces(nodes_by_shape(deck))) == 2 * 12 + 2 * 6 + 2 * 2
     )  # above and below, along, ends
 
 

@@ -341,7 +341,7 @@ def test_a_file_that_ends_after_one_of_its_variables_is_refused(
     path, monkeypatch, write, read, whole
 ):
     """The format has no end mark: what a reader needs is written last."""
-    here = lambda function, path, *, what, reader: box.load_here(function, path, what=what)  # noqa: E731
+    here = lambda function, path, *, what, reader: box.load_in_process(function, path, what=what)  # noqa: E731
     monkeypatch.setattr(box, "load", here)
     write(whole, path)
     raw, end = path.read_bytes(), 128

@@ -9,7 +9,7 @@ import updyn
 from updyn.errors import ModelError
 from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
 from updyn.io.nastran.deck import read_deck
-from updyn.variants import variants_of
+from updyn.variants import build_variants
 
 DECK = (
     "SPC = 1\nBEGIN BULK\n"
@@ -52,7 +52,7 @@ def test_a_square_bar_and_one_with_a_product_of_inertia_stay(deck):
 @pytest.mark.needs("mystran")
 def test_a_variant_is_the_model_of_the_deck_with_exchanged_fields(deck):
     model, right = updyn.read_model(deck(WRONG)), updyn.read_model(deck(RIGHT, "right.bdf"))
-    *each, both = variants_of(pickle.loads(pickle.dumps(model)))  # noqa: S301
+    *each, both = build_variants(pickle.loads(pickle.dumps(model)))  # noqa: S301
     assert [one.groups for one in each] == [("PBAR 1",), ("PBARL 2",)]
     assert both.remedy == (
         "Exchange I1 and I2 (fields 5 and 6) of PBAR 1 (arm.bdf, line 16); DIM1 and DIM2 of"

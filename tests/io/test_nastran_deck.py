@@ -7,7 +7,7 @@ import pytest
 
 from updyn.errors import FormatError, InputError
 from updyn.io.nastran.bdf import write_deck, write_properties
-from updyn.io.nastran.deck import geometry_of, read_deck, values
+from updyn.io.nastran.deck import build_geometry, read_deck, values
 
 DECK = """SOL 103
 CEND
@@ -55,13 +55,13 @@ def test_groups_are_properties(deck):
 
 
 def test_positions_and_edges(deck):
-    geometry = geometry_of(deck())
+    geometry = build_geometry(deck())
     np.testing.assert_array_equal(geometry.nodes, [1, 2, 3, 4])
     np.testing.assert_array_equal(geometry.xyz, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     assert geometry.lines.tolist() == [[1, 2], [1, 4], [2, 3], [3, 4]]
     assert geometry.faces.tolist() == [[1, 2, 3, 4]]
     assert geometry.axes is None
-    np.testing.assert_array_equal(geometry_of(deck(), unit="mm").xyz[2], [1e-3, 1e-3, 0])
+    np.testing.assert_array_equal(build_geometry(deck(), unit="mm").xyz[2], [1e-3, 1e-3, 0])
 
 
 SYSTEMS = """CORD2R,1,0,1.,2.,3.,1.,2.,4.,
@@ -84,7 +84,7 @@ GRID,12,0,0.,3.,0.
 
 
 def test_coordinate_systems(deck):
-    geometry = geometry_of(deck(SYSTEMS))
+    geometry = build_geometry(deck(SYSTEMS))
     # System 1 stands at (1, 2, 3) with its x along Y, its z along Z, so y along -X.
     expected = {
         1: [1 - 2, 2 + 1, 3 + 3],
@@ -191,7 +191,7 @@ def test_included_files(deck, tmp_path):
 def test_faults(deck, old, new, message):
     assert old in DECK
     with pytest.raises(FormatError, match=message):
-        geometry_of(deck(DECK.replace(old, new)))
+        build_geometry(deck(DECK.replace(old, new)))
 
 
 def test_sets_that_are_not_told(deck):
@@ -225,14 +225,14 @@ def test_cards_left_out(deck):
     ],
 )
 def test_fields_that_hold_stiffness_mass_and_damping(tmp_path, card, stiffness, mass, loss):
-    from updyn.io.nastran.cards import lines_of, parse
+    from updyn.io.nastran.cards import parse, read_lines
 
     cells = card.replace("\n", "").split(",")
     rows = [cells[1:][i : i + 8] for i in range(0, len(cells) - 1, 8)]
     (tmp_path / "c.bdf").write_text(
         "".join(",".join([cells[0] if not i else "", *r]) + "\n" for i, r in enumerate(rows))
     )
-    (found,) = parse(lines_of(tmp_path / "c.bdf"))
+    (found,) = parse(read_lines(tmp_path / "c.bdf"))
     got = values(found)
     assert (got.stiffness, got.mass, got.loss) == (stiffness, mass, loss)
 
@@ -259,7 +259,7 @@ def test_continuations_belong_to_the_line_with_their_mark(deck):
         "CORD2R,5,,0.,0.,0.,0.,0.,1.,+C1\nCORD2R,6,,9.,0.,0.,9.,0.,1.,+C2\n"
         "+C2,9.,7.,0.\n+C1,1.,0.,0.\nGRID,1,5,1.,0.,0.\nGRID,2,6,1.,0.,0.\n"
     )
-    np.testing.assert_allclose(geometry_of(deck(swapped)).xyz, [[1, 0, 0], [9, 1, 0]])
+    np.testing.assert_allclose(build_geometry(deck(swapped)).xyz, [[1, 0, 0], [9, 1, 0]])
     # The lines of a card are in its order, not in that of the deck.
     card = deck(swapped).cards_named("CORD2R")[0]
     assert [line.number for line in card.lines] == [1, 4]
@@ -270,7 +270,7 @@ def test_marks_that_are_used_again_hold_for_the_next_line(deck):
         f"CORD2R,{n},,{n}.,0.,0.,{n}.,0.,1.,+A\n+A,{n + 1}.,0.,0.\nGRID,{n},{n},1.,0.,0.\n"
         for n in (5, 6)
     )
-    np.testing.assert_allclose(geometry_of(deck(text)).xyz, [[6, 0, 0], [7, 0, 0]])
+    np.testing.assert_allclose(build_geometry(deck(text)).xyz, [[6, 0, 0], [7, 0, 0]])
     # Sequence numbers in field 10 are no marks.
     numbered = fields("GRID", 3, "", "1.", "2.", "3.", "", "", "", "00000001")
     assert positions(deck(numbered)) == {3: [1.0, 2.0, 3.0]}

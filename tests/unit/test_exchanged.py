@@ -14,7 +14,7 @@ from updyn.elements.structure import Beam, RigidLink, Section, Truss, rectangle,
 from updyn.errors import ModelError
 from updyn.io.hdf5 import read_model, write_model
 from updyn.matching.directions import SensorDirection, assign_dofs
-from updyn.variants import variants_of
+from updyn.variants import build_variants
 
 NODES = {
     1: [0.0, 0.0, 0.0],
@@ -58,7 +58,7 @@ def assert_same(model, other, rtol=1e-12):
 def test_a_variant_is_the_model_that_is_built_with_exchanged_axes():
     turned = Section(OBLONG.A, OBLONG.Izz, OBLONG.Iyy, OBLONG.J, OBLONG.shear_z, OBLONG.shear_y)
     model = frame(OBLONG)
-    one, other, both = variants_of(model)
+    one, other, both = build_variants(model)
     assert (one.groups, other.groups) == (("girders",), ("cross",))
     assert both.groups == ("girders", "cross")
     assert_same(one.model(), frame(turned))
@@ -73,7 +73,7 @@ def test_an_orientation_turned_by_90_degrees_is_the_same_mistake():
         part = Beam("strut", [[1, 2], [2, 3]], section=OBLONG, orientation=orientation, **TIMBER)
         return structure(nodes, [part], grounded=[1])
 
-    (variant,) = variants_of(strut([0.0, 0.0, 2.0]))
+    (variant,) = build_variants(strut([0.0, 0.0, 2.0]))
     assert "[0.6, -0.8, 0.0] in place of [0.0, 0.0, 2.0]" in variant.remedy
     assert "Exchange Iyy and Izz in the section of beam 'strut'" in variant.remedy
     assert variant.mistake == "the section axes of the group 'strut' are exchanged (Iy and Iz)"
@@ -81,7 +81,7 @@ def test_an_orientation_turned_by_90_degrees_is_the_same_mistake():
 
 
 def test_exchanging_round_sections_changes_nothing_and_is_no_variant():
-    assert variants_of(frame(Section(1e-4, 2e-9, 2e-9, 4e-9), rectangle(0.02, 0.02))) == ()
+    assert build_variants(frame(Section(1e-4, 2e-9, 2e-9, 4e-9), rectangle(0.02, 0.02))) == ()
 
 
 def test_a_variant_follows_the_model_through_scaling_damping_ties_and_joining():
@@ -95,7 +95,7 @@ def test_a_variant_follows_the_model_through_scaling_damping_ties_and_joining():
         damped = scaled.with_damping({"girders": {"stiffness_damping": 1e-5}})
         return constrain(damped, tie, ["3:RY"])
 
-    (one, *_) = variants_of(changed(frame(OBLONG)))
+    (one, *_) = build_variants(changed(frame(OBLONG)))
     assert_same(one.model(), changed(frame(turned)))
     assert one.model().group("girders").stiffness_damping == 1e-5
 
@@ -103,7 +103,7 @@ def test_a_variant_follows_the_model_through_scaling_damping_ties_and_joining():
 def test_a_variant_follows_turned_directions_of_the_nodes():
     oblique = np.array([0.6, 0.8, 0.0])
     target = SensorDirection(Dof.parse("3:X"), "response", Dof.parse("3:X"), oblique)
-    (one, *_) = variants_of(assign_dofs(frame(OBLONG), [target])[0])
+    (one, *_) = build_variants(assign_dofs(frame(OBLONG), [target])[0])
     assert_same(one.model(), assign_dofs(frame(OBLONG.exchanged), [target])[0])
 
 
@@ -111,7 +111,7 @@ def test_exchanged_width_and_height_of_a_planar_beam():
     about = {"E": 2e11, "rho": 7850.0, "n_elements": 4, "loss_factor": 0.01}
     segments = [("thick", 0.0, 0.3), Segment("thin", 0.3, 0.5, height=0.004)]
     model = beam(0.5, width=0.05, height=0.01, segments=segments, **about)
-    _, thin, both = variants_of(model)
+    _, thin, both = build_variants(model)
     turned = [("thick", 0.0, 0.3), Segment("thin", 0.3, 0.5, width=0.004, height=0.05)]
     assert_same(thin.model(), beam(0.5, width=0.05, height=0.01, segments=turned, **about))
     assert thin.remedy == (
@@ -120,15 +120,15 @@ def test_exchanged_width_and_height_of_a_planar_beam():
     turned[0] = Segment("thick", 0.0, 0.3, width=0.01, height=0.05)
     assert_same(both.model(), beam(0.5, width=0.05, height=0.01, segments=turned, **about))
     square = beam(0.5, width=0.01, height=0.01, **about)
-    assert variants_of(square) == ()
+    assert build_variants(square) == ()
 
 
 def test_variants_are_sent_to_processes_and_not_stored(tmp_path):
     model = frame(OBLONG)
     sent = pickle.loads(pickle.dumps(model))  # noqa: S301
-    assert_same(variants_of(sent)[0].model(), variants_of(model)[0].model(), rtol=0.0)
+    assert_same(build_variants(sent)[0].model(), build_variants(model)[0].model(), rtol=0.0)
     write_model(model, tmp_path / "frame.h5")
-    assert variants_of(read_model(tmp_path / "frame.h5")) == ()
+    assert build_variants(read_model(tmp_path / "frame.h5")) == ()
 
 
 def test_other_matrices_have_no_variant():

@@ -13,7 +13,7 @@ import pytest
 import updyn
 from report_case import chain, measured
 from updyn import progress
-from updyn.progress import NotebookBar, RunStage, shown_progress
+from updyn.progress import NotebookBar, RunStage, display_progress
 from updyn.updating.fit.monitor import Progress
 
 
@@ -82,7 +82,7 @@ def test_a_terminal_gets_a_bar(monkeypatch):
     for name, value in {"TERM": "xterm", "COLUMNS": "120"}.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(sys, "stderr", out)
-    with shown_progress([RunStage("fit", 2)]) as show:
+    with display_progress([RunStage("fit", 2)]) as show:
         show(Progress("fit", 1, 3.0, 5, 10, 1))
     assert "stage 1 of 1 fit" in out.getvalue()
     assert "iteration 1  cost 3" in out.getvalue()
@@ -90,7 +90,7 @@ def test_a_terminal_gets_a_bar(monkeypatch):
 
 def test_a_closed_stderr_is_no_error(monkeypatch):
     monkeypatch.setattr(sys, "stderr", None)
-    with shown_progress() as show:
+    with display_progress() as show:
         show(Progress("fit", 1, 3.0, 5, 10, 1))
 
 
@@ -102,7 +102,7 @@ def test_a_notebook_gets_a_bar_that_goes_away(monkeypatch, clock):
     shown.display = handle
     monkeypatch.setitem(sys.modules, "IPython", shell)
     monkeypatch.setitem(sys.modules, "IPython.display", shown)
-    with shown_progress([RunStage("<fit>", 10)]) as show:
+    with display_progress([RunStage("<fit>", 10)]) as show:
         show(Progress("<fit>", 0, math.nan, 0, 10, 0))
         clock[0] += 0.1
         show(Progress("<fit>", 1, 2.5, 25, 10, 1))  # too soon after the last
@@ -121,7 +121,7 @@ def test_a_plain_python_with_ipython_loaded_is_no_notebook(monkeypatch, capsys):
     shell = types.ModuleType("IPython")
     shell.get_ipython = lambda: None
     monkeypatch.setitem(sys.modules, "IPython", shell)
-    with shown_progress() as show:
+    with display_progress() as show:
         show(Progress("fit", 1, 3.0, 5, 10, 1))
     assert "iteration 1" in capsys.readouterr().err
 

@@ -17,7 +17,7 @@ from updyn.modal import ModeSet
 from updyn.modal.level import describe_leaning
 from updyn.modal.unexplained import describe_unexplained
 from updyn.model import Group, Matrix, Model
-from updyn.signals.records import records_of
+from updyn.signals.records import as_records
 from updyn.text_table import text_table
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
@@ -207,7 +207,7 @@ def describe_contents(found: Contents) -> str:
 
 def describe_records(given: xarray.DataArray) -> str:
     """Return number, length and channels of time records, as text."""
-    records = records_of(given)
+    records = as_records(given)
     n, _, samples = records.values.shape
     rows = []
     for at, (name, unit) in enumerate(zip(records.channels, records.units, strict=True)):

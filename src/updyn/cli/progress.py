@@ -103,7 +103,7 @@ def show_progress(
     ProgressDisplay
     """
     display = ProgressDisplay(console, stages, stopping)
-    with display.drawn():
+    with display.live_bar():
         try:
             with watch_signals(display.interrupt, display.answer):
                 yield display

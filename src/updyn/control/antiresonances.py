@@ -40,9 +40,9 @@ _AROUND = np.array([-2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0, 2.0])
 #: Iterations that locate antiresonances.
 _ROUNDS = 4
 #: Distance relative to the highest line within which lines are merged.
-_MERGED = 1e-12
+_MERGE_DISTANCE = 1e-12
 #: Largest relative distance between matching zeros of plant and structure.
-_LOST = 0.1
+_MATCH_DISTANCE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,10 @@ def resolve_antiresonances(
         more = more[(more > low) & (more < high)]
         after = np.searchsorted(freq, more).clip(1, len(freq) - 1)
         apart = np.minimum(np.abs(more - freq[after - 1]), np.abs(more - freq[after]))
-        more = more[(apart > _MERGED * high) & (np.diff(more, prepend=-1.0) > _MERGED * high)]
+        more = more[
+            (apart > _MERGE_DISTANCE * high)
+            & (np.diff(more, prepend=-1.0) > _MERGE_DISTANCE * high)
+        ]
         if not len(more):
             break
         both = np.concatenate([freq, more])
@@ -193,7 +196,7 @@ def antiresonance_shifts(
         shift = np.nan
         if len(zero_frequencies):
             nearest = float(zero_frequencies[np.argmin(np.abs(zero_frequencies - dip.frequency))])
-            if abs(nearest - dip.frequency) <= _LOST * dip.frequency:
+            if abs(nearest - dip.frequency) <= _MATCH_DISTANCE * dip.frequency:
                 shift = 100.0 * (nearest / dip.frequency - 1.0)
         depths = []
         for part in (size, plant_size):

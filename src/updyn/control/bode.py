@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.family import PlantFamily
 from updyn.control.lines import channel_zeros, dense_lines
 from updyn.control.plant import Plant
-from updyn.control.report.plant import channel_name, unit_of
+from updyn.control.report.plant import channel_name, channel_unit
 from updyn.control.servo.record import Loop, Servo
 from updyn.errors import DataError, OptionError
 from updyn.frf import check_lines
@@ -134,7 +134,7 @@ def _magnitude(
                 label=f"its largest error, {100.0 * share:.2g} % of {words}",
             )
     name = {"receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration"}
-    level_axis(axes, name[plant.quantities[i]], unit_of(plant, i, j), level)
+    level_axis(axes, name[plant.quantities[i]], channel_unit(plant, i, j), level)
 
 
 def _largest_error(

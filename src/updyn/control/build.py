@@ -9,7 +9,7 @@ import numpy as np
 
 from updyn.control.choice import check_route, choose_route
 from updyn.control.measured import select_measurement
-from updyn.control.options import Ports, check_band, check_error, check_tolerance, quantities_of
+from updyn.control.options import Ports, check_band, check_error, check_quantities, check_tolerance
 from updyn.control.passivity import collocated_channels
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
@@ -18,7 +18,7 @@ from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import find_fewest_states
 from updyn.control.realised import measure_errors, realise
 from updyn.control.structure import CompiledStructure
-from updyn.control.task import task_of
+from updyn.control.task import build_task
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
@@ -131,7 +131,7 @@ def plant(
         return _plant_of_measurement(model, ports, band, tolerance, quantity)
     structure = CompiledStructure.of(model)
     check_error(error)
-    task, quantities = task_of(structure, *ports, band, quantity, tier, backend, error)
+    task, quantities = build_task(structure, *ports, band, quantity, tier, backend, error)
     check_tolerance(tolerance)
     found = choose_route(task, check_route(route, task, error), tolerance)
     realised = realise(task, found, structure.model.title, quantities, tolerance)
@@ -148,7 +148,7 @@ def _plant_of_measurement(
     """Return the plant of measured FRFs."""
     limits = check_band(band)
     inputs, outputs = ports
-    quantities = quantities_of(quantity, len(outputs))
+    quantities = check_quantities(quantity, len(outputs))
     check_tolerance(tolerance)
     data = select_measurement(frf, inputs, outputs, quantities, limits)
     reference = np.maximum(data.reference, _DEVIATIONS * data.deviation / tolerance)

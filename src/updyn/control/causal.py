@@ -31,8 +31,8 @@ from updyn.control.space import Conversion
 from updyn.control.target import CandidateSelection
 
 __all__ = [
+    "ERROR_ROUNDING",
     "GAIN",
-    "NOTHING",
     "ChannelDifference",
     "Circle",
     "channel_differences",
@@ -47,7 +47,7 @@ _TWO_PI = 2.0 * np.pi
 #: Gain permitted outside the band, relative to the largest of the structure there.
 GAIN = 10.0
 #: Errors below this are rounding of the response.
-NOTHING = 1e-6
+ERROR_ROUNDING = 1e-6
 #: Width of the band's margin in log frequency, in which the allowance grows to that outside. It
 #: lies within the band, so the bound remains a lower bound; wider for a very wide band.
 _MARGIN = 0.03
@@ -217,7 +217,7 @@ def error_lower_bound(
         norm = hankel_norm(circle, fixed * np.exp(-logarithm * follows))
         return float(np.log(max(norm, 1e-300)))
 
-    floor = max(NOTHING, NOTHING * reached, known)
+    floor = max(ERROR_ROUNDING, ERROR_ROUNDING * reached, known)
     if reached <= floor or excess(np.log(floor)) <= 0.0:
         return known
     if excess(np.log(reached)) >= 0.0:
@@ -278,7 +278,7 @@ def channel_differences(
             structure_size = np.abs(outside.response(whole, lines)) / grown
             other = np.abs(found.conversion.response(found.mask, lines)) / grown
             limit = GAIN * structure_size.max(axis=0) + other.max(axis=0)
-        least = NOTHING**2 * level.max(axis=0)  # for a channel without coupling
+        least = ERROR_ROUNDING**2 * level.max(axis=0)  # for a channel without coupling
         limits.append(np.maximum(np.where(limit < _UNLIMITED, limit, _UNLIMITED), least))
 
     def channel(i: int, j: int) -> ChannelDifference:

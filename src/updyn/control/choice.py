@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from updyn.control.causal import GAIN
 from updyn.control.complex_modes import ComplexModes, FittedModes, fit_outputs
-from updyn.control.conversions import REFUSED, error_of
+from updyn.control.conversions import REFUSED, conversion_error
 from updyn.control.rational import Rational
 from updyn.control.rational_states import find_fewest_states, refit_poles
 from updyn.control.real_modes import Biot
@@ -21,7 +21,7 @@ ROUTES = ("auto", "modal", "complex", "rational", "biot")
 def check_route(route: str, task: PlantTask, error: str) -> tuple[str, ...]:
     """Return the routes to try; raises OptionError for an unknown or refused route."""
     if route in REFUSED:
-        found = error_of(task, route)
+        found = conversion_error(task, route)
         raise OptionError(
             f"plant: route {route!r} is refused: {REFUSED[route]}. From {task.band[0]:g} to"
             f" {task.band[1]:g} Hz its error is {100 * found.error:.3g} % of a peak, and"

@@ -53,7 +53,7 @@ _ON_AXIS = 1e-7
 #: Multiple of the band's upper end above which a velocity has no feed-through.
 _FAST = 10.0
 #: Sum of the residues, as a share of them, below which it is rounding.
-_NOTHING = 1e-10
+_RESIDUE_ROUNDING = 1e-10
 _TWO_PI = 2.0 * np.pi
 #: Factor by which the real poles extend beyond the band.
 _BEYOND = 3.0
@@ -164,7 +164,7 @@ class ComplexModes:
             jump = jump + C @ A @ B
             speed = speed + C @ B
         nothing = np.zeros_like(static)
-        speed[np.abs(speed) <= _NOTHING * np.abs(R).sum(axis=0)] = 0.0
+        speed[np.abs(speed) <= _RESIDUE_ROUNDING * np.abs(R).sum(axis=0)] = 0.0
         whole = np.choose(self.powers[:, None], [static, nothing, jump])
         return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 

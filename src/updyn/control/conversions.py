@@ -11,15 +11,22 @@ from updyn.control.options import Ports
 from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
 from updyn.control.structure import CompiledStructure
-from updyn.control.task import PlantTask, task_of
+from updyn.control.task import PlantTask, build_task
 from updyn.errors import ModelError
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
-__all__ = ["REFUSED", "ConversionError", "conversions", "error_of", "route_of", "state_of"]
+__all__ = [
+    "REFUSED",
+    "ConversionError",
+    "conversion_error",
+    "conversion_state",
+    "conversions",
+    "find_route",
+]
 
 #: Conversions of the structure's modes.
-_OWN = ("modal", "complex", "biot")
+_MODE_CONVERSIONS = ("modal", "complex", "biot")
 #: Conversions that are refused, with the reason.
 REFUSED = {
     "diagonal": "modal damping ratios lose the coupling of the modes by the damping",
@@ -89,25 +96,25 @@ def conversions(
     True
     """
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
-    task, _ = task_of(CompiledStructure.of(model), *ports, band, quantity, tier, backend)
-    return tuple(error_of(task, name) for name in (*_OWN, *REFUSED))
+    task, _ = build_task(CompiledStructure.of(model), *ports, band, quantity, tier, backend)
+    return tuple(conversion_error(task, name) for name in (*_MODE_CONVERSIONS, *REFUSED))
 
 
-def route_of(plant: Plant) -> str:
+def find_route(plant: Plant) -> str:
     """Return the route of a plant, and its fitted parts."""
     if "fitted" in plant.facts:
         return f"{plant.route}, fitted {plant.facts['fitted']}"
     return plant.route
 
 
-def state_of(name: str, plant: Plant | None) -> str:
+def conversion_state(name: str, plant: Plant | None) -> str:
     """Return ``"used"`` if a plant uses a conversion, with a note on fitted outputs; else empty."""
     if plant is None or plant.route != name:
         return ""
     return "used, then outputs fitted" if "fitted" in plant.facts else "used"
 
 
-def error_of(task: PlantTask, name: str) -> ConversionError:
+def conversion_error(task: PlantTask, name: str) -> ConversionError:
     """Return the errors of a conversion; those of its best variant."""
     best = ConversionError(name, float("nan"), float("nan"))
     try:

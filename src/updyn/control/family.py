@@ -40,9 +40,9 @@ _Complex = NDArray[np.complex128]
 #: Largest number of members; each is a plant in memory and in the file.
 _MOST = 10_000
 #: Accepted status of an update.
-_ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
+_ACCEPTED_STATUS = ("converged", "not-credible", "not-identifiable", "stalled")
 #: By error measure, the route used if that of the nominal plant fails for a member.
-_CLOSEST = {"relative": "rational", "peak": "complex"}
+_FALLBACK_ROUTES = {"relative": "rational", "peak": "complex"}
 #: Draws that enrich the basis of all members: least number, number per parameter, and the factor on
 #: their spread.
 _TRAINING, _FOR_EACH, _WIDE = 6, 2.0 / 3.0, 1.5
@@ -425,7 +425,7 @@ class _PlantMaker:
         try:
             return nominal, self._members(shared, values, nominal.route, kept, engine)
         except ModelError:
-            closest = _CLOSEST[self.options["error"]]
+            closest = _FALLBACK_ROUTES[self.options["error"]]
             if route != "auto" or nominal.route == closest:
                 raise
         nominal, kept = self._nominal(model, shared, closest)
@@ -474,7 +474,7 @@ def _member(
 
 def _check_ended(result: UpdateResult) -> UpdateResult:
     """Return a result after a check that the fit ended at a minimum."""
-    if result.status not in _ENDED:
+    if result.status not in _ACCEPTED_STATUS:
         raise OptionError(
             f"plant_family: the update ended as {result.status!r}, not at a minimum:"
             f" {result.message}"

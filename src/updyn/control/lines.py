@@ -20,7 +20,7 @@ _Complex = NDArray[np.complex128]
 _FINE = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 11.0, 20.0])
 _COARSE = np.array([0.5, 1.0, 2.0, 5.0])
 #: Relative distance within which lines are merged.
-_MERGED = 1e-10
+_MERGE_DISTANCE = 1e-10
 #: Smallest damping ratio that is resolved.
 _SHARPEST = 1e-9
 #: Largest damping ratio of a resonance; the lines of each decade resolve the others.
@@ -61,7 +61,7 @@ def dense_lines(
             lines.append(_lines_around(some, offsets))
     every = np.sort(np.concatenate(lines))
     every = every[(every >= low) & (every <= high)]
-    kept = np.concatenate([[True], np.diff(np.log(every)) > _MERGED])
+    kept = np.concatenate([[True], np.diff(np.log(every)) > _MERGE_DISTANCE])
     return np.asarray(every[kept])
 
 

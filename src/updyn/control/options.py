@@ -12,7 +12,7 @@ from updyn.errors import OptionError, suggest
 from updyn.frf import check_quantity
 from updyn.group import is_number
 
-__all__ = ["ERRORS", "Ports", "check_band", "check_error", "check_tolerance", "quantities_of"]
+__all__ = ["ERRORS", "Ports", "check_band", "check_error", "check_quantities", "check_tolerance"]
 
 #: Error measures of a tolerance.
 ERRORS = ("relative", "peak")
@@ -43,7 +43,7 @@ def check_tolerance(tolerance: float) -> None:
         raise OptionError(f"plant: tolerance {tolerance!r}; expected a share between 1e-9 and 0.5")
 
 
-def quantities_of(quantity: str | Sequence[str], count: int) -> tuple[str, ...]:
+def check_quantities(quantity: str | Sequence[str], count: int) -> tuple[str, ...]:
     """Return the quantity of each of `count` outputs; raises OptionError if invalid."""
     named = [quantity] * count if isinstance(quantity, str) else list(quantity)
     quantities = tuple(check_quantity(q) for q in named)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.choice import check_route, choose_route, reuse_selection
-from updyn.control.options import check_band, check_error, check_tolerance, quantities_of
+from updyn.control.options import check_band, check_error, check_quantities, check_tolerance
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.realised import realise
@@ -69,7 +69,7 @@ class SharedPlantBasis:
         """
         check_error(error)
         check_tolerance(tolerance)
-        limits, quantities = check_band(band), quantities_of(quantity, len(outputs))
+        limits, quantities = check_band(band), check_quantities(quantity, len(outputs))
         projection, holds = shared_projection(
             structure, inputs, outputs, limits, *states, backend=backend
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.control.causal import channel_differences, error_lower_bound
 from updyn.control.complex_modes import ComplexModes, complex_modes, fit_outputs, slow_motion
-from updyn.control.options import check_band, quantities_of
+from updyn.control.options import check_band, check_quantities
 from updyn.control.passivity import collocated_channels
 from updyn.control.ports import Port
 from updyn.control.rational import SlowMotion
@@ -39,7 +39,7 @@ from updyn.control.target import (
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import QUANTITIES
 
-__all__ = ["PlantTask", "check_begin", "make_task", "task_of"]
+__all__ = ["PlantTask", "build_task", "check_begin", "make_task"]
 
 _TERMS = (2, 3, 4, 6, 8)
 _EXTRA = (0, 2, 4)
@@ -154,7 +154,7 @@ def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) 
     return SlowMotion(A, B, displacements, slow.velocities, modes.frequency[kept])
 
 
-def task_of(
+def build_task(
     structure: CompiledStructure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
@@ -166,7 +166,7 @@ def task_of(
 ) -> tuple[PlantTask, tuple[str, ...]]:
     """Return the task of a structure, and the quantity of each output; as for `updyn.plant`."""
     limits = check_band(band)
-    quantities = quantities_of(quantity, len(outputs))
+    quantities = check_quantities(quantity, len(outputs))
     system = structure.system
     found = projection(structure, inputs, outputs, limits, backend=backend)
     space = found.space(system.start)

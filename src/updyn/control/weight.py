@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.family import PlantFamily
 from updyn.control.lines import channel_zeros, dense_lines, sweep
 from updyn.control.plant import Plant
-from updyn.control.weight_fit import Bound, Weight, fit_above, roots_of
+from updyn.control.weight_fit import Bound, Weight, bound_roots, fit_above
 from updyn.errors import ModelError, OptionError, suggest
 from updyn.frf import check_lines
 
@@ -19,11 +19,11 @@ __all__ = [
     "KINDS",
     "UncertaintyWeight",
     "Weight",
-    "channels_of",
+    "channel_floors",
+    "channel_indices",
     "family_lines",
+    "family_radius",
     "find_closest_lines",
-    "floors_of",
-    "radius_of",
     "refuse_unbounded",
     "refuse_undamped",
     "uncertainty_weight",
@@ -37,11 +37,11 @@ _UNDAMPED = 1e-9
 #: Factor by which the lines extend beyond the slowest and fastest of band, poles and zeros.
 _BEYOND = 10.0
 #: Poles below this share of the fastest one count as 0; rounding splits a double pole at 0.
-_STILL = 1e-6
+_ZERO_POLE = 1e-6
 #: Number of parts into which new lines divide the gaps next to a place.
 _ZOOM = 8
 #: Largest number of places that are refined at once.
-_LOOKED = 40
+_MOST_REFINED = 40
 #: Increase of a weight above its lines, in log |W|, for very sharp peaks between two of them.
 _MARGIN = 1e-3
 #: Number of refinements of the lines at the closest places.
@@ -50,8 +50,8 @@ _ROUNDS = 4
 #: in each earlier round.
 _CLOSE = 0.005
 #: A weight that violates new lines by more than this, in log |W|, is fitted again.
-_MISSED = 0.02
-_NONE = np.zeros(0, dtype=np.complex128)
+_VIOLATION = 0.02
+_NO_ROOTS = np.zeros(0, dtype=np.complex128)
 
 
 def _name(number: int) -> str:
@@ -65,7 +65,7 @@ def refuse_undamped(roots: list[_Complex]) -> None:
     """
     for number, poles in enumerate(roots):
         size = np.abs(poles)
-        moving = size > _STILL * max(float(size.max(initial=0.0)), np.finfo(float).tiny)
+        moving = size > _ZERO_POLE * max(float(size.max(initial=0.0)), np.finfo(float).tiny)
         if (poles.real[moving] > _UNDAMPED * size[moving]).any():
             raise ModelError(
                 f"{_name(number)} has a pole in the right half plane: a bound on the deviation"
@@ -84,8 +84,8 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
     plants = (family.nominal, *family.members)
     fastest = max(float(np.abs(p).max(initial=0.0)) for p in poles)
     high = max(2 * np.pi * family.nominal.band[1], fastest)
-    still = _STILL * high
-    zeros = [[_finite(p, i, j, still, high) for i, j in channels_of(family)] for p in plants]
+    still = _ZERO_POLE * high
+    zeros = [[_finite(p, i, j, still, high) for i, j in channel_indices(family)] for p in plants]
     every = np.concatenate(poles)
     moving = every[np.abs(every) > still]
     slowest = float(np.abs(moving).min(initial=high))
@@ -97,7 +97,7 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
     return dense_lines(sharp, others, slowest / (2 * np.pi * _BEYOND), high * _BEYOND / (2 * np.pi))
 
 
-def channels_of(family: PlantFamily) -> list[tuple[int, int]]:
+def channel_indices(family: PlantFamily) -> list[tuple[int, int]]:
     """Return the indices of output and input of every channel."""
     return list(np.ndindex(len(family.outputs), len(family.inputs)))
 
@@ -108,7 +108,7 @@ def _finite(plant: Plant, i: int, j: int, low: float, high: float) -> _Complex:
     return np.asarray(zeros[(size > low) & (size < _BEYOND * high)])
 
 
-def radius_of(family: PlantFamily, lines: _Real, kind: str) -> _Real:
+def family_radius(family: PlantFamily, lines: _Real, kind: str) -> _Real:
     """Return the largest deviation l over the members, shape (n_f, n_y, n_u)."""
     G = sweep(family.nominal, lines)
     largest = np.zeros(G.shape)
@@ -124,13 +124,13 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
     """Raise ModelError for imaginary zeros of the nominal plant that members lack."""
     if np.isfinite(radius).all() and kind == "additive":
         return
-    for i, j in channels_of(family):
+    for i, j in channel_indices(family):
         zeros = channel_zeros(family.nominal, i, j)
         size = np.abs(zeros)
         inside = (size > 2 * np.pi * lines[0]) & (size < 2 * np.pi * lines[-1])
         bad = size[inside & (np.abs(zeros.real) <= _UNDAMPED * size)] / (2 * np.pi)
         for f in bad:
-            if radius_of(family, np.array([f * (1 + 1e-9)]), kind)[0, i, j] > 1e3:
+            if family_radius(family, np.array([f * (1 + 1e-9)]), kind)[0, i, j] > 1e3:
                 raise ModelError(
                     f"{family.outputs[i]} / {family.inputs[j]}: the nominal plant has an undamped"
                     f" antiresonance at {f:.6g} Hz, where the multiplicative radius is unbounded;"
@@ -145,7 +145,7 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
             )
 
 
-def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
+def channel_floors(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
     """Return the floor of each channel; 0 if the members equal the nominal plant."""
     peak = radius.max(axis=0)
     if floor is not None:
@@ -170,7 +170,7 @@ def find_closest_lines(
         close = np.log(level) - bound.log_magnitude(2 * np.pi * lines)
         inner = np.flatnonzero((close[1:-1] >= close[:-2]) & (close[1:-1] >= close[2:])) + 1
         inner = inner[close[inner] > close.max() - within]
-        for k in inner[np.argsort(-close[inner], kind="stable")[:_LOOKED]]:
+        for k in inner[np.argsort(-close[inner], kind="stable")[:_MOST_REFINED]]:
             more.append(np.linspace(lines[k - 1], lines[k], _ZOOM + 1)[1:-1])
             more.append(np.linspace(lines[k], lines[k + 1], _ZOOM + 1)[1:-1])
     return np.setdiff1d(np.concatenate(more), lines) if more else np.zeros(0)
@@ -342,10 +342,10 @@ def uncertainty_weight(
     lines = given
     if lines is None:
         lines = family_lines(family, roots)
-    channels = channels_of(family)
-    radius = radius_of(family, lines, kind)
+    channels = channel_indices(family)
+    radius = family_radius(family, lines, kind)
     refuse_unbounded(family, lines, radius, kind)
-    floors = floors_of(family, radius, kind, floor)
+    floors = channel_floors(family, radius, kind, floor)
     bounds = {}
     for at in channels:
         if floors[at] > 0:
@@ -355,20 +355,20 @@ def uncertainty_weight(
         if not more.size:
             break
         merged = np.concatenate([lines, more])
-        radius = np.concatenate([radius, radius_of(family, more, kind)])
+        radius = np.concatenate([radius, family_radius(family, more, kind)])
         ascending = np.argsort(merged, kind="stable")
         lines, radius = merged[ascending], radius[ascending]
         # The last refinements do not fit the weight again.
         for at, bound in bounds.items() if left >= 2 else ():
             level = np.log(np.maximum(radius[:, *at], floors[at]))
-            if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _MISSED:
+            if (level - bound.log_magnitude(2 * np.pi * lines)).max() > _VIOLATION:
                 bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
     channel_weights = {}
     for i, j in channels:
         channel_radius, floor = radius[:, i, j], float(floors[i, j])
         if (i, j) not in bounds:
             channel_weights[i, j] = Weight(
-                _NONE, _NONE, 0.0, note="All members equal the nominal plant here."
+                _NO_ROOTS, _NO_ROOTS, 0.0, note="All members equal the nominal plant here."
             )
             continue
         bound = bounds[i, j]
@@ -451,7 +451,7 @@ def _weight(lines: _Real, radius: _Real, floor: float, bound: Bound, note: str) 
     top = int(np.argmax(radius))
     largest = float(np.exp(excess.max() + lift))
     return Weight(
-        *roots_of(bound, lift), largest, mean, float(radius[top]), float(lines[top]), note
+        *bound_roots(bound, lift), largest, mean, float(radius[top]), float(lines[top]), note
     )
 
 

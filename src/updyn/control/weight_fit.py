@@ -12,8 +12,8 @@ from scipy.optimize import linprog
 __all__ = [
     "Bound",
     "Weight",
+    "bound_roots",
     "fit_above",
-    "roots_of",
 ]
 
 _Real = NDArray[np.float64]
@@ -30,15 +30,15 @@ _PLACES = 9
 #: Half the distance between the zero and the pole of a new first-order section, in log frequency.
 _STEP = 0.7
 #: Damping of zeros and poles of a new section; the sharp ones at the tightest peaks, of which
-#: `_TOUCHED` are tried.
+#: `_TOUCHING_STARTS` are tried.
 _PEAKS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
 _SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
 _DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
-_TOUCHED = 3
+_TOUCHING_STARTS = 3
 #: Share of the largest excess, in log |W|, below which a bound is nearly tight.
 _GAP = 0.3
 #: Number of starts that are optimised to the end.
-_FOLLOWED = 2
+_MOST_STARTS = 2
 _STEPS = 60
 #: Largest number of times that lines are added to a fit.
 _EXCHANGES = 3
@@ -118,7 +118,7 @@ class Weight:
         return np.asarray(self.gain * np.prod((s - self.zeros) / (s - self.poles), axis=1))
 
 
-def roots_of(bound: Bound, lift: float = 0.0) -> tuple[_Complex, _Complex, float]:
+def bound_roots(bound: Bound, lift: float = 0.0) -> tuple[_Complex, _Complex, float]:
     """Return zeros and poles in rad/s and the gain of a bound whose log is increased by `lift`."""
     zeros: list[complex] = []
     poles: list[complex] = []
@@ -264,7 +264,7 @@ def _add_section(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real)
         for w, zeros, poles in peaks:
             starts.append(np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]))
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
-    best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]
+    best = sorted(first[1:], key=lambda one: one[1])[:_MOST_STARTS]
     ended = [_descend(start, order, omega, y, weight, _STEPS) for start, _ in (first[0], *best)]
     return Bound(order, min(ended, key=lambda one: one[1])[0], 0.0, 0.0)
 
@@ -277,7 +277,7 @@ def _touched_and_free(
     A peak of a section at a tight place lowers the bound elsewhere; a dip in a gap lowers it there.
     """
     excess = bound.log_magnitude(omega) - y
-    touched = np.argsort(excess, kind="stable")[:_TOUCHED]
+    touched = np.argsort(excess, kind="stable")[:_TOUCHING_STARTS]
     # Gaps lie between nearly tight places; their size is their area over log frequency.
     near = np.flatnonzero(excess < _GAP * excess.max())
     ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
@@ -285,7 +285,7 @@ def _touched_and_free(
     for i, j in pairwise(ends):
         if j > i + 1:
             areas.append((float(weight[i : j + 1] @ excess[i : j + 1]), i, j))
-    gaps = sorted(areas, reverse=True)[:_TOUCHED]
+    gaps = sorted(areas, reverse=True)[:_TOUCHING_STARTS]
     x = np.log(omega)
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]
 

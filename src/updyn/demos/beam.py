@@ -40,12 +40,12 @@ __all__ = [
     "comparison",
     "describe_residual",
     "epilogue",
-    "levels_of",
+    "find_torsion",
+    "fit_one_mode",
     "next_job",
-    "one_mode",
     "reciprocity",
     "segments_job",
-    "torsion",
+    "sensor_levels",
     "write_inputs",
 ]
 
@@ -327,13 +327,13 @@ def describe_residual(result: UpdateResult) -> str:
     """Return text on the residual of the last model and its causes."""
     computed = correlate(result.model, result.frf)
     measured = computed.measured
-    levels = levels_of(measured, computed.computed)
+    levels = sensor_levels(measured, computed.computed)
     level_text = ", ".join(f"{sensor} {level:+.2f}" for sensor, level in levels.items())
-    twisted, mac = torsion(computed, LENGTH)
+    twisted, mac = find_torsion(computed, LENGTH)
     swapped, unexplained = reciprocity(measured, computed.computed)
     frequency = next(f for f in modes(result.model, 4).frequency if f > BAND[0])
-    _, measured_loss, _ = one_mode(measured, frequency)
-    _, model_loss, _ = one_mode(computed.computed, frequency)
+    _, measured_loss, _ = fit_one_mode(measured, frequency)
+    _, model_loss, _ = fit_one_mode(computed.computed, frequency)
     items = [
         f"By band: {_errors_by_band(computed)}.",
         f"A mode at {twisted:.0f} Hz is missing from the model, and the shapes agree least around"
@@ -392,7 +392,7 @@ def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
     return float(np.median(np.abs(found - 1.0))), float(np.median(np.abs(found / expected - 1.0)))
 
 
-def levels_of(measured: FRF, computed: FRF) -> dict[str, float]:
+def sensor_levels(measured: FRF, computed: FRF) -> dict[str, float]:
     """Return the level of each sensor relative to the model in dB.
 
     The level is the median over lines, averaged over hammer points.
@@ -402,20 +402,20 @@ def levels_of(measured: FRF, computed: FRF) -> dict[str, float]:
     return dict(zip(measured.responses.labels, level.tolist(), strict=True))
 
 
-def torsion(computed: Correlation, length: float) -> tuple[float, float]:
+def find_torsion(computed: Correlation, length: float) -> tuple[float, float]:
     """Return natural frequency in Hz and MAC of the residual's mode near the line of least CSAC.
 
     The MAC compares its shape with cos(pi x / length), the first torsion mode of a free bar.
     """
     measured = computed.measured
     rest = replace(measured, values=measured.values - computed.computed.values)
-    frequency, _, residues = one_mode(rest, float(computed.freq[computed.csac.argmin()]))
+    frequency, _, residues = fit_one_mode(rest, float(computed.freq[computed.csac.argmin()]))
     shape = np.linalg.svd(residues)[0][:, 0]
     twist = np.cos(np.pi * np.array([STATIONS[d.node] for d in measured.responses]) / length)
     return frequency, float(np.abs(shape @ twist) ** 2 / (twist @ twist))
 
 
-def one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.complex128]]:
+def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.complex128]]:
     """Fit one mode to all channels of accelerances within 5 % of a frequency in Hz.
 
     The least-squares model of receptance is a pole and a constant. Frequency in Hz, loss factor,

@@ -44,8 +44,8 @@ __all__ = [
     "epilogue",
     "known_masses",
     "measure",
+    "move_along_family",
     "next_job",
-    "on_the_family",
     "paper_matrices",
     "starting_model",
     "table",
@@ -229,7 +229,7 @@ def _write_job(
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     """Compare with the paper; show the undetermined combination, and the result of a fifth line."""
     published, second, fifth_line = results
-    moved = on_the_family(published)
+    moved = move_along_family(published)
     parts = [
         _table_6(published),
         _matrices(published, moved),
@@ -255,9 +255,9 @@ def _table_6(result: UpdateResult) -> str:
 
 def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
     printed = paper_matrices()
-    values = _matrices_of(result.model)
-    shifted = _matrices_of(moved.model)
-    true = _matrices_of(true_model())
+    values = _matrix_entries(result.model)
+    shifted = _matrix_entries(moved.model)
+    true = _matrix_entries(true_model())
     lines = [
         "Mass (kg m2) and stiffness (1e6 N m/rad), entries that are not 0. 'moved': this result,"
         " moved along the undetermined",
@@ -285,8 +285,8 @@ def _family(result: UpdateResult, moved: UpdateResult) -> str:
     weights = ", ".join(f"{weight:+.4f} {name}" for name, weight in ordered)
     before = _distance(result.model, result.frf)
     after = _distance(moved.model, result.frf)
-    K66_before = _matrices_of(result.model)["K(6,6)"]
-    K66_after = _matrices_of(moved.model)["K(6,6)"]
+    K66_before = _matrix_entries(result.model)["K(6,6)"]
+    K66_after = _matrix_entries(moved.model)["K(6,6)"]
     return (
         f"The four lines determine {ident.rank} of {ident.n_parameters} unknowns. Undetermined"
         f" combination: {weights}.\n"
@@ -311,7 +311,7 @@ def _fifth_line(second: UpdateResult, result: UpdateResult) -> str:
     )
 
 
-def on_the_family(result: UpdateResult) -> UpdateResult:
+def move_along_family(result: UpdateResult) -> UpdateResult:
     """Move the published result along its undetermined combination to the paper's K(6,6).
 
     The stiffness of unit 6 is fixed, and all other unknowns are fitted to the same data. K(6,6) is
@@ -324,7 +324,7 @@ def on_the_family(result: UpdateResult) -> UpdateResult:
     others = [name for name in unit_names() if name != "unit 6"]
     moved = result
     for _ in range(3):  # the share of unit 5 in K(6,6) changes, too
-        change = (wanted - _matrices_of(moved.model)["K(6,6)"]) / paper_stiffness
+        change = (wanted - _matrix_entries(moved.model)["K(6,6)"]) / paper_stiffness
         start = moved.model.scaled({"unit 6": {"stiffness": 1.0 + change / _share(moved)}})
         unknowns = parameters(start, stiffness=others, mass="all", loss_factor="all")
         moved = update(start, result.frf, unknowns, method="equation-error")
@@ -333,7 +333,7 @@ def on_the_family(result: UpdateResult) -> UpdateResult:
 
 def _share(result: UpdateResult) -> float:
     """Return the stiffness of unit 6 as a factor on Table 2; only unit 6 contributes to K(7,7)."""
-    return _matrices_of(result.model)["K(7,7)"] / _matrices_of(true_model())["K(7,7)"]
+    return _matrix_entries(result.model)["K(7,7)"] / _matrix_entries(true_model())["K(7,7)"]
 
 
 def decimals(x: float) -> int:
@@ -353,7 +353,7 @@ def paper_matrices() -> dict[str, float]:
     return out
 
 
-def _matrices_of(model: Model) -> dict[str, float]:
+def _matrix_entries(model: Model) -> dict[str, float]:
     """Return the same matrix entries of a model."""
     K = np.zeros((model.n_dofs, model.n_dofs))
     M = np.zeros((model.n_dofs, model.n_dofs))

@@ -17,7 +17,7 @@ from updyn.foreign.plain import decode
 from updyn.foreign.processes import START, start
 from updyn.registry import load_object
 
-__all__ = ["UNSOUND", "load", "load_here"]
+__all__ = ["UNSOUND", "load", "load_in_process"]
 
 _BLOCK = 2**20  # bytes
 #: Exceptions of `decode` for a damaged answer.
@@ -79,7 +79,7 @@ def load(
     raise damaged(path, what, found["failed"])
 
 
-def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
+def load_in_process(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
     """Load a file written by updyn in this process; the arguments are those of `load`.
 
     Raises

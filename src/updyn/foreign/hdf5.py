@@ -27,7 +27,7 @@ _DEPTH = 16
 _NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
 #: Attributes that define the meaning of the numbers of a dataset, in lower case.
 _MEANINGS = tuple(name.lower() for name in (*UNITS, *PACKING))
-_HELD = "; it is not followed: store the numbers in the file itself"
+_LINK_REMEDY = "; it is not followed: store the numbers in the file itself"
 
 
 def load(path: str, is_ours: bool) -> dict[str, Any]:
@@ -98,7 +98,7 @@ class HDF5Content:
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise FormatError(
-                    f"{group.name}: {name!r} is a link to the file {link.filename!r}{_HELD}",
+                    f"{group.name}: {name!r} is a link to the file {link.filename!r}{_LINK_REMEDY}",
                     self.path,
                 )
             found[str(name)] = group[name]
@@ -130,7 +130,7 @@ class HDF5Content:
             raise FormatError(f"{name}: a virtual dataset, whose numbers are elsewhere", self.path)
         if dataset.external:
             raise FormatError(
-                f"{name}: its numbers are in the file {dataset.external[0][0]!r}{_HELD}",
+                f"{name}: its numbers are in the file {dataset.external[0][0]!r}{_LINK_REMEDY}",
                 self.path,
             )
         self._count(dataset.size * dataset.dtype.itemsize if dataset.shape is not None else 0)

@@ -30,7 +30,7 @@ from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.csv_text import check_comments, plain_numbers, split_axis
 from updyn.io.items import locate_errors, read_windows_text, require_file
 from updyn.io.text_numbers import find_rounding, parse_rows
-from updyn.signals.records import Records, step_of
+from updyn.signals.records import Records, find_step
 from updyn.units import CHANNEL, Unit, find_unit, strip_brackets, suggest_unit
 
 __all__ = ["read_records"]
@@ -276,7 +276,7 @@ def _step(
     rounding = factor * find_rounding(texts, times)
     times = factor * times
     with locate_errors(path, "time"):
-        steps = [step_of(times[span], rounding[span]) for span in spans]
+        steps = [find_step(times[span], rounding[span]) for span in spans]
     allowed = 1e-6 * steps[0] + 2.0 * rounding.max() / max(spans[0].stop - spans[0].start - 1, 1)
     for number, step in enumerate(steps, 1):
         if abs(step - steps[0]) > allowed:

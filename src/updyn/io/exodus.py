@@ -29,8 +29,8 @@ from updyn.shapes import (
     TRIANGLE,
     WEDGE,
     Shape,
-    edges_of,
-    faces_of,
+    unique_edges,
+    unique_faces,
 )
 
 __all__ = ["read_geometry"]
@@ -104,7 +104,7 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
             )
     with locate_errors(path):
         drawn = _corners_by_shape(found, len(xyz), path)
-        lines, faces = numbers[edges_of(drawn)], numbers[faces_of(drawn)]
+        lines, faces = numbers[unique_edges(drawn)], numbers[unique_faces(drawn)]
         return Geometry(numbers, xyz * scale, lines, faces=faces)
 
 

@@ -24,7 +24,7 @@ __all__ = ["new_name", "remove_leftovers"]
 _LONGEST = 40
 _MARK = re.compile(r"([0-9a-f]{16})-([0-9a-f]+)-([0-9a-f]+)-[0-9a-f]{6}")
 #: States of processes that have ended: zombie, dead.
-_ENDED = ("Z", "X", "x")
+_ENDED_STATES = ("Z", "X", "x")
 
 
 def new_name(path: Path, prefix: str = ".", suffix: str = "") -> str:
@@ -125,4 +125,4 @@ def _has_ended(number: int, started: int) -> bool:
         state, since = _process_state(number)
     except (OSError, ValueError, IndexError):
         return False
-    return state in _ENDED or since != started
+    return state in _ENDED_STATES or since != started

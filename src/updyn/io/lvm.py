@@ -92,7 +92,7 @@ def read_records(path: str | Path) -> Records:
     segments = list(_segments(text, ends, head, path))
     first = segments[0]
     for segment in segments[1:]:
-        first.check_alike(segment, path)
+        first.check_same_channels(segment, path)
     _warn(first, path)
     with locate_errors(path):
         return Records.of(
@@ -156,7 +156,7 @@ class _Segment:
     empty: tuple[str, ...]
     values: NDArray[np.float64]
 
-    def check_alike(self, other: _Segment, path: str | Path) -> None:
+    def check_same_channels(self, other: _Segment, path: str | Path) -> None:
         """Refuse another segment whose channels differ from this one."""
         for what in ("channels", "units", "step"):
             mine, its = getattr(self, what), getattr(other, what)

@@ -157,14 +157,14 @@ def _group(table: ModelFile, parts: Mapping[str, Any], number: int, n: int) -> t
     try:
         return name, Group(**matrices, **damping)
     except ModelError as error:
-        key = _key_of(str(error), matrices)
+        key = _find_key(str(error), matrices)
         named = f" ({parts[key]})" if key in matrices else ""
         raise FormatError(
             f"group {name!r}: {error}{named}", table.path, table.line(key, "group", number)
         ) from error
 
 
-def _key_of(fault: str, matrices: Mapping[str, Any]) -> str:
+def _find_key(fault: str, matrices: Mapping[str, Any]) -> str:
     """Return the key that an error of `Group` is about, identified by its first words."""
     for what in DAMPING:
         if fault.replace(" ", "_").startswith(what):

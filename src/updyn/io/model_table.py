@@ -34,7 +34,7 @@ __all__ = ["GENERAL", "ModelFile", "write_tables"]
 #: Keys of every such file.
 GENERAL = ("title", "dofs", "geometry", "group")
 _JOB = ("model", "test", "parameter")  # tables of a job file, the other kind of TOML file
-_DRAWN = ("lines", "faces")
+_DRAWN_TABLES = ("lines", "faces")
 
 
 class ModelFile:
@@ -111,8 +111,10 @@ class ModelFile:
                 self.path,
                 self.line("geometry"),
             )
-        self.check_keys(table, ("nodes", *_DRAWN), "geometry")
-        drawn = [self.file(table, key, "geometry") if key in table else None for key in _DRAWN]
+        self.check_keys(table, ("nodes", *_DRAWN_TABLES), "geometry")
+        drawn = [
+            self.file(table, key, "geometry") if key in table else None for key in _DRAWN_TABLES
+        ]
         return read_geometry(self.file(table, "nodes", "geometry"), *drawn)
 
     def group_name(self, parts: Mapping[str, Any], number: int) -> str:
@@ -211,7 +213,7 @@ def write_tables(model: Model, path: Path) -> Any:
     table["nodes"] = nodes.name
     with atomic_path(nodes) as temporary:
         write_geometry(geometry, temporary)
-    for key, write in zip(_DRAWN, (write_lines, write_faces), strict=True):
+    for key, write in zip(_DRAWN_TABLES, (write_lines, write_faces), strict=True):
         if len(getattr(geometry, key)):
             drawn = path.with_name(f"{path.stem}_{key}.csv")
             table[key] = drawn.name

@@ -72,7 +72,7 @@ def load_native(function: str, path: str | Path, *arguments: Any, what: str) -> 
         If the digest does not match the content, or the file cannot be read.
     """
     if _is_verified(path):
-        return box.load_here(function, path, True, *arguments, what=what)
+        return box.load_in_process(function, path, True, *arguments, what=what)
     return box.load(function, path, False, *arguments, what=what, reader="libhdf5")
 
 

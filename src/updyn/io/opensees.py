@@ -31,8 +31,8 @@ from updyn.shapes import (
     TETRAHEDRON,
     TRIANGLE,
     Shape,
-    edges_of,
-    faces_of,
+    unique_edges,
+    unique_faces,
 )
 
 __all__ = ["from_opensees"]
@@ -281,7 +281,7 @@ def _geometry(ops: Any, length: float) -> Geometry:
         else:
             if count in _LINES:
                 lines.append((_LINES[count], ends))
-    return Geometry(nodes, xyz * length, edges_of(lines), faces=faces_of(faces))
+    return Geometry(nodes, xyz * length, unique_edges(lines), faces=unique_faces(faces))
 
 
 # -- matrices -----------------------------------------------------------------------------------

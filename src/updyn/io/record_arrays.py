@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.items import as_number, as_reals, as_vector, describe_kind, locate_errors
-from updyn.signals.records import Records, seconds, step_of
+from updyn.signals.records import Records, find_step, seconds
 from updyn.units import find_unit, suggest_unit
 
 __all__ = ["build_records"]
@@ -218,7 +218,7 @@ def _step(
         with locate_errors(path):
             passed = seconds(times, units.get(time, ""), time)
         with locate_errors(path, time):
-            return step_of(passed)
+            return find_step(passed)
     if isinstance(rate, str):
         if rate not in arrays:
             raise FormatError(f"no number {rate!r}; {suggest(rate, sorted(arrays))}", path)

@@ -18,7 +18,7 @@ from updyn.signals.estimate import estimate_frf
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.joining import joined_frfs
 from updyn.signals.quality import RecordFinding, check_records
-from updyn.signals.records import Records, chain_records, records_of
+from updyn.signals.records import Records, as_records, chain_records
 from updyn.signals.windows import ImpactWindow
 
 __all__ = ["RecordedFRFs", "RecordedSetup", "estimate_from_records"]
@@ -98,7 +98,7 @@ def _read_setup(job: Document, table: RecordsTable, setup: SetupTable) -> Record
         path = existing_file(job, file, "records", "file")
         with key_path("reader"):
             found = read_records(path, **_reader_options(setup))
-        parts.append(records_of(found).calibrate(setup.units, setup.factors))
+        parts.append(as_records(found).calibrate(setup.units, setup.factors))
     records = chain_records(parts)
     if table.cut is not None:
         before = table.cut.length / 20.0 if table.cut.before is None else table.cut.before

@@ -113,7 +113,7 @@ def assign_dofs(
     """
     nodes = {target.dof.node for target in targets}
     frames = _node_frames(model, nodes)
-    directions = _directions_of(model, nodes)
+    directions = _existing_directions(model, nodes)
     locals_ = _find_local_directions(model, targets, frames, directions, angle)
     at: dict[int, list[_Local]] = {}
     for local in locals_:
@@ -139,7 +139,7 @@ def _node_frames(model: Model, nodes: Iterable[int]) -> dict[int, NDArray[np.flo
     return out
 
 
-def _directions_of(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, ...]]:
+def _existing_directions(model: Model, nodes: Iterable[int]) -> dict[int, tuple[int, ...]]:
     """Return the existing ones of the six directions of nodes, ascending."""
     out: dict[int, list[int]] = {node: [] for node in nodes}
     for row in np.flatnonzero(np.isin(model.dofs.nodes, list(out))):

@@ -355,7 +355,7 @@ class _UserInput:
         """Geometry used for positions."""
         return self.measured if self.given is None else self.given
 
-    def _source_of(self, node: int) -> Geometry | None:
+    def _geometry_of_node(self, node: int) -> Geometry | None:
         """Return the geometry used for directions of a node."""
         for source in (self.measured, self.given):
             if source is not None and node in source.nodes:
@@ -364,7 +364,7 @@ class _UserInput:
 
     def axes(self, node: int) -> NDArray[np.float64] | None:
         """Return the directions of a node of the test as rows; None if no geometry has the node."""
-        source = self._source_of(node)
+        source = self._geometry_of_node(node)
         if source is None:
             return None
         if source.axes is None:
@@ -411,7 +411,7 @@ class _UserInput:
             raise MatchError(f"{found.contradiction}\n{insist}", ("by",), proposal=found.proposal)
         if found.warning:
             warnings.warn(found.warning, UpdynWarning, stacklevel=3)
-        return _alignment_of(found.system), [*filter(None, [found.note, found.warning])]
+        return _as_alignment(found.system), [*filter(None, [found.note, found.warning])]
 
     def nodes_by_coordinates(
         self, model: Model, tolerance: float | str | None, unit: str | None, alignment: Any
@@ -474,7 +474,7 @@ class _UserInput:
         node = nodes[sensor.node].node if entry is None else entry.node
         dof = Dof(node, sensor.direction)
         if vector is None:
-            source = self._source_of(sensor.node)
+            source = self._geometry_of_node(sensor.node)
             has_axes = source is not None and source.axes is not None
             if by == "label" and (model.geometry is None or not has_axes):
                 return SensorDirection(sensor, role, dof)
@@ -531,7 +531,7 @@ def _distance(
     return float(np.linalg.norm(at - model.position([new])))
 
 
-def _alignment_of(system: CoordinateSystem) -> Alignment | None:
+def _as_alignment(system: CoordinateSystem) -> Alignment | None:
     """Return the system in which labels and positions agree; None if it is that of the model."""
     if system.factor == 1.0 and system.residual is None:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import DataError, OptionError, key_path
-from updyn.signals.records import Records, records_of
+from updyn.signals.records import Records, as_records
 
 if TYPE_CHECKING:
     import xarray
@@ -75,7 +75,7 @@ def cut_hits(
     (3, 2, 512)
     """
     lead = length / 20.0 if before is None else before
-    return cut_records(records_of(records), excitation, length, lead, level).to_xarray()
+    return cut_records(as_records(records), excitation, length, lead, level).to_xarray()
 
 
 def cut_records(

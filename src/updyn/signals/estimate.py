@@ -16,7 +16,7 @@ from updyn.frf import FRF, check_band
 from updyn.modal.continuation import remove_decay
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.quality.pulse import time_of_energy
-from updyn.signals.records import Records, records_of
+from updyn.signals.records import Records, as_records
 from updyn.signals.spectra import Spectra
 from updyn.signals.windows import ImpactWindow
 from updyn.units import Unit, merge_units, parse_unit
@@ -328,7 +328,7 @@ def frf_estimate(
     overlap = 0.5 if overlap is None else overlap
     if not 0.0 <= overlap < 1.0:
         raise OptionError(f"overlap {overlap}; expected 0 to below 1", key=("overlap",))
-    given = records_of(records)
+    given = as_records(records)
     named = [excitation] if isinstance(excitation, str) else excitation
     forces, force_rows = _channels(given, named, "excitation")
     others = [name for name in given.channels if name not in forces]

@@ -34,11 +34,11 @@ _MODELS = (
 )
 #: A model is used for lines within an eighth of its half width from its centre, in half the time of
 #: a sixteenth, with equal errors.
-_SERVED = 4
+_SHARED_LINES = 4
 #: Degrees of freedom of a residual for which its variance is known to 40 %, 1 / sqrt(6).
 _FREEDOM = 6
 #: Number of lines over which models are compared: about two windows of the narrowest.
-_COMPARED = 33
+_COMPARISON_LINES = 33
 #: Least share of the force outside transients and other forces. Below it, errors of the polynomials
 #: of a window count ten times (1 / sqrt(share)) in the FRF.
 _SEPARABLE = 0.01
@@ -131,7 +131,7 @@ def _omission_errors(found: LocalValues) -> _Real:
 
     Infinite at lines at which the forces cannot be distinguished from transients.
     """
-    smooth = uniform_filter1d(found.omission_error, _COMPARED, axis=0, mode="nearest")
+    smooth = uniform_filter1d(found.omission_error, _COMPARISON_LINES, axis=0, mode="nearest")
     error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)
     return np.where((found.separable >= _SEPARABLE).all(axis=1), error, np.inf)
 
@@ -156,7 +156,7 @@ def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> Non
 def _values_at_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalValues:
     """Return the values of one model at all lines, in batches of windows."""
     records, lines, forces = force.shape
-    served = max(1, model.half // _SERVED)
+    served = max(1, model.half // _SHARED_LINES)
     offsets = np.arange(served) - served // 2
     centres = np.arange(0, lines, served) + served // 2
     columns = motion.shape[2] * (model.poles + 2) + forces * (model.degree + 1)

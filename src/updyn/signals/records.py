@@ -16,7 +16,7 @@ from updyn.units import find_unit, merge_units, suggest_unit
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records", "chain_records", "records_of", "seconds", "step_of"]
+__all__ = ["Records", "as_records", "chain_records", "find_step", "seconds"]
 
 #: Largest relative difference between the sampling steps of several files: times are rounded.
 _SAME_STEP = 1e-6
@@ -115,7 +115,7 @@ class Records:
                 " channel, time"
             )
         label = str(given["time"].attrs.get("units", ""))
-        step = step_of(seconds(given["time"].values, label))
+        step = find_step(seconds(given["time"].values, label))
         channels = [str(name) for name in given["channel"].values]
         common = str(given.attrs.get("units", "")).strip()
         units = [common] * len(channels)
@@ -213,7 +213,7 @@ def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.f
     return np.asarray(passed * unit.factor, dtype=np.float64)
 
 
-def step_of(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = None) -> float:
+def find_step(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = None) -> float:
     """Return the step of times in s; raises DataError if they do not ascend in even steps.
 
     `rounding` is the place value of the last printed digit of each time.
@@ -238,7 +238,7 @@ def _is_rounded(times: NDArray[np.float64], step: float, rounding: NDArray[np.fl
     return bool((away <= (1.0 + _EVEN) * allowed).all())
 
 
-def records_of(given: Any) -> Records:
+def as_records(given: Any) -> Records:
     """Return records from records or a labelled array."""
     return given if isinstance(given, Records) else Records.from_xarray(given)
 

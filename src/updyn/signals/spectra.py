@@ -15,7 +15,7 @@ __all__ = ["Spectra"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 #: Share of the largest line below which a force is zero.
-_NOTHING = 1e-12
+_ZERO_FORCE = 1e-12
 #: Smallest eigenvalue of the coherence matrix of forces that are linearly independent; below it is
 #: rounding.
 _DEPENDENT = 1e-12
@@ -123,7 +123,7 @@ class Spectra:
     def check_power(self, freq: _Real, names: Sequence[str]) -> None:
         """Raise DataError for a line at which a force is zero."""
         for name, column in zip(names, self.power.T, strict=True):
-            silent = column <= _NOTHING**2 * column.max()
+            silent = column <= _ZERO_FORCE**2 * column.max()
             if silent.any():
                 raise DataError(
                     f"channel {name!r}: no force at {freq[silent][0]:g} Hz; narrow the band",

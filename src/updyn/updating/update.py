@@ -17,7 +17,7 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.progress import RunStage, shown_progress
+from updyn.progress import RunStage, display_progress
 from updyn.updating.fit.methods import make_method
 from updyn.updating.fit.monitor import JUDGE, Progress
 from updyn.updating.judge.assessment import analyse_start
@@ -272,7 +272,7 @@ def _combine_callbacks(
     stages = [
         RunStage(name, most_steps) for name, most_steps in make_method(method, options).stages
     ]
-    with shown_progress([RunStage("start"), *stages, RunStage(JUDGE)]) as show:
+    with display_progress([RunStage("start"), *stages, RunStage(JUDGE)]) as show:
 
         def both(step: Progress) -> bool | None:
             show(step)

@@ -84,14 +84,14 @@ def test_stage_share_and_time_left(clock: list[float]) -> None:
     clock[0] += 5.0
     begun = read(Progress("fit", 1, 3.0, 120, 60))
     assert (begun.number, begun.of, begun.name) == (2, 3, "fit")
-    assert math.isnan(begun.left)
+    assert math.isnan(begun.remaining)
     clock[0] += 6.0
     found = read(Progress("fit", 2, 2.0, 240, 60))
     assert found.share == pytest.approx(0.2)
-    assert found.left == pytest.approx(24.0)
+    assert found.remaining == pytest.approx(24.0)
     beyond = read(Progress("fit", 20, 2.0, 1000, 60))  # more steps than were announced
     assert math.isnan(beyond.share)
-    assert math.isnan(beyond.left)
+    assert math.isnan(beyond.remaining)
     other = read(Progress("elsewhere", 21, 2.0, 1060, 60))  # counts with the stage before
     assert (other.number, other.name) == (2, "elsewhere")
     clock[0] += 1.0
@@ -99,7 +99,7 @@ def test_stage_share_and_time_left(clock: list[float]) -> None:
     clock[0] += 10.0
     drawn = read(Progress("bootstrap 10 of 40", 10, NAN, 10, 40))
     assert drawn.number == 3
-    assert (drawn.share, drawn.left) == pytest.approx((0.25, 30.0))
+    assert (drawn.share, drawn.remaining) == pytest.approx((0.25, 30.0))
 
 
 def test_the_stages_of_a_comparison_are_its_methods(clock: list[float]) -> None:

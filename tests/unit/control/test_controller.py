@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from servo_cases import masses, rigid, two_masses
-from updyn.control.servo.controller import inertia_of
+from updyn.control.servo.controller import rigid_inertia
 
 NOTCHES = (updyn.Notch(9.0, 0.1, 0.5), updyn.Notch.of_width(40.0, 20.0, 0.2))
 S = 2j * np.pi * np.array([0.1, 3.0, 9.0, 40.0, 300.0])
@@ -108,17 +108,17 @@ def sum_of_inertias(plant):
 
 
 def test_inertia_is_that_of_the_rigid_body():
-    assert inertia_of(two_masses(), "motor", "speed") == pytest.approx(7.0, rel=1e-9)
-    assert inertia_of(two_masses(), "wind", "load") == pytest.approx(7.0, rel=1e-9)
+    assert rigid_inertia(two_masses(), "motor", "speed") == pytest.approx(7.0, rel=1e-9)
+    assert rigid_inertia(two_masses(), "wind", "load") == pytest.approx(7.0, rel=1e-9)
     chain = masses((2.0, 5.0, 0.5), (3e3, 1e5), (0.1, 3.0))
-    assert inertia_of(chain, "motor", "load speed") == pytest.approx(7.5, rel=1e-7)
-    assert inertia_of(two_masses(ground=1e3), "motor", "speed") is None
+    assert rigid_inertia(chain, "motor", "load speed") == pytest.approx(7.5, rel=1e-7)
+    assert rigid_inertia(two_masses(ground=1e3), "motor", "speed") is None
     # bearing friction: the rigid body has its pole at -c / J, and its inertia all the same
     for free, friction in ((rigid(4.0), 3.0), (two_masses(), 5.0), (chain, 0.2)):
         A, n = free.A.copy(), free.n_states // 2
         A[n:, n:] -= friction / sum_of_inertias(free) * np.eye(n)
         braked = replace(free, A=A)
-        assert inertia_of(braked, "motor", "speed") == pytest.approx(
+        assert rigid_inertia(braked, "motor", "speed") == pytest.approx(
             sum_of_inertias(free), rel=1e-7
         )
     with pytest.raises(updyn.errors.ModelError, match="no rigid-body motion"):

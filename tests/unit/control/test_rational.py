@@ -22,7 +22,7 @@ from updyn.control.ports import as_ports
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import find_fewest_states, refit_poles
 from updyn.control.structure import CompiledStructure
-from updyn.control.task import task_of
+from updyn.control.task import build_task
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import QUANTITIES
 
@@ -191,7 +191,7 @@ class TestALikeResponse:
     def approximation(shafts: tuple[float, float], outputs: list[str]) -> Approximation:
         model = three_inertias(shafts)
         ports = as_ports(outputs[:1], "input"), as_ports(outputs, "output")
-        return task_of(CompiledStructure.of(model), *ports, BAND, "receptance", None, None)[
+        return build_task(CompiledStructure.of(model), *ports, BAND, "receptance", None, None)[
             0
         ].approximation()
 

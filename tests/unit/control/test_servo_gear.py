@@ -15,7 +15,7 @@ from updyn.control.job.tables import ControllerTable
 from updyn.control.nonlinear.balance import limit_cycles
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.plant import Plant
-from updyn.control.servo.controller import ratio_of
+from updyn.control.servo.controller import rigid_ratio
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Shaft, drivetrain
 from updyn.errors import ModelError, OptionError
 
@@ -144,7 +144,7 @@ def test_drive_with_gears() -> None:
     )
     names = {"torque": "1:RZ", "velocity": "1:RZ", "position": "3:RZ"}
     controller = updyn.Controller.tuned(plant, 4.0, **names)
-    assert ratio_of(plant, "1:RZ", "1:RZ", "3:RZ") == pytest.approx(50.0, rel=1e-4)
+    assert rigid_ratio(plant, "1:RZ", "1:RZ", "3:RZ") == pytest.approx(50.0, rel=1e-4)
     found = updyn.servo(plant, controller, step=None, **names)
 
     def excess(x: float) -> float:
@@ -162,7 +162,7 @@ def test_a_position_that_does_not_turn_with_the_torque() -> None:
     C = plant.C.copy()
     C[plant.outputs.index("load")] -= C[plant.outputs.index("angle")]
     twist = replace(plant, C=C)
-    assert ratio_of(twist, "motor", "speed", "load") is None
+    assert rigid_ratio(twist, "motor", "speed", "load") is None
     with pytest.raises(
         ModelError, match=r"no rigid-body motion from 'motor' to 'load'.*kv and ratio"
     ):

@@ -164,7 +164,7 @@ def test_one_mode_of_a_computed_structure_is_found() -> None:
     receptance = 2.0 / (omega0**2 * (1 + 0.03j) - w**2) + 1e-6
     values = (-(w**2) * receptance)[:, None, None] * np.array([[1.0], [-0.5]])
     frf = updyn.FRF(freq, values, ["1:Z", "2:Z"], ["1:Z"], "accelerance")
-    frequency, loss, residues = beam.one_mode(frf, 101.0)
+    frequency, loss, residues = beam.fit_one_mode(frf, 101.0)
     assert frequency == pytest.approx(100.0, rel=1e-6)
     assert loss == pytest.approx(0.03, rel=1e-4)
     assert residues[1, 0] / residues[0, 0] == pytest.approx(-0.5, rel=1e-6)
@@ -174,15 +174,15 @@ def test_what_remains_is_what_the_data_say(results) -> None:
     computed = updyn.correlate(results[0].model, results[0].frf)
     # Half-power width of mode 1 on the 1 Hz lines cannot say more than 1.5 to 2 %; the fit of a
     # pole says 1.76 %.
-    _, loss, _ = beam.one_mode(computed.measured, 176.0)
+    _, loss, _ = beam.fit_one_mode(computed.measured, 176.0)
     assert loss == pytest.approx(0.0175, abs=0.001)  # modal identification
-    frequency, mac = beam.torsion(computed, beam.LENGTH)
+    frequency, mac = beam.find_torsion(computed, beam.LENGTH)
     assert frequency == pytest.approx(1376.6, abs=1.0)
     assert mac > 0.6
     swapped, unexplained = beam.reciprocity(computed.measured, computed.computed)
     assert 0.05 < swapped < 0.12
     assert unexplained < swapped
-    levels = beam.levels_of(computed.measured, computed.computed)
+    levels = beam.sensor_levels(computed.measured, computed.computed)
     assert max(map(abs, levels.values())) < 0.35
 
 

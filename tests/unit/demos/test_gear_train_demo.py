@@ -92,7 +92,7 @@ def test_table_6_in_five_steps_from_both_readings(results, reading: int) -> None
 def test_the_papers_matrices_lie_on_the_family(
     results, gear_train_case, gear_train_reference
 ) -> None:
-    moved = gear_train.on_the_family(results[0])
+    moved = gear_train.move_along_family(results[0])
     assert moved.status == "converged"
     K, M = (
         sum(getattr(g, q).toarray() for g in moved.model.groups.values())
@@ -115,7 +115,7 @@ def test_the_papers_matrices_lie_on_the_family(
 
 def test_the_direction_agrees_with_many_digits(results, gear_train_reference) -> None:
     """Near the truth the open direction is that of 60-digit arithmetic: -0.00676, 0.0944, ... per unit of Y6."""
-    moved = gear_train.on_the_family(results[0])
+    moved = gear_train.move_along_family(results[0])
     true, values = true_model(), {}
     for e in (1, 5, 6):
         for quantity in ("mass", "stiffness"):

@@ -13,7 +13,7 @@ import updyn
 from pages_read import attributes, dump, values
 from updyn.control.antiresonances import ZeroShift
 from updyn.control.job.messages import describe_plant_result
-from updyn.control.job.plant_result import lines_of, make_plant
+from updyn.control.job.plant_result import make_plant, resolving_lines
 from updyn.control.job.record import control_record, servo_record
 from updyn.control.report.page import write_plant_page
 from updyn.control.report.plant import share
@@ -154,7 +154,7 @@ def test_the_bode_diagram_is_that_of_model_and_plant(made, parts):
 
 def test_lines_show_every_resonance(made):
     plant_result = made[1]
-    freq = lines_of(plant_result.plant)
+    freq = resolving_lines(plant_result.plant)
     assert (freq[0], freq[-1]) == (1.0, 90.0)
     assert (np.diff(freq) > 0).all()
     for pole in plant_result.plant.poles[plant_result.plant.poles.imag > 1.0]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from updyn.control.conversions import route_of, state_of
+from updyn.control.conversions import conversion_state, find_route
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
@@ -40,7 +40,7 @@ def describe_plant_result(result: PlantResult) -> str:
                 f" of the height of a resonance; tolerance {_percent(result.tolerance)}, of the"
                 f" {_MEASURES[result.measure]}"
             ),
-            f"route: {route_of(found)}",
+            f"route: {find_route(found)}",
         ]
         if found.zero_shift:
             lines.append(_zeros(found))
@@ -80,11 +80,11 @@ def _conversions(result: PlantResult) -> str:
     rows = []
     for c in result.conversions:
         cells = [_percent(c.relative_error), _percent(c.error), _percent(c.peak_error)]
-        rows.append([c.name, *cells, state_of(c.name, result.plant), c.note])
+        rows.append([c.name, *cells, conversion_state(c.name, result.plant), c.note])
     if result.plant is not None:
         p = result.plant
         cells = [_percent(p.relative_error), _percent(p.error), _percent(p.peak_error)]
-        rows.append(["the plant itself", *cells, route_of(p), ""])
+        rows.append(["the plant itself", *cells, find_route(p), ""])
     note = "note" if any(c.note for c in result.conversions) else ""
     head = [
         "damping converted by",

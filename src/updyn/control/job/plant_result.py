@@ -14,7 +14,7 @@ from updyn.control.build import plant
 from updyn.control.conversions import ConversionError, conversions
 from updyn.control.family import PlantFamily, plant_family
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
-from updyn.control.job.servo import Nonlinear, drive_of, nonlinear_of, servo_of
+from updyn.control.job.servo import Nonlinear, job_drive, job_nonlinear, job_servo
 from updyn.control.job.tables import PlantTable, SamplingTable, ServoTable
 from updyn.control.plant import Plant
 from updyn.control.ports import port_matrix
@@ -228,12 +228,12 @@ def _servo(
     plant, sampled_plant = plants
     try:
         with job.located():
-            out["drive"] = drive_of(job, model, band)
+            out["drive"] = job_drive(job, model, band)
             if plant is not None:
-                out["servo"] = found = servo_of(job, plant, sampled_plant)
+                out["servo"] = found = job_servo(job, plant, sampled_plant)
                 if found is not None:
                     nominal = plant if isinstance(plant, Plant) else plant.nominal
-                    out["nonlinear"] = nonlinear_of(job, model, nominal, found)
+                    out["nonlinear"] = job_nonlinear(job, model, nominal, found)
     except UpdynError as error:
         if strict:
             raise
@@ -287,7 +287,7 @@ def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     from updyn.dynamics.response import response
     from updyn.frf import QUANTITIES
 
-    freq = lines_of(made)
+    freq = resolving_lines(made)
     columns, into = port_matrix(made.input_ports, model, "input")
     rows, out = port_matrix(made.output_ports, model, "output")
     tier = "reduced" if model.n_dofs > _LARGE else None
@@ -302,7 +302,7 @@ def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     return {"freq": freq, "exact": exact, "answer": made.response(freq).values}
 
 
-def lines_of(plant: Plant) -> _Real:
+def resolving_lines(plant: Plant) -> _Real:
     """Return lines in Hz over the band of a continuous plant that resolve each mode."""
     low, high = plant.band
     low = max(low, 1e-4 * high)

@@ -23,9 +23,9 @@ from updyn.model import Model
 
 __all__ = [
     "Nonlinear",
-    "drive_of",
-    "nonlinear_of",
-    "servo_of",
+    "job_drive",
+    "job_nonlinear",
+    "job_servo",
 ]
 #: Number of simulated periods of a limit cycle if the job states no duration.
 _PERIODS = 40
@@ -39,7 +39,7 @@ _STEPS = 40
 _MOST = 300_000
 
 
-def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
+def job_drive(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
     """Return the figures of the drive; None if the job names no motor and load."""
     table = job.table(ServoTable)
     if table is None or table.motor is None or table.load is None:
@@ -48,7 +48,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
         return drive_figures(model, table.motor, table.load, ratio=table.ratio, band=band)
 
 
-def servo_of(job: Job, plant: Plant | PlantFamily, sampled: Plant | None = None) -> Servo | None:
+def job_servo(job: Job, plant: Plant | PlantFamily, sampled: Plant | None = None) -> Servo | None:
     """Return the servo on a plant or its family; None if the job has no controller."""
     table = job.table(ServoTable)
     if table is None or table.controller is None:
@@ -129,7 +129,7 @@ class Nonlinear:
         return "\n".join(filter(None, [*parts, self.disagreement, self.note]))
 
 
-def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[Nonlinear, ...]:
+def job_nonlinear(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[Nonlinear, ...]:
     """Return limit cycles and simulation for each ``[[servo.nonlinear]]`` of a job.
 
     Raises JobError with the line of the job if a mesh cannot be opened, no plant holds the

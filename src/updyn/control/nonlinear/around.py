@@ -21,7 +21,7 @@ __all__ = ["LinearLoop", "linear_loop"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-_NOTHING = 1e-9  # smallest flexibility relative to that of the mesh
+_SMALLEST_FLEXIBILITY = 1e-9  # smallest flexibility relative to that of the mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +175,10 @@ def linear_loop(
 
 def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
     """Return the residual flexibility across a mesh, 0 if it is rounding."""
-    if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING:
+    if (
+        isinstance(nonlinearity, Backlash)
+        and abs(D) * nonlinearity.stiffness < _SMALLEST_FLEXIBILITY
+    ):
         return 0.0
     return D
 

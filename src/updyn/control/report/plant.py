@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.conversions import ConversionError, route_of, state_of
+from updyn.control.conversions import ConversionError, conversion_state, find_route
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
@@ -31,17 +31,17 @@ __all__ = [
     "PLANT",
     "bode_name",
     "channel_name",
+    "channel_unit",
     "channels",
     "degree_axis",
     "plant_figures",
     "share",
-    "unit_of",
     "unit_ratio",
     "weight_name",
 ]
 
 #: Largest number of plotted channels, those with the largest errors.
-_DRAWN = 6
+_MOST_PLOTTED = 6
 _ERROR_FLOOR = 1e-7
 #: Largest number of poles in the table.
 _LISTED = 60
@@ -77,10 +77,10 @@ def channels(result: PlantResult) -> list[tuple[int, int]]:
     """Return the plotted channels: all, or those with the largest errors."""
     assert result.plant is not None
     everything = list(np.ndindex(len(result.plant.outputs), len(result.plant.inputs)))
-    if len(everything) <= _DRAWN:
+    if len(everything) <= _MOST_PLOTTED:
         return everything
     errors = result.channel_errors(result.measure)
-    return sorted(sorted(everything, key=lambda at: -errors[at])[:_DRAWN])
+    return sorted(sorted(everything, key=lambda at: -errors[at])[:_MOST_PLOTTED])
 
 
 def bode_name(output: int, input: int) -> str:
@@ -98,7 +98,7 @@ def channel_name(plant: Plant, output: int, input: int) -> str:
     return f"{plant.outputs[output]} over {plant.inputs[input]}"
 
 
-def unit_of(plant: Plant, output: int, input: int) -> str:
+def channel_unit(plant: Plant, output: int, input: int) -> str:
     """Return the unit of a channel, such as ``(rad/s)/(N m)``."""
     return unit_ratio(plant.output_units[output], plant.input_units[input])
 
@@ -117,7 +117,7 @@ def _bode_figure(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
     assert exact is not None
     assert answer is not None
     H, G = exact[:, i, j], answer[:, i, j]
-    unit = unit_of(plant, i, j)
+    unit = channel_unit(plant, i, j)
     model = "updated model" if result.updated else "model"
     degrees = phases(H, G)
     error = np.maximum(result.errors(result.measure)[:, i, j], _ERROR_FLOOR)
@@ -214,7 +214,7 @@ def _plant_context(result: PlantResult, plant: Plant) -> dict[str, Any]:
     poles = _poles(plant)
     diagrams = []
     for i, j in channels(result):
-        diagrams.append((bode_name(i, j), channel_name(plant, i, j), unit_of(plant, i, j)))
+        diagrams.append((bode_name(i, j), channel_name(plant, i, j), channel_unit(plant, i, j)))
     return {
         "key_figures": _key_figures(result, plant),
         "ports": _ports(plant),
@@ -390,10 +390,10 @@ def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
     rows = []
     for found in result.conversions:
         words, state = _CONVERSIONS.get(found.name, (found.name, ""))
-        state = state_of(found.name, plant) or state
+        state = conversion_state(found.name, plant) or state
         rows.append(_conversion_row(result, found, (found.name, words, state, found.note)))
     if plant is not None and rows:
-        words = f"{route_of(plant)}; {format_count(plant.n_states, 'state')}"
+        words = f"{find_route(plant)}; {format_count(plant.n_states, 'state')}"
         rows.append(_conversion_row(result, plant, ("the plant", words, "", "")))
     return rows
 

@@ -460,11 +460,11 @@ def _key_figures(servo: Servo) -> list[tuple[str, str, str]]:
         crossover = _hz(outer.margins.crossover)
         tiles.append(("Position crossover", crossover, "|L| falls through 1"))
     crossover = _hz(servo.velocity_loop.margins.crossover)
-    modulus = number(_worst_of(servo, "modulus_margin"), 3)
+    modulus = number(_smallest_margin(servo, "modulus_margin"), 3)
     tiles += [
         ("Velocity crossover", crossover, "|L| falls through 1"),
-        ("Phase margin", _degrees(_worst_of(servo, "phase_margin")), smallest),
-        ("Gain margin", _db(_worst_of(servo, "gain_margin")), smallest),
+        ("Phase margin", _degrees(_smallest_margin(servo, "phase_margin")), smallest),
+        ("Gain margin", _db(_smallest_margin(servo, "gain_margin")), smallest),
         ("Modulus margin", modulus, "smallest |1 + L|; above 0.5 is usual"),
     ]
     if servo.wind is not None:
@@ -473,7 +473,7 @@ def _key_figures(servo: Servo) -> list[tuple[str, str, str]]:
     return tiles
 
 
-def _worst_of(servo: Servo, name: str) -> float | None:
+def _smallest_margin(servo: Servo, name: str) -> float | None:
     """Return the smallest value of a margin over loops and plants; None if one is unstable."""
     every: list[Margins] = []
     for loop in servo.loops:

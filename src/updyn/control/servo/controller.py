@@ -27,9 +27,9 @@ from updyn.group import is_number
 __all__ = [
     "Controller",
     "Notch",
-    "inertia_of",
-    "ratio_of",
     "require_continuous",
+    "rigid_inertia",
+    "rigid_ratio",
     "to_velocity",
 ]
 
@@ -345,7 +345,7 @@ class Controller:
             if ratio is not None:
                 _positive(name, ratio)
         nominal = plant if isinstance(plant, Plant) else plant.nominal
-        inertia = inertia_of(nominal, torque, velocity)
+        inertia = rigid_inertia(nominal, torque, velocity)
         if inertia is None:
             raise ModelError(
                 f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, so the rule"
@@ -363,7 +363,7 @@ class Controller:
         if kv_ratio is not None and "kv" not in others:
             others["kv"] = w / kv_ratio
             if position is not None and "ratio" not in others:
-                others["ratio"] = _ratio_of_rule(nominal, torque, velocity, position)
+                others["ratio"] = _round_ratio(nominal, torque, velocity, position)
         return cls(kp=inertia * w, **others)
 
     @property
@@ -501,7 +501,7 @@ def to_velocity(plant: Plant, output: str, what: str = "velocity") -> int:
     return int(quantity == "receptance")
 
 
-def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
+def rigid_inertia(plant: Plant, torque: str, velocity: str) -> float | None:
     """Return the rigid-body inertia between a torque and a velocity, in kg m2 (kg).
 
     Negative if a positive torque turns the output in the negative direction, None without free
@@ -523,19 +523,19 @@ def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
     return best
 
 
-def ratio_of(plant: Plant, torque: str, velocity: str, position: str) -> float | None:
+def rigid_ratio(plant: Plant, torque: str, velocity: str, position: str) -> float | None:
     """Return the gear ratio of two outputs in the rigid-body motion of a torque.
 
     Velocity of `velocity` over that of `position`, negative if they oppose; None if one of them
     has no rigid-body motion.
     """
-    inner, outer = (inertia_of(plant, torque, name) for name in (velocity, position))
+    inner, outer = (rigid_inertia(plant, torque, name) for name in (velocity, position))
     return None if inner is None or outer is None else outer / inner
 
 
-def _ratio_of_rule(plant: Plant, torque: str, velocity: str, position: str) -> float:
+def _round_ratio(plant: Plant, torque: str, velocity: str, position: str) -> float:
     """Return the gear ratio, exactly 1 if it is 1 up to the error of the plant."""
-    ratio = ratio_of(plant, torque, velocity, position)
+    ratio = rigid_ratio(plant, torque, velocity, position)
     if ratio is None:
         raise ModelError(
             f"the plant has no rigid-body motion from {torque!r} to {position!r}, so the gear ratio"

@@ -22,7 +22,7 @@ from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, to_velocity
 from updyn.control.servo.loops import Wiring
-from updyn.control.servo.stability import JudgedLoop, count_drifting, count_growing, margins_of
+from updyn.control.servo.stability import JudgedLoop, count_drifting, count_growing, find_margins
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
 from updyn.errors import OptionError
 
@@ -35,7 +35,7 @@ _TWO_PI = 2.0 * np.pi
 #: Poles and zeros nearer to z = 0 than this belong to a delay.
 _LATE = 1e-9
 #: Gain at half the sampling rate that counts as 0.
-_VANISHED = 1e-9
+_ZERO_GAIN = 1e-9
 
 
 def bilinear(system: StateSpace, c: float) -> StateSpace:
@@ -227,9 +227,11 @@ def _judge_loop(
     gains = grid.crossings_of_gain(loop, w, values)
     phases = grid.crossings_of_phase(loop, w, values)
     last = loop(np.array([1j * top]))[0]
-    if last.real < -_VANISHED and not (len(phases) and phases[-1] > (1.0 - 1e-9) * top):
+    if last.real < -_ZERO_GAIN and not (len(phases) and phases[-1] > (1.0 - 1e-9) * top):
         phases = np.append(phases, top)
     scale = float(gains[0]) if len(gains) else low
     drifting = count_drifting(poles, scale)
-    margins = margins_of(loop, w, values, gains, phases, count_growing(poles, scale), drifting, 0.0)
+    margins = find_margins(
+        loop, w, values, gains, phases, count_growing(poles, scale), drifting, 0.0
+    )
     return JudgedLoop(loop, w, values, margins, poles, 0, True)

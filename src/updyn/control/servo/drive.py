@@ -30,8 +30,8 @@ __all__ = [
 _Real = NDArray[np.float64]
 _COUNT = 10  # number of modes without a band
 _AGREES = 1e-3  # largest relative error of a stated ratio
-_STILL = 1e-9  # relative motion below which a DOF is at rest
-_ASIDE = 1e-6  # relative distance from a zero at which the response is computed
+_REST_MOTION = 1e-9  # relative motion below which a DOF is at rest
+_ZERO_OFFSET = 1e-6  # relative distance from a zero at which the response is computed
 
 
 @dataclass(frozen=True, slots=True)
@@ -561,12 +561,12 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
             groups[name] = Group(g.stiffness, g.mass)
     bare = Model(groups, model.dofs)
     zero = np.array([p.antiresonance for p in pairs])
-    lines = np.unique(np.concatenate([zero * (1 - _ASIDE), zero * (1 + _ASIDE)]))
+    lines = np.unique(np.concatenate([zero * (1 - _ZERO_OFFSET), zero * (1 + _ZERO_OFFSET)]))
     H = response(bare, lines, [motor], [motor]).values[:, 0, 0].real
-    below = H[np.searchsorted(lines, zero * (1 - _ASIDE))]
-    above = H[np.searchsorted(lines, zero * (1 + _ASIDE))]
+    below = H[np.searchsorted(lines, zero * (1 - _ZERO_OFFSET))]
+    above = H[np.searchsorted(lines, zero * (1 + _ZERO_OFFSET))]
     # The straight line through both values gives the zero.
-    return float(np.abs(_ASIDE * (below + above) / (below - above)).max())
+    return float(np.abs(_ZERO_OFFSET * (below + above) / (below - above)).max())
 
 
 # -- rigid-body motion and stiffness --------------------------------------------------------------
@@ -574,7 +574,7 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
     shapes = free.shapes[:, :rigid]
     ends_motion = shapes[at] * sign[:, None]
     size = np.abs(shapes).max(initial=0.0)
-    if rigid == 0 or np.abs(ends_motion[0]).max() <= _STILL * size:
+    if rigid == 0 or np.abs(ends_motion[0]).max() <= _REST_MOTION * size:
         which = "No rigid-body motion of the model turns the motor"
         if rigid == 0:
             which = "The model has no rigid-body motion"
@@ -582,7 +582,7 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
             None, None, f"{which}: inertias at the motor and gear ratio are undetermined."
         )
     inertia = 1.0 / float(ends_motion[0] @ ends_motion[0])
-    if np.abs(ends_motion[1]).max() <= _STILL * size:
+    if np.abs(ends_motion[1]).max() <= _REST_MOTION * size:
         return _RigidMotion(
             inertia,
             None,
@@ -628,7 +628,7 @@ def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _
     """
     resting = rigid
     if rigid.shape[1]:
-        resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=_STILL)
+        resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=_REST_MOTION)
     supports: list[int] = []
     if resting.shape[1]:
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)

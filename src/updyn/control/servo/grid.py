@@ -19,8 +19,8 @@ __all__ = [
     "find_level_crossing",
     "find_minimum",
     "frequencies",
-    "phase_of",
     "resolve",
+    "unwrap_phase",
 ]
 
 _Real = NDArray[np.float64]
@@ -160,7 +160,7 @@ def find_level_crossing(
     return float(_roots(function, w, at)[1][0]) if len(at) else None
 
 
-def phase_of(w: _Real, values: _Complex) -> _Real:
+def unwrap_phase(w: _Real, values: _Complex) -> _Real:
     """Return the continuous phase in degrees; it starts at -90 times the number of integrations."""
     phase = np.degrees(np.unwrap(np.angle(values)))
     k = min(5, len(w) - 1)

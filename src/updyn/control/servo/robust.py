@@ -34,7 +34,7 @@ _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
 #: A change of the loop below this share of 1 + L is rounding.
-_NOTHING = 1e-6
+_CHANGE_ROUNDING = 1e-6
 #: The value at the first line is real, as at rest, if 1 - |real part| / modulus is below this.
 _AT_REST = 1e-3
 #: Number of lines added on each side of the largest mu, and number of refinements.
@@ -102,7 +102,7 @@ def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, f
         if more > largest:
             largest, place = more, frequency
         w = closer
-    if largest <= _NOTHING:
+    if largest <= _CHANGE_ROUNDING:
         return np.inf, None
     return 1.0 / largest, place / _TWO_PI
 
@@ -122,7 +122,7 @@ def _critical_factor(
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         values = loop(1j * w)
-        good = np.isfinite(values) & (np.abs(values) > _NOTHING)
+        good = np.isfinite(values) & (np.abs(values) > _CHANGE_ROUNDING)
         w, values = w[good], values[good]
         if len(w) < 2 or 1.0 / np.abs(values).max() >= known:
             return np.inf

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
-from updyn.control.servo.controller import Controller, inertia_of, ratio_of
+from updyn.control.servo.controller import Controller, rigid_inertia, rigid_ratio
 from updyn.control.servo.digital import SampledCascade, judge_sampled
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import RobustMargin, ranges
@@ -129,7 +129,7 @@ def servo(
     wiring = Wiring.of(nominal, controller, torque, velocity, position, pointing, disturbance)
     cascade = Cascade(nominal, controller, wiring)
     judged = _judge_loops(cascade)
-    inertia = inertia_of(nominal, torque, velocity)
+    inertia = rigid_inertia(nominal, torque, velocity)
     family = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
     members = [judgements for _, judgements in family]
     lines = _lines(freq, judged, members)
@@ -146,7 +146,7 @@ def servo(
         over_time = time_responses(cascade, outer, step, disturbance_step, wind, duration)
     steps: tuple[StepResponse | None, ...] = ()
     if family_steps and step is not None:
-        steps = tuple(_step_of(loop, m[1] or m[0], step, duration) for loop, m in family)
+        steps = tuple(_simulate_step(loop, m[1] or m[0], step, duration) for loop, m in family)
     return Servo(
         controller=controller,
         torque=torque,
@@ -222,7 +222,7 @@ def _judge_loops(cascade: Cascade) -> _Loops:
     return inner, outer, None if outer is None else judge_torque(cascade, outer)
 
 
-def _step_of(
+def _simulate_step(
     cascade: Cascade, outer: JudgedLoop | None, step: float, duration: float | None
 ) -> StepResponse | None:
     """Return the response to a step of the reference; None if unstable."""
@@ -354,7 +354,7 @@ def _sample_loop(judged: JudgedLoop, lines: _Real) -> tuple[_Complex, _Real]:
     w = _TWO_PI * lines
     L = judged.loop(1j * w)
     phase = np.degrees(np.angle(L))
-    dense = np.interp(np.log(w), np.log(judged.w), grid.phase_of(judged.w, judged.values))
+    dense = np.interp(np.log(w), np.log(judged.w), grid.unwrap_phase(judged.w, judged.values))
     return L, np.asarray(phase + 360.0 * np.round((dense - phase) / 360.0))
 
 
@@ -391,7 +391,7 @@ def _ratio_notes(plant: Plant, controller: Controller, wiring: Wiring) -> list[s
     """Return a note if the controller's gear ratio differs from that of the rigid-body motion."""
     if wiring.position is None or controller.kv is None:
         return []
-    found = ratio_of(plant, wiring.torque, wiring.velocity, wiring.position)
+    found = rigid_ratio(plant, wiring.torque, wiring.velocity, wiring.position)
     if found is None or abs(controller.ratio / found - 1.0) < _SAME_RATIO:
         return []
     return [

@@ -17,10 +17,10 @@ __all__ = [
     "JudgedLoop",
     "count_drifting",
     "count_growing",
+    "find_margins",
     "judge",
     "judge_loops",
     "judge_torque",
-    "margins_of",
     "nyquist_count",
 ]
 
@@ -185,7 +185,7 @@ def judge(
     exact = growing
     if pade:
         exact = nyquist_count(whole, w, open_poles, drifting)
-    margins = margins_of(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
+    margins = find_margins(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
     return JudgedLoop(loop, w, values, margins, poles, pade, exact == growing)
 
 
@@ -218,7 +218,7 @@ def _lines(
     return grid.resolve(loop, grid.frequencies(dense, low, high, delay))
 
 
-def margins_of(
+def find_margins(
     loop: Loop,
     w: _Real,
     values: _Complex,

@@ -39,7 +39,7 @@ _MOST = 20_000
 #: Intervals per radian of the fastest contributing mode.
 _PER_RADIAN = 12.0
 #: Smallest share of the response of a contributing mode.
-_SHOWS = 1e-3
+_SMALLEST_SHARE = 1e-3
 #: Share of the response below which a mode has settled.
 _SETTLED = 2e-3
 #: Half width of the settling band, as a share of the final value.
@@ -49,7 +49,7 @@ _TWO_PI = 2.0 * np.pi
 _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
 #: Share of the variance of the error that a wind series may lack above its highest frequency.
-_LEFT_OUT = 1e-4
+_MISSING_VARIANCE = 1e-4
 #: Largest number of samples of such a series.
 _LONGEST = 2**16
 #: With exact dead time: factor by which the intervals are refined.
@@ -59,7 +59,7 @@ _LONGEST_STEP = 60_000
 #: With exact dead time: least number of intervals per dead time; below it is approximated.
 _COARSEST = 16
 #: Approximate number of samples that are stored.
-_KEPT = 5000
+_N_STORED = 5000
 
 
 def linear_response(
@@ -176,13 +176,13 @@ def schedule_intervals(
     poles, share = _pole_shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
     largest = float(share.max(initial=0.0))
-    shows = share > _SHOWS * largest
+    shows = share > _SMALLEST_SHARE * largest
     if not shows.any():
         return [(_FEWEST, (duration or 1.0) / _FEWEST)]
     size, share, rate = np.abs(poles[shows]), share[shows], rate[shows]
     settled = np.log(np.maximum(share / (_SETTLED * largest), math.e)) / rate
     end = float(settled.max()) if duration is None else duration
-    gone = np.log(share / (_SHOWS * largest)) / rate
+    gone = np.log(share / (_SMALLEST_SHARE * largest)) / rate
     parts: list[tuple[int, float]] = []
     now, n_left = 0.0, _MOST
     for i in np.argsort(-size):
@@ -416,10 +416,10 @@ def _simulate_step_record(
 
 
 def _thin_record(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
-    """Return a record thinned to about `_KEPT` samples, with all of the first ones."""
-    every = max(1, round(len(time) / _KEPT))
+    """Return a record thinned to about `_N_STORED` samples, with all of the first ones."""
+    every = max(1, round(len(time) / _N_STORED))
     keep = np.unique(
-        np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)])
+        np.concatenate([np.arange(min(len(time), _N_STORED // 5)), np.arange(0, len(time), every)])
     )
     return time[keep], value[keep], torque[keep]
 
@@ -470,7 +470,7 @@ def _expected_rms(cascade: Cascade, judged: JudgedLoop, wind: Wind) -> tuple[flo
     shares = wind.torque_variance(edges) * (ends[1:] + 4.0 * between + ends[:-1]) / 6.0
     below = float(wind.torque_variance(np.array([0.0, low]))[0] * ends[0])
     total = np.cumsum(shares) + below
-    top = float(edges[1:][np.searchsorted(total, (1.0 - _LEFT_OUT) * total[-1])])
+    top = float(edges[1:][np.searchsorted(total, (1.0 - _MISSING_VARIANCE) * total[-1])])
     return float(np.sqrt(total[-1])), 1.0 / (8.0 * top)
 
 

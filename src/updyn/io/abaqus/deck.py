@@ -23,7 +23,7 @@ from updyn.io.keyword_deck.cards import (
 from updyn.io.keyword_deck.sets import Sets, concatenate
 from updyn.io.keyword_deck.structure import (
     KeywordProperty,
-    heading_of,
+    read_heading,
     read_nodes,
     read_properties,
     split_steps,
@@ -197,7 +197,7 @@ def read_facts(path: Path, cards: Sequence[KeywordCard]) -> DeckFacts:
             known = [name for name, part in properties.items() if part.kind == "material"]
             near = suggest(material.upper(), known)
             raise card.error(f"*{card.name}: no material {material!r}; {near}")
-    title = heading_of(model)
+    title = read_heading(model)
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 

@@ -40,7 +40,7 @@ from updyn.io.text_numbers import parse_real, parse_rows
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
-    "HELD",
+    "FIXED_DIAGONAL",
     "MATRICES",
     "NAME",
     "AbaqusEntries",
@@ -48,13 +48,13 @@ __all__ = [
     "Labels",
     "assemble",
     "coordinate_matrix",
-    "entries_of",
     "is_abaqus",
+    "parse_entries",
     "read_entries",
 ]
 
 #: Threshold below 1e36, the diagonal entry of a fixed degree of freedom.
-HELD = 1e35
+FIXED_DIAGONAL = 1e35
 #: Name of a matrix file of Abaqus: job, quantity, step.
 NAME = re.compile(r"(.+)_(STIF|MASS|DMPV|DMPS)(\d+)", re.IGNORECASE)
 _SHAPES = {
@@ -195,10 +195,10 @@ def read_entries(path: Path) -> AbaqusEntries:
         raw = path.read_bytes()
     except OSError as error:
         raise unreadable_error(path, error) from error
-    return entries_of(raw, path)
+    return parse_entries(raw, path)
 
 
-def entries_of(raw: bytes, path: Path, first_line: int = 1) -> AbaqusEntries:
+def parse_entries(raw: bytes, path: Path, first_line: int = 1) -> AbaqusEntries:
     """Read the rows of a matrix; `first_line` is the line of the first row in the file."""
     first = list(islice(_rows(raw, first_line), _FIRST_ROWS))
     if not first:
@@ -291,7 +291,7 @@ def _symmetric(
         upper[index[is_upper]] = values[is_upper]
         lower[index[~is_upper]] = values[~is_upper]
         gap = np.abs(upper - lower)
-        scale = float(np.abs(file.values[np.abs(file.values) < HELD]).max(initial=0.0))
+        scale = float(np.abs(file.values[np.abs(file.values) < FIXED_DIAGONAL]).max(initial=0.0))
         if gap.max() > 1e-10 * scale:
             k = np.flatnonzero(off)[np.flatnonzero(index == int(gap.argmax()))[0]]
             raise FormatError(
@@ -489,7 +489,7 @@ def _find_free_dofs(
     for part_matrices in matrices:
         for what, A in part_matrices.items():
             if what == "stiffness":
-                held |= A.diagonal() >= HELD
+                held |= A.diagonal() >= FIXED_DIAGONAL
             used[A.indices[A.data != 0.0]] = True
     empty = ~used & ~held
     if empty.any():

@@ -36,7 +36,7 @@ from updyn.io.abaqus.matrices import (
     AbaqusGroup,
     Labels,
     assemble,
-    entries_of,
+    parse_entries,
     read_entries,
 )
 from updyn.io.atomic import atomic_path
@@ -374,7 +374,7 @@ def _read_matrix_input(card: KeywordCard, folder: Path) -> AbaqusEntries:
                 f"*MATRIX INPUT, NAME={card.get('NAME')} has neither INPUT= nor data lines"
             )
         raw = "".join(f"{row.text}\n" for row in card.rows).encode("ascii", "backslashreplace")
-        entries = entries_of(raw, card.path, card.rows[0].line)
+        entries = parse_entries(raw, card.path, card.rows[0].line)
     else:
         file = folder / given
         if not is_file(file):

@@ -17,9 +17,17 @@ from updyn.foreign import box
 from updyn.geometry import Geometry
 from updyn.io.ansys.archive import check_archive
 from updyn.io.items import is_file, locate_errors
-from updyn.shapes import HEXAHEDRON, LINE, QUADRANGLE, TETRAHEDRON, Shape, edges_of, faces_of
+from updyn.shapes import (
+    HEXAHEDRON,
+    LINE,
+    QUADRANGLE,
+    TETRAHEDRON,
+    Shape,
+    unique_edges,
+    unique_faces,
+)
 
-__all__ = ["BY", "Attributes", "find_neighbour", "groups_of", "read_attributes"]
+__all__ = ["BY", "Attributes", "find_neighbour", "name_groups", "read_attributes"]
 
 #: The first numbers in an element's row.
 _NUMBERS = ("material", "type", "real", "section")
@@ -80,7 +88,7 @@ class Attributes:
         axes = _axes(self.angles) if np.any(self.angles) else None
         with locate_errors(self.path):
             xyz = self.xyz * length
-            return Geometry(self.nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
+            return Geometry(self.nodes, xyz, unique_edges(drawn), axes, unique_faces(drawn))
 
     def _corners_by_shape(self) -> list[tuple[Shape, NDArray[np.int64]]]:
         """Return the corner nodes of the elements, by shape."""
@@ -156,7 +164,7 @@ def read_attributes(path: str | Path) -> Attributes:
     )
 
 
-def groups_of(
+def name_groups(
     elements: NDArray[np.int64],
     attributes: Attributes | None,
     by: str,

@@ -20,7 +20,7 @@ from updyn.errors import FormatError, in_all
 from updyn.io.consistent_units import UNITS, UnitSystem, find_units
 from updyn.io.items import locate_errors
 
-__all__ = ["DOF_NAMES", "BinaryFile", "labels_of"]
+__all__ = ["DOF_NAMES", "BinaryFile", "dofs_of_nodes"]
 
 _WORD = 4
 _LOW = 0xFFFFFFFF
@@ -203,7 +203,7 @@ class BinaryFile:
         return find_units(unit)
 
 
-def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:
+def dofs_of_nodes(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:
     """Return the DOFs of nodes and Ansys's DOF reference numbers (1 to 6: UX UY UZ ROTX ROTY ROTZ).
 
     Raises

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.io.ansys.attributes import Attributes, find_neighbour, groups_of, read_attributes
-from updyn.io.ansys.binary import BinaryFile, labels_of
+from updyn.io.ansys.attributes import Attributes, find_neighbour, name_groups, read_attributes
+from updyn.io.ansys.binary import BinaryFile, dofs_of_nodes
 from updyn.io.ansys.full import FullSystem, read_system
 from updyn.io.ansys.properties import write_properties
 from updyn.io.items import is_file, locate_errors, parse_selection
@@ -110,7 +110,7 @@ def read_model(
     file = ElementFile(path)
     units = file.binary.units(unit)
     known = _attributes(path, attributes)
-    names = groups_of(file.elements, known, by, groups, path)
+    names = name_groups(file.elements, known, by, groups, path)
     dofs = _all_dofs(file, known)
     sums = _sum_matrices(file, names, dofs)
     whole: dict[str, dict[str, Matrix]] = {}
@@ -184,7 +184,7 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     if not found:
         raise FormatError("no element has a matrix", path)
     nodes, numbers = np.divmod(np.unique(np.concatenate(found)), _KEYS)
-    return labels_of(nodes, numbers, path)
+    return dofs_of_nodes(nodes, numbers, path)
 
 
 def _sum_matrices(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError
-from updyn.io.ansys.binary import BinaryFile, labels_of
+from updyn.io.ansys.binary import BinaryFile, dofs_of_nodes
 from updyn.io.ansys.properties import write_properties
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import is_file, locate_errors
@@ -175,7 +175,7 @@ def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
     _check_header(header, path)
     nodes, numbers = _dof_vector(binary, header)
     free = np.flatnonzero(numbers > 0)
-    dofs = labels_of(nodes, np.abs(numbers), path)
+    dofs = dofs_of_nodes(nodes, np.abs(numbers), path)
     order = free[np.lexsort((dofs.axes[free], dofs.nodes[free]))]
     kept = dofs[order]
 

@@ -436,7 +436,7 @@ _CLOSING = ("*ENDDO", "*ENDIF", "*END")
 _BRANCHES = ("*ELSE", "*ELSEIF")
 _ENDING = ("/EOF", "/EXIT", "/QUIT")
 _DATA = re.compile(r"\s*[-+.(]?\s*\d|\s*\(")
-_MERGED = ("MAT", "MP", "REAL", "TYPE", "ALL", "")
+_COMPONENT_LABELS = ("MAT", "MP", "REAL", "TYPE", "ALL", "")
 
 
 class _Parser:
@@ -497,7 +497,7 @@ class _Parser:
             self._doubt(_changed_by(self.last), line, f"*REPEAT repeats {self.last}")
         elif name[:4] in ("NUMM", "NUMC", "NUMO"):
             has_any = self.deck.materials or self.deck.reals or self.deck.types
-            if has_any and _field_at(fields, 0).upper() in _MERGED:
+            if has_any and _field_at(fields, 0).upper() in _COMPONENT_LABELS:
                 self._doubt((MATERIAL, REAL), line, f"{name} renumbers properties")
         elif kinds:
             if self.open:

@@ -38,13 +38,13 @@ from updyn.io.keyword_deck.changes import write_changes
 from updyn.io.keyword_deck.structure import (
     KeywordDeck,
     KeywordProperty,
-    heading_of,
     nodes_by_shape,
     read_deck,
+    read_heading,
     read_properties,
 )
 from updyn.model import Group, Matrix, Model
-from updyn.shapes import edges_of, faces_of
+from updyn.shapes import unique_edges, unique_faces
 
 __all__ = [
     "Rotations",
@@ -155,11 +155,11 @@ def read_model(
         C = sum(viscous) if viscous else None
         with locate_errors(path, f"group {name!r}"):
             groups[name] = Group(K, M, loss_factor=gamma, viscous=C)
-    heading = heading_of(model)
+    heading = read_heading(model)
     with locate_errors(path):
         solids = nodes_by_shape(deck)
         geometry = Geometry(
-            deck.nodes, deck.xyz * units.length, edges_of(solids), faces=faces_of(solids)
+            deck.nodes, deck.xyz * units.length, unique_edges(solids), faces=unique_faces(solids)
         )
         return Model.from_groups(groups, dofs, geometry=geometry, title=heading)
 

@@ -34,7 +34,7 @@ FIELD_WIDTH = 20
 #: Last lines that are complete without a line break: a comment, the end of a step or an assembly.
 _ENDS = re.compile(rb"(?:\*\*.*|\*END [A-Z]{4,})?", re.IGNORECASE)
 #: Keywords that Abaqus can combine with INPUT=, a file with the data lines.
-_DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
+_KEYWORDS_WITH_INPUT = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ def _lines(
         if name != "INCLUDE":
             yield path, start, joined
         joined = ""
-        if name == "INCLUDE" or (given and name in _DATA_ELSEWHERE):
+        if name == "INCLUDE" or (given and name in _KEYWORDS_WITH_INPUT):
             inner = _resolve_include(name, given, path, start, folder)
             chain = (*within, path)
             if inner.resolve() in [p.resolve() for p in chain]:
@@ -255,7 +255,7 @@ def _card(head: tuple[Path, int, str], rows: list[KeywordRow]) -> KeywordCard:
     path, at, text = head
     name = _name(text)
     parameters = _parameters(text)
-    if name in _DATA_ELSEWHERE:
+    if name in _KEYWORDS_WITH_INPUT:
         parameters.pop("INPUT", None)  # its lines are already inserted
     return KeywordCard(name, MappingProxyType(parameters), tuple(rows), path, at)
 

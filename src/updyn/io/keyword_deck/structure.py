@@ -31,9 +31,9 @@ __all__ = [
     "KeywordDeck",
     "KeywordProperty",
     "SolidSection",
-    "heading_of",
     "nodes_by_shape",
     "read_deck",
+    "read_heading",
     "read_nodes",
     "read_properties",
     "split_steps",
@@ -152,7 +152,7 @@ def split_steps(cards: Sequence[KeywordCard]) -> tuple[list[KeywordCard], list[l
     return model, steps
 
 
-def heading_of(model: Sequence[KeywordCard]) -> str:
+def read_heading(model: Sequence[KeywordCard]) -> str:
     """Return the first line of the heading, or an empty text."""
     for card in model:
         if card.name == "HEADING" and card.rows:
@@ -305,12 +305,12 @@ def _check_nodes(deck: KeywordDeck) -> None:
             raise block.card.error(
                 f"*ELEMENT: element {block.numbers[at]} refers to node"
                 f" {block.nodes[at][bad[at]][0]}, which is not in the deck",
-                _row_of(block.card, int(block.numbers[at])),
+                _find_row(block.card, int(block.numbers[at])),
             )
     twice = _first_duplicate(concatenate([block.numbers for block in deck.elements]))
     if twice is not None:
         last = [block.card for block in deck.elements if twice in block.numbers][-1]
-        raise last.error(f"*ELEMENT: element {twice} is defined twice", _row_of(last, twice))
+        raise last.error(f"*ELEMENT: element {twice} is defined twice", _find_row(last, twice))
 
 
 def _first_duplicate(numbers: NDArray[np.int64]) -> int | None:
@@ -320,7 +320,7 @@ def _first_duplicate(numbers: NDArray[np.int64]) -> int | None:
     return int(again[0]) if len(again) else None
 
 
-def _row_of(card: KeywordCard, element: int) -> KeywordRow | None:
+def _find_row(card: KeywordCard, element: int) -> KeywordRow | None:
     """Return the last line that starts with the number of an element."""
     for row in reversed(card.rows):
         if row.fields[0] == str(element):
@@ -350,7 +350,7 @@ def _check_sections(deck: KeywordDeck) -> None:
         if block.type in SOLIDS and without.size:
             raise block.card.error(
                 f"*ELEMENT: element {without[0]} has no *SOLID SECTION ({without.size} such)",
-                _row_of(block.card, int(without[0])),
+                _find_row(block.card, int(without[0])),
             )
 
 

@@ -32,14 +32,14 @@ from updyn.io.consistent_units import check_materials, find_units
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import locate_errors
 from updyn.io.nastran.bars import exchanged_bar, fields_to_exchange
-from updyn.io.nastran.cards import NastranCard, lines_of
-from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
+from updyn.io.nastran.cards import NastranCard, read_lines
+from updyn.io.nastran.changes import Revision, group_loss_factor, has_mass, revise
 from updyn.io.nastran.deck import (
     ELEMENTS,
     TIES,
     NastranDeck,
+    build_geometry,
     find_enddata,
-    geometry_of,
     materials_of,
     read_deck,
     read_points,
@@ -116,8 +116,8 @@ def read_model(
     check_materials(_materials(deck), units, deck.path)
     _check_masses(deck, list(massless))
     sets = {"spc": deck.select_set("SPC", spc), "mpc": deck.select_set("MPC", mpc)}
-    losses = {name: loss_factor_of(deck, name) for name in deck.groups}
-    geometry = geometry_of(deck, unit)
+    losses = {name: group_loss_factor(deck, name) for name in deck.groups}
+    geometry = build_geometry(deck, unit)
     program = MystranProgram(find_executable(deck.path, executable), timeout)
     with tempfile.TemporaryDirectory(prefix="updyn-mystran-") as folder:
         runs = _MystranRuns(deck, program, Path(folder))
@@ -187,7 +187,7 @@ def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = 
     OptionError
         If the unit is not known.
     """
-    return geometry_of(read_points(path, ignore), unit)
+    return build_geometry(read_points(path, ignore), unit)
 
 
 def write_properties(
@@ -222,7 +222,7 @@ def write_properties(
         f"$ New values of properties of {_to_ascii(source.path.name)}; comments give the replaced"
         " cards.\n"
     )
-    copies = _replicators(lines_of(source.path))
+    copies = _replicators(read_lines(source.path))
     for cards in _group_by_lines(source, revision):
         for line in cards[0].lines:
             if line in copies:
@@ -255,7 +255,7 @@ def write_deck(
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
-    deck_lines = list(lines_of(source.path))
+    deck_lines = list(read_lines(source.path))
     instead: dict[NastranLine, str] = {}  # by line of the deck; empty for deleted lines
     # Copies become cards, because a replicator would copy the new card.
     for cards in _group_by_lines(source, revision, _replicators(deck_lines)):

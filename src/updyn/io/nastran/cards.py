@@ -26,7 +26,7 @@ from updyn.io.nastran.fields import (
 from updyn.io.nastran.replication import expand
 from updyn.io.text_numbers import check_last_line, parse_integer
 
-__all__ = ["NastranCard", "lines_of", "parse"]
+__all__ = ["NastranCard", "parse", "read_lines"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 _WIDTH = 16  # of a large field
@@ -133,7 +133,7 @@ class NastranCard:
             ) from error
 
 
-def lines_of(path: Path) -> Iterator[NastranLine]:
+def read_lines(path: Path) -> Iterator[NastranLine]:
     """Yield the lines of a deck with INCLUDE files inserted, without comments and empty lines.
 
     The name in an INCLUDE is relative to the folder of the including file or of the main file.
@@ -144,10 +144,10 @@ def lines_of(path: Path) -> Iterator[NastranLine]:
         If an included file is missing, exists in both folders, includes itself, or inclusions
         exceed their limit.
     """
-    yield from _lines_of(path, _source(path), (), Inclusions())
+    yield from _iterate_lines(path, _source(path), (), Inclusions())
 
 
-def _lines_of(
+def _iterate_lines(
     path: Path, lines: list[str], within: tuple[Path, ...], inclusions: Inclusions
 ) -> Iterator[NastranLine]:
     """Yield the lines of the last file of `within`, the chain of inclusions from the main file."""
@@ -175,7 +175,7 @@ def _lines_of(
         excess = inclusions.excess(target.resolve(), len(inner))
         if excess is not None:
             raise line.error(f"INCLUDE {name!r}: {excess}")
-        yield from _lines_of(target, inner, (*within, path), inclusions)
+        yield from _iterate_lines(target, inner, (*within, path), inclusions)
 
 
 def _source(path: Path) -> list[str]:

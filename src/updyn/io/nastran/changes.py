@@ -11,7 +11,7 @@ from updyn.io.nastran.cards import NastranCard
 from updyn.io.nastran.deck import NastranDeck, Values, materials_of, values
 from updyn.io.nastran.fields import format_field
 
-__all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
+__all__ = ["Revision", "group_loss_factor", "has_mass", "revise"]
 
 _WIDTH = 16
 
@@ -100,7 +100,7 @@ def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Rev
     return out
 
 
-def loss_factor_of(deck: NastranDeck, name: str) -> float:
+def group_loss_factor(deck: NastranDeck, name: str) -> float:
     """Return the structural loss factor of a group: GE of its card or materials, plus PARAM,G.
 
     Raises
@@ -158,7 +158,7 @@ def _parse_change(
         raise card.error(f"group {name} has no stiffness to change")
     if mass != 1.0 and not has_mass(deck, name):
         raise card.error(f"group {name} has no mass to change: neither density nor mass is given")
-    if "loss_factor" not in change or float(change["loss_factor"]) == loss_factor_of(deck, name):
+    if "loss_factor" not in change or float(change["loss_factor"]) == group_loss_factor(deck, name):
         return _Change(stiffness, mass, viscous, None)
     common = deck.parameter("G", 0.0)
     loss = float(change["loss_factor"]) - common

@@ -20,7 +20,7 @@ from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import find_units
 from updyn.io.items import locate_errors
-from updyn.io.nastran.cards import NastranCard, lines_of, parse
+from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine
 from updyn.shapes import (
     HEXAHEDRON,
@@ -30,24 +30,24 @@ from updyn.shapes import (
     TRIANGLE,
     WEDGE,
     Shape,
-    edges_of,
-    faces_of,
+    unique_edges,
+    unique_faces,
 )
 
 __all__ = [
     "ELEMENTS",
     "LOADS",
     "MATERIALS",
-    "OWN",
     "PROPERTIES",
+    "SELF_CONTAINED",
     "TIES",
     "NastranDeck",
     "NastranElement",
     "Values",
+    "build_geometry",
+    "build_points_deck",
     "find_enddata",
-    "geometry_of",
     "materials_of",
-    "points_of",
     "read_deck",
     "read_points",
     "values",
@@ -107,7 +107,7 @@ ELEMENTS = {
     "CDAMP2": NastranElement((2, 4), (), LINE),
 }
 #: Elements that hold their properties themselves: a group each.
-OWN = tuple(name for name, e in ELEMENTS.items() if not e.properties)
+SELF_CONTAINED = tuple(name for name, e in ELEMENTS.items() if not e.properties)
 PROPERTIES = tuple(dict.fromkeys(p for e in ELEMENTS.values() for p in e.properties))
 MATERIALS = ("MAT1", "MAT2", "MAT8", "MAT9")
 #: Ties between grids, and supports; they belong to no group.
@@ -278,7 +278,7 @@ def materials_of(card: NastranCard) -> tuple[int, ...]:
         fields = tuple(range(8, len(card.fields), 4))
     elif card.name == "CONROD":
         fields = (3,)
-    elif card.name in ("PBUSH", "PDAMP", "PELAS", "PMASS", *OWN):
+    elif card.name in ("PBUSH", "PDAMP", "PELAS", "PMASS", *SELF_CONTAINED):
         fields = ()
     else:
         fields = (1,)
@@ -365,7 +365,7 @@ class NastranDeck:
 
     def group_of(self, element: NastranCard) -> NastranCard:
         """Return the card that defines the group of an element: its property, or the element."""
-        if element.name in OWN:
+        if element.name in SELF_CONTAINED:
             return element
         # The default number of the property is the number of the element.
         return self.properties[element.integer(1, element.integer(0))]
@@ -457,7 +457,7 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
-    case, bulk = _split_sections(list(lines_of(path)))
+    case, bulk = _split_sections(list(read_lines(path)))
     cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
         if card.name not in _KNOWN and ignore is None:
@@ -500,7 +500,7 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore}
-    case, bulk = _split_sections(list(lines_of(path)))
+    case, bulk = _split_sections(list(read_lines(path)))
     points = (*_POINTS, *SYSTEMS)
     cards: list[NastranCard] = []
     for card in parse(iter(bulk)):
@@ -514,10 +514,10 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
                 f" {suggest(card.name, points)} "
                 f'(to ignore it: ignore=["{card.name}"])'
             )
-    return points_of(path, cards, case)
+    return build_points_deck(path, cards, case)
 
 
-def points_of(
+def build_points_deck(
     path: Path, cards: Iterable[NastranCard], case: Iterable[NastranLine] = ()
 ) -> NastranDeck:
     """Return a deck of grids, points, coordinate systems and elements.
@@ -810,7 +810,7 @@ class _NastranSystems:
         return _NastranSystem(card.name[-1], A, np.array([np.cross(y, z), y, z]))
 
 
-def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
+def build_geometry(deck: NastranDeck, unit: str = "m") -> Geometry:
     """Return positions (m, basic system), displacement directions, edges and faces.
 
     Raises
@@ -833,7 +833,7 @@ def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
     with locate_errors(deck.path):
         drawn = _corners_by_shape(deck)
         xyz = np.array(positions).reshape(-1, 3) * scale
-        return Geometry(nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
+        return Geometry(nodes, xyz, unique_edges(drawn), axes, unique_faces(drawn))
 
 
 def _corners_by_shape(deck: NastranDeck) -> list[tuple[Shape, NDArray[np.int64]]]:

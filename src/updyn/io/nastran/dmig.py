@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.nastran.cards import NastranCard, lines_of, parse
+from updyn.io.nastran.cards import NastranCard, parse, read_lines
 from updyn.io.nastran.fields import NastranLine, format_field
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
@@ -72,7 +72,7 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
         If a card is not valid; the message gives file and line.
     """
     path = Path(path)
-    cards = list(parse(_bulk(lines_of(path))))
+    cards = list(parse(_bulk(read_lines(path))))
     headers: dict[str, NastranCard] = {}
     columns: dict[str, list[NastranCard]] = {}
     for card in cards:

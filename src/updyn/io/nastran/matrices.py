@@ -42,9 +42,9 @@ from updyn.io.consistent_units import find_units
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import locate_errors
 from updyn.io.model_table import GENERAL, ModelFile, write_tables
-from updyn.io.nastran.deck import NastranDeck, geometry_of, read_deck
+from updyn.io.nastran.deck import NastranDeck, build_geometry, read_deck
 from updyn.io.nastran.dmig import DMIGMatrix, read_dmig, write_dmig
-from updyn.io.nastran.op2_file import OP2File, g_set, matrix_of, refuse_element_blocks
+from updyn.io.nastran.op2_file import OP2File, g_set, read_matrix, refuse_element_blocks
 from updyn.io.nastran.op4 import OP4Matrix, read_op4, select, write_op4
 from updyn.model import Group, Model
 
@@ -99,9 +99,9 @@ def read_table(table: ModelFile) -> Model:
     if "deck" in content:
         deck = read_deck(table.file(content, "deck"), None)
         if geometry is None:
-            geometry = geometry_of(deck, units.name)
+            geometry = build_geometry(deck, units.name)
         if dofs is None:
-            dofs = _dofs_of(deck)
+            dofs = _matrix_dofs(deck)
     files = _MatrixFiles(table)
     named: dict[str, dict[str, _NastranMatrix]] = {}
     for number, parts in enumerate(content["group"]):
@@ -170,7 +170,7 @@ class _MatrixFiles:
                 self._op2[path] = OP2File(path)
             op2 = self._op2[path]
             refuse_element_blocks(op2, [name or ""])
-            return matrix_of(op2, select(op2.matrices, name, path))
+            return read_matrix(op2, select(op2.matrices, name, path))
         if path not in self._read:
             self._read[path] = read_op4(path) if kind == "op4" else read_dmig(path)
         return select(self._read[path], name, path)
@@ -184,7 +184,7 @@ class _MatrixFiles:
         return None
 
 
-def _dofs_of(deck: NastranDeck) -> DofSet:
+def _matrix_dofs(deck: NastranDeck) -> DofSet:
     nodes = np.array(sorted([*deck.grids, *deck.points]))
     axes = np.tile(np.arange(6), (len(nodes), 1))
     is_point = np.isin(nodes, list(deck.points))

@@ -32,9 +32,9 @@ from updyn.errors import AbsentError, FormatError, InputError, UpdynWarning, sug
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import find_units
 from updyn.io.items import format_counts, locate_errors
-from updyn.io.nastran.deck import geometry_of
+from updyn.io.nastran.deck import build_geometry
 from updyn.io.nastran.matrices import OP2
-from updyn.io.nastran.op2_cards import deck_of
+from updyn.io.nastran.op2_cards import build_deck
 from updyn.io.nastran.op2_file import OP2Block, OP2File
 from updyn.modal import ModeSet
 from updyn.model import Model
@@ -138,7 +138,7 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
     UpdynWarning
         If elements of unknown kind are not drawn.
     """
-    return geometry_of(deck_of(OP2File(path)), unit)
+    return build_geometry(build_deck(OP2File(path)), unit)
 
 
 def read_modes(path: str | Path, *, unit: str = "m", subcase: int | None = None) -> ModeSet:
@@ -225,7 +225,7 @@ def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
     geometry: Geometry | str
     modes: ModeSet | str
     try:
-        geometry = geometry_of(deck_of(file), unit)
+        geometry = build_geometry(build_deck(file), unit)
     except InputError as error:
         geometry = _reason(error, path)
     try:

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.nastran.cards import NastranCard
-from updyn.io.nastran.deck import ELEMENTS, NastranDeck, points_of
+from updyn.io.nastran.deck import ELEMENTS, NastranDeck, build_points_deck
 from updyn.io.nastran.fields import NastranLine
 from updyn.io.nastran.op2_file import OP2File
 
-__all__ = ["deck_of"]
+__all__ = ["build_deck"]
 
 _POINTS = ("GEOM1", "GEOM1S", "GEOM1N")
 _ELEMENTS = ("GEOM2", "GEOM2S", "GEOM2N")
@@ -99,7 +99,7 @@ _ENTRIES: Mapping[_Key, _Entry] = {
 _PASSED: frozenset[_Key] = frozenset({(5201, 52, 11)})
 
 
-def deck_of(file: OP2File) -> NastranDeck:
+def build_deck(file: OP2File) -> NastranDeck:
     """Return the grids, coordinate systems and elements of an OUTPUT2 file.
 
     Parameters
@@ -168,7 +168,9 @@ def deck_of(file: OP2File) -> NastranDeck:
             UpdynWarning,
             stacklevel=4,
         )
-    return points_of(file.path, [NastranCard(name, fields, (line,)) for name, fields in found])
+    return build_points_deck(
+        file.path, [NastranCard(name, fields, (line,)) for name, fields in found]
+    )
 
 
 def _records(file: OP2File, names: tuple[str, ...]) -> Iterator[tuple[_Key, bytes]]:

@@ -27,7 +27,7 @@ from updyn.errors import FormatError, UpdynWarning
 from updyn.io.items import locate_errors
 from updyn.io.nastran.op4 import EntryCollector, OP4Matrix, check_header, complete_triangles
 
-__all__ = ["MAGIC", "OP2Block", "OP2File", "g_set", "matrix_of", "refuse_element_blocks"]
+__all__ = ["MAGIC", "OP2Block", "OP2File", "g_set", "read_matrix", "refuse_element_blocks"]
 
 #: Bytes of the length before and after every Fortran record.
 _MARK = 4
@@ -305,7 +305,7 @@ def g_set(file: OP2File) -> DofSet | None:
         return DofSet.from_arrays(np.repeat(nodes, count), axes)
 
 
-def matrix_of(file: OP2File, block: OP2Block) -> OP4Matrix:
+def read_matrix(file: OP2File, block: OP2Block) -> OP4Matrix:
     """Return a matrix of an OUTPUT2 file; both triangles of a symmetric one."""
     columns, rows, form, kind = (block.trailer[at] for at in (_COLUMNS, _ROWS, _FORM, _TYPE))
     check_header(file.path, None, block.name, columns, rows, kind)

@@ -269,10 +269,10 @@ def _axis(texts: list[str], index: int, dataset: Dataset, path: str | Path) -> R
         texts[index], 0, 10, f"record {index + 1}, specific data type", path, line
     )
     name, unit = texts[index][26:46].strip(), texts[index][46:].strip()
-    return Record8(kind, _unless_none(name), _unless_none(unit), line)
+    return Record8(kind, _float_or_none(name), _float_or_none(unit), line)
 
 
-def _unless_none(label: str) -> str:
+def _float_or_none(label: str) -> str:
     return "" if label.upper() == "NONE" else label
 
 

@@ -26,7 +26,7 @@ from updyn.signals.quality.hits import (
 )
 from updyn.signals.quality.pulse import check_pulse
 from updyn.signals.quality.together import find_leakage, find_level_dependence
-from updyn.signals.records import Records, records_of
+from updyn.signals.records import Records, as_records
 
 if TYPE_CHECKING:
     import xarray
@@ -36,7 +36,7 @@ __all__ = ["RecordFinding", "check_records"]
 _Real = NDArray[np.float64]
 _Band = tuple[float, float]
 #: Hits with these faults are not compared with others.
-_SPOILT = ("clipped", "double-hit", "cut-off", "leakage")
+_EXCLUDED_FAULTS = ("clipped", "double-hit", "cut-off", "leakage")
 
 
 def check_records(
@@ -93,7 +93,7 @@ def check_records(
     >>> [finding.kind for finding in updyn.check_records(records, "1:X")]
     []
     """
-    given = records_of(records)
+    given = as_records(records)
     if band is not None:
         with key_path("band"):
             band = check_band(band)
@@ -181,7 +181,7 @@ def _check_channel(
     spoilt = {
         one.record
         for one in found
-        if one.kind in _SPOILT and one.channel in (name, records.channels[force])
+        if one.kind in _EXCLUDED_FAULTS and one.channel in (name, records.channels[force])
     }
     numbers = [n for n in range(1, len(records.values) + 1) if n not in spoilt]
     if not numbers:

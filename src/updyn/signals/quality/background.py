@@ -31,7 +31,7 @@ _LEAST = 0.2
 #: Factor by which lines are interpolated.
 _FINER = 4
 #: First and last adjacent line, on either side.
-_BESIDE = (3, 8)
+_ADJACENT_LINES = (3, 8)
 #: Required ratio of response to noise in FRFs, in dB; largest share of lines without it.
 _ENOUGH, _WITHOUT = 3.0, 0.45
 #: Least number of samples for the noise at the end of a record.
@@ -146,14 +146,14 @@ def _steady_line(halves: list[_Real], step: float, f: float) -> float:
 def _find_sine(half: _Real, step: float, f: float) -> tuple[float, float] | None:
     """Return amplitude and error of a sine near f that exceeds its surroundings; else None."""
     n = len(half)
-    if n * step < _LEAST or f * n * step < _BESIDE[1] + 1:
+    if n * step < _LEAST or f * n * step < _ADJACENT_LINES[1] + 1:
         return None
     window, resolution = np.hanning(n), 1.0 / (n * step)
     spectrum = np.abs(np.fft.rfft(half * window, _FINER * n)) * 2.0 / window.sum()
     # The frequency of the mains varies; a record that resolves this is searched.
     lines = _FINER * n * step * np.array([f - _WANDER, f + _WANDER])
     amplitude = float(spectrum[int(lines[0]) : int(np.ceil(lines[1])) + 1].max())
-    apart = np.arange(_BESIDE[0], _BESIDE[1] + 1) * resolution
+    apart = np.arange(_ADJACENT_LINES[0], _ADJACENT_LINES[1] + 1) * resolution
     places = np.round(_FINER * n * step * np.concatenate([f - apart, f + apart])).astype(int)
     surroundings = float(np.median(spectrum[places] ** 2))
     if amplitude**2 <= _ABOVE_BESIDE * surroundings:
