@@ -53,7 +53,7 @@ def _result(row: Row) -> str:
     if row.applies:
         misfit, error = _figures(row)
         cells += [
-            f"{len(row.updated)} of {len(row.updated) + len(row.left)}",
+            f"{len(row.updated)} of {len(row.updated) + len(row.fixed)}",
             misfit,
             error,
             _fewest(row),

@@ -481,14 +481,14 @@ def compare(
     list_
         List the methods, their limitations and sources, and do nothing.
     """
-    from updyn.comparison.table import listing
+    from updyn.comparison.table import format_methods
     from updyn.job import check_out, load_job, prepare
     from updyn.job.comparison import COMPARISON_FILES, compare_job
     from updyn.job.folder import default_out
     from updyn.updating.fit.methods import METHODS
 
     if list_:
-        print_text(listing())
+        print_text(format_methods())
         return DONE
     if job is None:
         raise InputError(

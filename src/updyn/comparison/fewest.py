@@ -9,7 +9,15 @@ from dataclasses import dataclass
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["COUNTS", "Fewest", "counts", "errors_against", "fewest_lines", "own_answer", "rule"]
+__all__ = [
+    "COUNTS",
+    "Fewest",
+    "describe_rule",
+    "distance_from_estimate",
+    "errors_against",
+    "find_fewest_lines",
+    "list_counts",
+]
 
 #: Numbers of lines that are tried before all lines.
 COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200, 300, 400, 600, 800, 1000)
@@ -39,14 +47,14 @@ class Fewest:
     note: str = ""
 
 
-def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
+def describe_rule(tolerance: float, chosen: str, *, truth: bool) -> str:
     """Return a text that describes the search for the fewest lines."""
     which = "evenly"
     if chosen == "d-optimal":
         which = "D-optimally at the start of the unknowns"
     goal = (
         f"every unknown is within {_STDS:g} standard deviations, or within {tolerance:g}, of the"
-        " method's own answer with all lines"
+        " method's own estimate with all lines"
     )
     if truth:
         goal = (
@@ -56,12 +64,12 @@ def rule(tolerance: float, chosen: str, *, truth: bool) -> str:
     return (
         f"Fewest lines: {', '.join(map(str, COUNTS[:8]))}, ... lines are tried in turn, chosen"
         f" {which}, from the same start, until {goal}. Numbers of lines with fewer measured values"
-        " than unknowns are passed over; a method that has not arrived with all lines after its"
+        " than unknowns are skipped; a method that has not converged with all lines within its"
         " largest number of steps is not tried with fewer."
     )
 
 
-def counts(n_lines: int, values_a_line: int, n_unknowns: int) -> list[int]:
+def list_counts(n_lines: int, values_a_line: int, n_unknowns: int) -> list[int]:
     """Return the numbers of lines to try, ascending; the last is `n_lines`.
 
     `values_a_line` is the number of complex values per line of all tests; `n_unknowns` counts
@@ -93,7 +101,7 @@ def _scale(parameter: Parameter, value: float) -> float:
     return abs(value) or abs(parameter.start) or 1.0
 
 
-def own_answer(
+def distance_from_estimate(
     result: UpdateResult | JointResult, tolerance: float
 ) -> Callable[[Mapping[str, float]], float]:
     """Return a function for the distance from a method's own estimate, in tolerances."""
@@ -102,15 +110,15 @@ def own_answer(
     def distance(values: Mapping[str, float]) -> float:
         worst = 0.0
         for p in parameters:
-            there, std = result.values[p.name], result.std[p.name]
-            allowed = max(_STDS * std, tolerance * _scale(p, there))
-            worst = max(worst, abs(values[p.name] - there) / allowed)
+            estimate, std = result.values[p.name], result.std[p.name]
+            allowed = max(_STDS * std, tolerance * _scale(p, estimate))
+            worst = max(worst, abs(values[p.name] - estimate) / allowed)
         return worst
 
     return distance
 
 
-def fewest_lines(
+def find_fewest_lines(
     numbers: list[int],
     distance: Callable[[int], float | None],
     lines: Callable[[int], tuple[float, ...]],

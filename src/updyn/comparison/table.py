@@ -26,8 +26,8 @@ __all__ = [
     "cells",
     "columns",
     "figures_of",
+    "format_methods",
     "limits",
-    "listing",
     "method_facts",
     "reason",
     "summary",
@@ -68,13 +68,13 @@ class Row:
         Requirements on the data beyond those of the default method; may be empty.
     updated : tuple of str
         Unknowns of the run.
-    left : tuple of str
+    fixed : tuple of str
         Unknowns kept at their start, because the method cannot update their quantities.
     values, std : mapping of str to float
-        By unknown; those in `left` have their start value and standard deviation nan. Empty if the
+        By unknown; those in `fixed` have their start value and standard deviation nan. Empty if the
         method does not apply.
     errors : mapping of str to float
-        Errors of unknowns with known truth, from `errors_against`, including unknowns in `left`.
+        Errors of unknowns with known truth, from `errors_against`, including unknowns in `fixed`.
     off : mapping of str to float
         Estimate minus truth, in the unit of the unknown, for unknowns with known truth.
     fitted, held_out : mapping of str to mapping of str to float
@@ -103,7 +103,7 @@ class Row:
     cannot: tuple[str, ...] = ()
     needs: str = ""
     updated: tuple[str, ...] = ()
-    left: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
     errors: Mapping[str, float] = field(default_factory=dict)
@@ -276,11 +276,11 @@ def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
         fitted.append(one.correlation)
         held_out.append(one.correlation.get("validation") or {})
     if not any(held_out):
-        return _worst(fitted), {}
-    return _worst(fitted), _worst(held_out)
+        return _find_worst(fitted), {}
+    return _find_worst(fitted), _find_worst(held_out)
 
 
-def _worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
+def _find_worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     """Return ``before`` and ``after``: each figure of the test with the worst agreement."""
     out: dict[str, dict[str, float]] = {}
     for when in ("before", "after"):
@@ -297,7 +297,7 @@ def _worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
 Column = tuple[str, str, "Callable[[Row], str]"]
 
 
-def _figure(figures: _Figures, row: Row, name: str) -> str:
+def _format_figure(figures: _Figures, row: Row, name: str) -> str:
     """Return a figure of agreement after the fit; "-" for a failed fit, which ends at its start."""
     value = (figures.get("after") or {}).get(name, math.nan)
     if row.status == "failed" or math.isnan(value):
@@ -309,7 +309,7 @@ def _figure(figures: _Figures, row: Row, name: str) -> str:
     return f"{value:.2g} dB"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     if math.isnan(value):
         return "-"
     if value == 0.0:
@@ -317,13 +317,13 @@ def _number(value: float) -> str:
     return f"{value:.2g}"
 
 
-def _error(row: Row, value: float) -> str:
+def _format_error(row: Row, value: float) -> str:
     if row.status == "failed":
         return "-"
-    return "undetermined" if math.isinf(value) else _number(value)
+    return "undetermined" if math.isinf(value) else _format_number(value)
 
 
-def _fewest(row: Row) -> str:
+def _format_fewest(row: Row) -> str:
     if row.fewest is None:
         return "-"
     if row.fewest.count is not None:
@@ -342,13 +342,13 @@ def limits(row: Row) -> str:
     """Return as text the quantities that a method cannot update and its requirements."""
     texts = []
     if row.cannot:
-        texts.append(_quantities(row.cannot))
+        texts.append(_format_quantities(row.cannot))
     if row.needs:
         texts.append(f"needs {row.needs}")
     return "; ".join(texts) or "-"
 
 
-def _quantities(names: Sequence[str]) -> str:
+def _format_quantities(names: Sequence[str]) -> str:
     """Return quantities as text; complete sets of calibration or damping get a common name."""
     given = set(names)
     others, calibration, damping = [], [], []
@@ -372,18 +372,18 @@ def _quantities(names: Sequence[str]) -> str:
 COLUMNS: tuple[Column, ...] = (
     ("method", "method", lambda r: r.method),
     ("status", "status", lambda r: r.status),
-    ("unknowns", "unknowns", lambda r: f"{len(r.updated)} of {len(r.updated) + len(r.left)}"),
+    ("unknowns", "unknowns", lambda r: f"{len(r.updated)} of {len(r.updated) + len(r.fixed)}"),
     ("rank", "rank", lambda r: "-" if r.status == "failed" else str(r.rank)),
-    ("fewest", "min lines", _fewest),
-    ("db", "misfit", lambda r: _figure(r.fitted, r, "db_error_median")),
-    ("frac", "FRAC", lambda r: _figure(r.fitted, r, "frac_median")),
-    ("held_db", "held out", lambda r: _figure(r.held_out, r, "db_error_median")),
-    ("held_frac", "FRAC held out", lambda r: _figure(r.held_out, r, "frac_median")),
-    ("error_max", "error", lambda r: _error(r, r.error_max)),
-    ("error_rms", "rms", lambda r: _error(r, r.error_rms)),
+    ("fewest", "min lines", _format_fewest),
+    ("db", "misfit", lambda r: _format_figure(r.fitted, r, "db_error_median")),
+    ("frac", "FRAC", lambda r: _format_figure(r.fitted, r, "frac_median")),
+    ("held_db", "held out", lambda r: _format_figure(r.held_out, r, "db_error_median")),
+    ("held_frac", "FRAC held out", lambda r: _format_figure(r.held_out, r, "frac_median")),
+    ("error_max", "error", lambda r: _format_error(r, r.error_max)),
+    ("error_rms", "rms", lambda r: _format_error(r, r.error_rms)),
     ("iterations", "steps", lambda r: str(r.iterations)),
     ("lines_solved", "solved", lambda r: str(r.lines_solved)),
-    ("seconds", "seconds", lambda r: _number(r.seconds)),
+    ("seconds", "seconds", lambda r: _format_number(r.seconds)),
     ("limits", "cannot update", limits),
 )
 #: Columns shown for a method that does not apply.
@@ -423,7 +423,7 @@ def summary(comparison: Comparison) -> str:
     if start:
         head += f"; before: {start['db_error_median']:.3g} dB, FRAC {start['frac_median']:.4f}"
     headings = [heading for _, heading, _ in shown]
-    lines = [head, "", _table(headings, [cells(row, shown) for row in comparison], 2), ""]
+    lines = [head, "", _format_table(headings, [cells(row, shown) for row in comparison], 2), ""]
     lines.append(
         "misfit: median level difference to the data of the fit; rank: combinations of its unknowns"
         " that the data determine; steps, solved: steps of the fit and lines at which the model was"
@@ -431,8 +431,8 @@ def summary(comparison: Comparison) -> str:
     )
     if comparison.truth:
         lines.append(
-            "error: estimate / truth - 1, of loss factors estimate - truth; unknowns left at their"
-            " start count with it."
+            "error: estimate / truth - 1, of loss factors estimate - truth; unknowns kept at their"
+            " start are included."
         )
     if comparison.rule:
         lines.append(comparison.rule)
@@ -440,8 +440,8 @@ def summary(comparison: Comparison) -> str:
         if reason(row):
             lines.append(f"{row.method} {row.status}: {reason(row)}")
     for row in comparison:
-        if row.applies and row.left:
-            lines.append(f"{row.method} leaves at the start: {', '.join(row.left)}")
+        if row.applies and row.fixed:
+            lines.append(f"{row.method} keeps at the start: {', '.join(row.fixed)}")
     for row in comparison:
         if row.fewest is not None and row.fewest.note:
             lines.append(f"{row.method}: fewest lines not sought to the end: {row.fewest.note}")
@@ -453,15 +453,15 @@ def summary(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> str:
+def _format_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> str:
     """Return rows as columns; the first `left` columns and the last are left-aligned."""
     return text_table(header, rows, {*range(left), len(header) - 1})
 
 
-def listing() -> str:
+def format_methods() -> str:
     """Return a table of all methods with their limits, requirements and publications."""
     table = []
     for name in METHODS:
         row = Row(**method_facts(name), status="", message="")
         table.append([name, limits(row), row.reference or "-"])
-    return _table(["method", "cannot update", "reference"], table, 3)
+    return _format_table(["method", "cannot update", "reference"], table, 3)

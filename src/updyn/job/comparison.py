@@ -102,7 +102,7 @@ def compare_job(
         methods = list(methods)
     by_method = _method_options(ready)
     # Errors of the arguments have no line in the job.
-    Options.checked(ready.parameters, methods, by_method, true_values, **options)
+    Options.check(ready.parameters, methods, by_method, true_values, **options)
     options |= {"methods": methods, "truth": true_values, "options": by_method}
     with open_folder(out):
         check_out(job, out, COMPARISON_FILES)  # again, now that no other run can change the folder

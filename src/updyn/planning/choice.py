@@ -13,7 +13,7 @@ from updyn.errors import DataError
 from updyn.planning.criteria import CRITERIA, Criterion, Planning, volume_score
 from updyn.planning.layout import Layout
 from updyn.planning.options import Band
-from updyn.planning.result import Rival, Worth
+from updyn.planning.result import RivalLayout, Worth
 from updyn.updating.problem.optimal_design import DesignScore, select_greedily
 
 __all__ = ["Choice"]
@@ -51,14 +51,16 @@ class Choice:
     column_gain: tuple[float, ...]
 
     @classmethod
-    def in_order(cls, band: Band, planning: Planning, layout: Layout, rule: Criterion) -> Choice:
+    def sort_by_gain(
+        cls, band: Band, planning: Planning, layout: Layout, rule: Criterion
+    ) -> Choice:
         """Return a layout in the order of gains."""
         information, score = planning.information, rule.score(planning)
         before = np.broadcast_to(information.before, information.points_shape)
-        rows, row_gain = _in_order(
+        rows, row_gain = _sort_by_gain(
             information.of_responses(layout.columns), before, layout.rows, score
         )
-        columns, column_gain = _in_order(
+        columns, column_gain = _sort_by_gain(
             information.of_references(layout.rows), before, layout.columns, score
         )
         return cls(band, planning, score, rows, columns, row_gain, column_gain)
@@ -71,36 +73,38 @@ class Choice:
     @property
     def radius(self) -> float:
         """Geometric mean of the semi-axes of its confidence ellipsoid (`Plan.radius`)."""
-        return self._radius_of(self.total)
+        return self._compute_radius(self.total)
 
-    def _radius_of(self, information: _Real) -> float:
+    def _compute_radius(self, information: _Real) -> float:
         score = float(volume_score(self.planning).score(information))
         scale = self.planning.information.scale[list(self.planning.wanted)]
         return float(np.exp(-0.5 * score - np.mean(np.log(scale))))
 
     def gain(self, more: _Real, less: _Real) -> float:
         """Return the relative decrease of all standard deviations with more information."""
-        return _gain(self.score, more, less)
+        return _compute_gain(self.score, more, less)
 
     def further_responses(self) -> tuple[Worth, ...]:
         """Return the next best responses."""
         items = self.planning.information.of_responses(self.columns)
-        return self._further(items, self.rows, self.planning.candidates.responses)
+        return self._rank_further(items, self.rows, self.planning.candidates.responses)
 
     def further_references(self) -> tuple[Worth, ...]:
         """Return the next best references."""
         items = self.planning.information.of_references(self.rows)
-        return self._further(items, self.columns, self.planning.candidates.references)
+        return self._rank_further(items, self.columns, self.planning.candidates.references)
 
-    def _further(self, items: _Real, chosen: Sequence[int], names: DofSet) -> tuple[Worth, ...]:
-        left = np.setdiff1d(np.arange(len(items)), chosen)
-        count = min(_FURTHER, len(left))
-        order, _ = select_greedily(items[left], self.total, count, self.score)
-        gains = _gains(items[left[order]], self.total, self.score)
-        labels = names[left[order]].labels
+    def _rank_further(
+        self, items: _Real, chosen: Sequence[int], names: DofSet
+    ) -> tuple[Worth, ...]:
+        remaining = np.setdiff1d(np.arange(len(items)), chosen)
+        count = min(_FURTHER, len(remaining))
+        order, _ = select_greedily(items[remaining], self.total, count, self.score)
+        gains = _accumulate_gains(items[remaining[order]], self.total, self.score)
+        labels = names[remaining[order]].labels
         return tuple(Worth(label, gain) for label, gain in zip(labels, gains, strict=True))
 
-    def rivals(self, criterion: str) -> Iterator[Rival]:
+    def rivals(self, criterion: str) -> Iterator[RivalLayout]:
         """Yield the layouts of all criteria except one."""
         information, candidates = self.planning.information, self.planning.candidates
         for name in CRITERIA:
@@ -110,30 +114,30 @@ class Choice:
             try:
                 layout = rule.choose(self.planning, len(self.rows), len(self.columns))
             except DataError as error:
-                yield Rival(name, (), (), float("nan"), str(error))
+                yield RivalLayout(name, (), (), float("nan"), str(error))
                 continue
-            radius = self._radius_of(information.of_layout(layout.rows, layout.columns))
+            radius = self._compute_radius(information.of_layout(layout.rows, layout.columns))
             responses = candidates.responses[list(layout.rows)].labels
             references = candidates.references[list(layout.columns)].labels
-            yield Rival(name, tuple(responses), tuple(references), radius / self.radius)
+            yield RivalLayout(name, tuple(responses), tuple(references), radius / self.radius)
 
 
-def _in_order(
+def _sort_by_gain(
     items: _Real, before: _Real, chosen: Sequence[int], score: DesignScore
 ) -> tuple[list[int], tuple[float, ...]]:
     """Return selected items in the order of gains, and the gains."""
     at = np.array(chosen, dtype=np.intp)
     order, _ = select_greedily(items[at], before, len(at), score)
-    return at[order].tolist(), tuple(_gains(items[at[order]], before, score))
+    return at[order].tolist(), tuple(_accumulate_gains(items[at[order]], before, score))
 
 
-def _gains(items: _Real, total: _Real, score: DesignScore) -> Iterator[float]:
+def _accumulate_gains(items: _Real, total: _Real, score: DesignScore) -> Iterator[float]:
     """Yield the gain of each item after the previous ones."""
     for item in items:
-        yield _gain(score, total + item, total)
+        yield _compute_gain(score, total + item, total)
         total = total + item
 
 
-def _gain(score: DesignScore, more: _Real, less: _Real) -> float:
+def _compute_gain(score: DesignScore, more: _Real, less: _Real) -> float:
     rise = float(score.score(more) - score.score(less))
     return float(-np.expm1(-0.5 * rise))

@@ -172,7 +172,7 @@ class Candidates:
         return replace(self, responses=responses, references=references, level=self.level[at])
 
     @property
-    def spreads(self) -> bool:
+    def is_distributed(self) -> bool:
         """Whether lines are distributed over workers."""
         n_values = len(self.freq) * len(self.responses) * len(self.references)
         return self.part.work + 4.0 * n_values * self.part.n**2 > SPREAD
@@ -186,7 +186,7 @@ class Candidates:
         session, n_lines = self.part.session, len(self.freq)
         session.check()
         items = [(x, lines) for lines in split_into_blocks(n_lines, -(-n_lines // _PIECES))]
-        pieces = session.map(function, self, items, spread=self.spreads, long=True)
+        pieces = session.map(function, self, items, spread=self.is_distributed, long=True)
         total = np.zeros(())
         for (_, lines), piece in zip(items, pieces, strict=True):
             total = total + piece

@@ -67,7 +67,7 @@ def best_layout(
     best, highest = Layout((), ()), -np.inf
     for first in firsts.tolist():
         total = information.before + alone[first]
-        columns = [first, *_further(alone, total, [first], n_columns - 1, criterion)]
+        columns = [first, *_select_further(alone, total, [first], n_columns - 1, criterion)]
         found = _improve_layout(information, columns, n_rows, criterion)
         score = float(criterion.score(information.of_layout(found.rows, found.columns)))
         if score > highest:
@@ -75,7 +75,7 @@ def best_layout(
     return best
 
 
-def _further(
+def _select_further(
     items: _Real, total: _Real, chosen: Sequence[int], count: int, criterion: DesignScore
 ) -> list[int]:
     """Return further items by greedy selection."""

@@ -19,7 +19,7 @@ from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
     "Band",
-    "Draws",
+    "StartDraws",
     "check_quantity",
     "check_unknowns",
     "find_bands",
@@ -147,7 +147,7 @@ def find_lines(given: int | ArrayLike, band: Band) -> _Real:
 
 
 @dataclass(frozen=True, slots=True)
-class Draws:
+class StartDraws:
     """Draws of the start of the parameters.
 
     Parameters

@@ -21,7 +21,7 @@ from updyn.planning.expected import Expected
 from updyn.planning.information import Candidates, PairInformation, Stage, check_size
 from updyn.planning.options import (
     Band,
-    Draws,
+    StartDraws,
     check_quantity,
     check_unknowns,
     find_bands,
@@ -29,8 +29,8 @@ from updyn.planning.options import (
     find_noise,
     find_wanted,
 )
-from updyn.planning.result import BandWorth, Plan, Rival
-from updyn.planning.screening import is_many, screen, where_reduced
+from updyn.planning.result import BandWorth, Plan, RivalLayout
+from updyn.planning.screening import is_many, reduce_candidates, screen_candidates
 from updyn.updating.fit.checkpoint import Checkpoint, checkpoint_session, fingerprint
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.problem.parameters import ParameterSet
@@ -179,26 +179,30 @@ def plan(
     with key_path("criterion"):
         rule = CRITERIA.find(criterion)()
     check_quantity(quantity)
-    expected, draws = find_noise(noise), Draws(robust, off, seed)
+    expected, draws = find_noise(noise), StartDraws(robust, off, seed)
     wanted = find_wanted(interest, unknowns)
     start = chosen.start_of(model)
 
     bands = find_bands(band)
     freqs = [find_lines(lines, one) for one in bands]
-    task = _Task(criterion, rule, wanted, (n_sensors, n_references), draws)
+    task = _PlanTask(criterion, rule, wanted, (n_sensors, n_references), draws)
 
-    with ExitStack() as ending:
-        session = Session(ending.enter_context(opened_engine(engine)))
-        among: list[Candidates] = []
+    with ExitStack() as stack:
+        session = Session(stack.enter_context(opened_engine(engine)))
+        all_candidates: list[Candidates] = []
         for freq in freqs:
             about = (responses, references, freq, quantity, expected, session)
-            among.append(Candidates.compile(start, unknowns, *about))
-        ending.enter_context(
-            checkpoint_session(session, checkpoint, lambda: _head(among, task), resume=resume)
+            all_candidates.append(Candidates.compile(start, unknowns, *about))
+        stack.enter_context(
+            checkpoint_session(
+                session, checkpoint, lambda: _identify_task(all_candidates, task), resume=resume
+            )
         )
         try:
-            found = [task.choose(*each, callback) for each in zip(bands, among, strict=True)]
-            return task.plan(found, among[0], callback, compare=compare)
+            found = [
+                task.choose(*each, callback) for each in zip(bands, all_candidates, strict=True)
+            ]
+            return task.plan(found, all_candidates[0], callback, compare=compare)
         except Stopped:
             if isinstance(session.cache, Checkpoint):
                 session.cache.keep()
@@ -209,13 +213,13 @@ def plan(
 _Callback = Callable[[Progress], "bool | None"]
 
 
-def _head(among: Sequence[Candidates], task: _Task) -> dict[str, Any]:
+def _identify_task(all_candidates: Sequence[Candidates], task: _PlanTask) -> dict[str, Any]:
     """Return the identification of the work, for its checkpoint."""
-    first = among[0]
-    stated = {
+    first = all_candidates[0]
+    description = {
         "candidates": first.responses.labels,
         "reference_candidates": first.references.labels,
-        "lines": [digest([one.freq]).hex() for one in among],
+        "lines": [digest([one.freq]).hex() for one in all_candidates],
         "quantity": first.quantity,
         "noise": (first.noise.relative, first.noise.floor),
         "criterion": task.criterion,
@@ -224,10 +228,10 @@ def _head(among: Sequence[Candidates], task: _Task) -> dict[str, Any]:
         "n_references": task.counts[1],
         "draws": task.draws,
     }
-    return fingerprint(Problem.of([first.part]), [], stated)
+    return fingerprint(Problem.of([first.part]), [], description)
 
 
-def _stages(candidates: Candidates, callback: _Callback | None) -> Stage:
+def _make_stage(candidates: Candidates, callback: _Callback | None) -> Stage:
     """Return a context that names the stages of the work in a band and reports them."""
     monitor = Monitor(Problem.of([candidates.part]), callback)
 
@@ -241,7 +245,7 @@ def _stages(candidates: Candidates, callback: _Callback | None) -> Stage:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _PlanTask:
     """The selection to make.
 
     Attributes
@@ -262,39 +266,41 @@ class _Task:
     rule: Criterion
     wanted: tuple[int, ...]
     counts: tuple[int, int]
-    draws: Draws
+    draws: StartDraws
 
     def choose(self, band: Band, candidates: Candidates, callback: _Callback | None) -> Choice:
         """Return the selected layout in a band."""
-        stage = _stages(candidates, callback)
+        stage = _make_stage(candidates, callback)
         points = self.draws.points(candidates.part.coordinates)
         pairs = f"{len(candidates.responses)} x {len(candidates.references)} pairs"
         if self.rule.by_information and is_many(candidates):
             with stage(f"screening of {pairs}"):
-                candidates = screen(candidates, points, self.rule, self.wanted, self.counts)
+                candidates = screen_candidates(
+                    candidates, points, self.rule, self.wanted, self.counts
+                )
         else:
             check_size(candidates, len(points))
             with stage(f"level of {pairs}"):
-                candidates = where_reduced(candidates, points).with_level()
+                candidates = reduce_candidates(candidates, points).with_level()
         information = PairInformation.compute(candidates, points, stage)
         planning = Planning(candidates, information, self.wanted)
         with stage("layout"), key_path("criterion"):
             layout = self.rule.choose(planning, *self.counts)
-            return Choice.in_order(band, planning, layout, self.rule)
+            return Choice.sort_by_gain(band, planning, layout, self.rule)
 
     def plan(
         self,
         found: Sequence[Choice],
-        among: Candidates,
+        all_candidates: Candidates,
         callback: _Callback | None,
         *,
         compare: bool,
     ) -> Plan:
-        """Return the plan for the best of several bands; `among` are all candidates."""
+        """Return the plan for the best of several bands; `all_candidates` are all candidates."""
         best = min(found, key=lambda choice: choice.radius)
-        stage = _stages(best.planning.candidates, callback)
+        stage = _make_stage(best.planning.candidates, callback)
         bands = [BandWorth(*one.band, one.radius / best.radius - 1.0) for one in found]
-        rivals: list[Rival] = []
+        rivals: list[RivalLayout] = []
         if compare:
             with stage("comparison with other criteria"):
                 rivals = list(best.rivals(self.criterion))
@@ -306,13 +312,13 @@ class _Task:
                 draws=self.draws.robust,
                 off=self.draws.off,
                 seed=self.draws.seed,
-                screened=_left_out(best.planning.candidates, among),
+                screened=_describe_screening(best.planning.candidates, all_candidates),
             )
 
 
-def _left_out(kept: Candidates, among: Candidates) -> str:
+def _describe_screening(kept: Candidates, all_candidates: Candidates) -> str:
     """Return a text on the number of candidates removed before the selection; empty if none."""
-    of = len(among.responses), len(among.references)
+    of = len(all_candidates.responses), len(all_candidates.references)
     if (len(kept.responses), len(kept.references)) == of:
         return ""
     return (

@@ -39,17 +39,19 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
         "unknowns": comparison.parameters.names,
         "truth": plain(dict(comparison.truth)) or None,
         **plain_fields(comparison, "tolerance", "rule", "stopped", "not_run"),
-        "rows": list(map(_row, comparison)),
+        "rows": list(map(_row_to_json, comparison)),
         "versions": {"updyn": __version__},
     }
 
 
-def _row(row: Row) -> dict[str, Any]:
+def _row_to_json(row: Row) -> dict[str, Any]:
     fewest = None
     if row.fewest is not None:
-        fewest = _fewest(row.fewest)
+        fewest = _fewest_to_json(row.fewest)
     return {
         **plain_fields(row, *_OUTCOME),
+        "left": plain(row.fixed),
+        **plain_fields(row, "values", "std", "errors"),
         "n_unknowns": len(row.updated),
         "correlation": {"fitted": plain(row.fitted), "held_out": plain(row.held_out)},
         **plain_fields(row, *_FIGURES),
@@ -65,10 +67,6 @@ _OUTCOME = (
     "cannot",
     "needs",
     "updated",
-    "left",
-    "values",
-    "std",
-    "errors",
 )
 _FIGURES = (
     "error_max",
@@ -83,7 +81,7 @@ _FIGURES = (
 )
 
 
-def _fewest(fewest: Fewest) -> dict[str, Any]:
+def _fewest_to_json(fewest: Fewest) -> dict[str, Any]:
     tried = [{"lines": count, "off": plain(off)} for count, off in fewest.tried]
     return {"count": fewest.count, "lines": list(fewest.lines), "tried": tried, "note": fewest.note}
 

@@ -199,7 +199,7 @@ def test_the_list(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["--methods", "equation-eror"], "did you mean 'equation-error'"),
         (["--methods", ""], "expected at least one"),
-        (["--methods", "log,log"], "stands twice"),
+        (["--methods", "log,log"], "occurs twice"),
         (["--truth", "gone.toml"], "gone.toml: the true values cannot be read: No such file"),
         (
             ["--truth", "wrong.toml"],

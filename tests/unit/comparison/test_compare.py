@@ -11,7 +11,7 @@ import pytest
 
 import updyn
 from updyn.comparison import Fewest
-from updyn.comparison.fewest import counts, errors_against
+from updyn.comparison.fewest import errors_against, list_counts
 from updyn.comparison.table import NOT_APPLICABLE
 from updyn.demos.gear_train import measure, starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
@@ -72,7 +72,7 @@ def test_the_papers_method_and_the_default_recover_all(bench):
         assert row.status == "converged"
         assert row.error_rms <= row.error_max < 1e-6
         assert max(abs(row.values[n] - v) for n, v in true_values().items()) < 1e-5
-        assert (row.left, len(row.updated)) == ((), 18)
+        assert (row.fixed, len(row.updated)) == ((), 18)
         assert (
             row.fitted["after"]["db_error_median"]
             < 1e-6
@@ -143,7 +143,7 @@ def test_without_truth_the_answer_with_all_lines_counts(start, data, unknowns):
     assert row.fewest.count == 5
     assert np.isnan(row.error_max)
     assert np.isnan(row.off_in_std)
-    assert "own answer" in found.rule
+    assert "own estimate" in found.rule
     assert "  rms" not in found.summary()
 
 
@@ -222,7 +222,7 @@ def test_what_a_method_cannot_update_stays_at_its_start(start, data, more, no_ca
     (row,) = updyn.compare(
         start, data, moved, ["blind"], truth={"unit 2.loss_factor": 0.4, "unit 1.stiffness": 1.0}
     )
-    assert row.left == ("unit 2.loss_factor", "unit 4.loss_factor")
+    assert row.fixed == ("unit 2.loss_factor", "unit 4.loss_factor")
     assert len(row.updated) == 6
     assert row.values["unit 4.loss_factor"] == 0.05
     assert (
@@ -279,7 +279,7 @@ def test_every_method_of_the_registry_is_run_and_none_raises(start, data, unknow
         if row.applies:
             assert row.lines_solved > 0
             assert set(row.errors) == set(true_values())
-            assert set(row.updated) | set(row.left) == set(unknowns.names)
+            assert set(row.updated) | set(row.fixed) == set(unknowns.names)
 
 
 # -- lines, held-out data, options, several tests -------------------------------------------------------------
@@ -391,7 +391,7 @@ def test_stopping_while_the_fewest_lines_are_sought(start, data, unknowns):
         ({"methods": ["equation-eror"]}, OptionError, "did you mean 'equation-error'"),
         ({"methods": "log"}, OptionError, r"expected a list of names, such as \['log'\]"),
         ({"methods": []}, OptionError, "at least one"),
-        ({"methods": ["log", "log"]}, OptionError, "'log' stands twice"),
+        ({"methods": ["log", "log"]}, OptionError, "'log' occurs twice"),
         ({"options": {"log": {"start": 3}}}, OptionError, "no option 'start'"),
         ({"truth": {"unit 1.stifness": 1.0}}, ParameterError, "did you mean 'unit 1.stiffness'"),
         ({"truth": {"unit 1.stiffness": -1.0}}, ParameterError, "expected a factor above 0"),
@@ -400,7 +400,7 @@ def test_stopping_while_the_fewest_lines_are_sought(start, data, unknowns):
             ParameterError,
             "expected a finite number, found 'x'",
         ),
-        ({"truth": {}}, ParameterError, "holds no value"),
+        ({"truth": {}}, ParameterError, "contains no value"),
         ({"regularise": "gvc"}, OptionError, "gcv"),
         ({"chosen": "evenly"}, OptionError, "did you mean 'even'"),
         ({"tolerance": 0}, OptionError, "expected a number above 0"),
@@ -421,9 +421,9 @@ def test_no_such_row(bench):
 
 # -- small parts -----------------------------------------------------------------------------------------------
 def test_numbers_of_lines_to_try():
-    assert counts(40, 4, 18) == [3, 4, 5, 6, 8, 10, 15, 20, 30, 40]
-    assert counts(4, 1, 2) == [1, 2, 3, 4]
-    assert counts(2, 1, 18) == [2]
+    assert list_counts(40, 4, 18) == [3, 4, 5, 6, 8, 10, 15, 20, 30, 40]
+    assert list_counts(4, 1, 2) == [1, 2, 3, 4]
+    assert list_counts(2, 1, 18) == [2]
 
 
 def test_errors(unknowns):
@@ -446,10 +446,10 @@ def test_calibration_is_left_out_of_methods_that_know_none(start, data, no_cause
         data, responses=["3:RZ"]
     )
     found = updyn.compare(start, data, unknowns, ["log", "equation-error"])
-    assert found["log"].left == ()
-    assert found["equation-error"].left == ("3:RZ.calibration",)
+    assert found["log"].fixed == ()
+    assert found["equation-error"].fixed == ("3:RZ.calibration",)
     assert found["equation-error"].values["3:RZ.calibration"] == 1.0
-    assert "equation-error leaves at the start: 3:RZ.calibration" in found.summary()
+    assert "equation-error keeps at the start: 3:RZ.calibration" in found.summary()
 
 
 def test_what_stays_open_is_counted(start, unknowns):

@@ -218,7 +218,7 @@ def test_pairs_are_the_same_whatever_is_worked_on_at_a_time(model, unknowns, mon
     monkeypatch.setattr("updyn.planning.information._CHUNK_BYTES", chunk)
     again = planning_of(model, unknowns)
     assert again.information.packed == pytest.approx(whole.information.packed, rel=1e-9)
-    some = whole.candidates.only([2, 7], range(12))
+    some = whole.candidates.select([2, 7], range(12))
     rows = PairInformation.compute(some, [some.part.coordinates.home])
     scale = np.outer(rows.scale, rows.scale)[np.tril_indices(len(unknowns))]
     by = np.outer(whole.information.scale, whole.information.scale)
@@ -365,7 +365,7 @@ def test_a_criterion_of_shapes_says_where_no_mode_is_seen():
         updyn.parameters(structure, stiffness="all"),
         freq=np.linspace(0.9 * lowest, 1.1 * lowest, 5),  # the mode in Y
     )
-    of_z = replace(found, candidates=found.candidates.only(range(1, 16, 2), range(1, 16, 2)))
+    of_z = replace(found, candidates=found.candidates.select(range(1, 16, 2), range(1, 16, 2)))
     for name in ("effective-independence", "mac"):
         with pytest.raises(DataError, match="no mode in the band moves at the candidate responses"):
             CRITERIA[name]().choose(of_z, 2, 1)

@@ -165,7 +165,7 @@ def test_nothing_is_interpreted_and_nothing_is_loaded(text):
 
 def test_a_comparison_that_knows_nothing_has_a_page(found, tmp_path):
     """One method that does not apply, no truth, no fewest lines; then one that was stopped."""
-    row = Row("rfm", "", "does not apply", "why <not>", left=("a",))
+    row = Row("rfm", "", "does not apply", "why <not>", fixed=("a",))
     bare = Comparison((row,), found.tests, found.parameters, stopped=True, not_run=("log",))
     text = write_comparison(bare, tmp_path / "bare.html").read_text(encoding="utf-8")
     assert "why &lt;not&gt;" in text
