@@ -20,7 +20,7 @@ from op2_samples import Writer
 from updyn.cli import main
 from updyn.errors import AbsentError, FormatError, OptionError, UpdynWarning
 from updyn.io.formats import FORMATS
-from updyn.io.nastran.op2_file import MAGIC, OP2File, matrix_of
+from updyn.io.nastran.op2_file import MAGIC, OP2File, read_matrix
 
 NASTRAN = Path(pyyeti.__file__).parent / "tests"
 FULL = NASTRAN / "nas2cam_extseout" / "full"
@@ -62,9 +62,9 @@ def test_a_matrix_in_either_byte_order(name):
         file = OP2File(path)
     first, second = file.matrices[:2]
     expected = pyyeti_op2.rdmats(path)
-    np.testing.assert_array_equal(matrix_of(file, first).matrix.toarray(), expected[first.name])
+    np.testing.assert_array_equal(read_matrix(file, first).matrix.toarray(), expected[first.name])
     with pytest.raises(FormatError, match="is complex"):
-        matrix_of(file, second)
+        read_matrix(file, second)
 
 
 def test_geometry_is_that_of_the_deck():
@@ -104,7 +104,7 @@ def test_shapes_are_those_that_pyyeti_reads_and_make_its_modal_stiffness():
     for label, row in zip(modes.dofs, modes.shapes, strict=True):
         at = (label.node, ["X", "Y", "Z", "RX", "RY", "RZ"].index(label.direction) + 1)
         np.testing.assert_allclose(row, rows[at][order], rtol=1e-6)
-    stiffness = matrix_of(OP2File(path), OP2File(path).matrices[0]).matrix.diagonal()
+    stiffness = read_matrix(OP2File(path), OP2File(path).matrices[0]).matrix.diagonal()
     np.testing.assert_allclose(modes.frequency[6:], np.sqrt(stiffness[6:]) / (2 * np.pi), rtol=1e-6)
 
 
