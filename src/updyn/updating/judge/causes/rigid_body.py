@@ -89,7 +89,8 @@ class RigidBody(DataFault):
         """Return a sentence with the sensors, their difference, and possible causes."""
         return (
             f"{self.begin_sentence('does', 'do')} not follow the rigid-body motion of the other"
-            f" sensors: it differs by {100.0 * self.value:.0f} % of the rms motion{self.details}"
+            f" sensors: the difference is {100.0 * self.value:.0f} % of the rms motion"
+            f"{self.details}"
         )
 
 
@@ -106,9 +107,12 @@ def _find_simplest(motion: RigidMotion) -> list[tuple[int, ...]]:
 
 def _describe(motion: RigidMotion, sets: Sequence[Sequence[int]]) -> tuple[str, str]:
     """Return the frequencies and explanations as text, and the first text for a job."""
-    details, example = f" at {len(motion.data.freq)} lines up to {motion.data.freq[-1]:.3g} Hz.", ""
+    freq, example = motion.data.freq, ""
+    details = f" at {len(freq)} lines between {freq[0]:.3g} and {freq[-1]:.3g} Hz."
     if len(sets) > 1:
-        details += f" The data do not tell which is wrong ({len(sets[0])} of them)."
+        details += (
+            f" The data do not show which are wrong (number of wrong sensors: {len(sets[0])})."
+        )
     else:
         for members, found in explain_sensors(motion, sets[0]).items():
             names = " and ".join(str(motion.sensors[i]) for i in members)

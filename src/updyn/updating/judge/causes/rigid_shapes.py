@@ -54,10 +54,10 @@ class RigidShapes:
             return None
 
         def compute() -> Record:
-            return _lowest(part.solver.system, part.state(part.coordinates.home).factor)
+            return _lowest(part.solver.system, part.state(part.coordinates.start).factor)
 
         with suppress(SolverError):
-            value, shapes = part.recall("rigid-body shapes", part.coordinates.home, compute)
+            value, shapes = part.recall("rigid-body shapes", part.coordinates.start, compute)
             rigid = value == 0.0
             if rigid.any() and not rigid.all() and rigid.sum() <= _MOST:
                 elastic = float(np.sqrt(value[~rigid].min())) / (2.0 * np.pi)

@@ -111,9 +111,9 @@ def test_the_shapes_leave_the_model_as_it_is(cube):
     """Zero entries of the stiffness are not dropped from the pattern of the whole model."""
     frf = updyn.response(cube[0], [10.0], ["1:X"], ["1:X"])
     part = FRFPart.build(cube[0], frf, updyn.parameters(cube[0], stiffness="all"))
-    before = part.responses(part.coordinates.home)
+    before = part.responses(part.coordinates.start)
     RigidShapes.of(part)
-    after = FRFPart.responses(replace(part), part.coordinates.home)
+    after = FRFPart.responses(replace(part), part.coordinates.start)
     assert after == pytest.approx(before, rel=1e-9)
     assert before == pytest.approx(frf.values, rel=1e-9)
 
@@ -253,7 +253,7 @@ def test_of_two_sensors_alone_none_is_blamed(bar):
     assert found.value == pytest.approx(2.0)
     (found,) = found_in(shapes, frf.select(responses=["1:X", "5:X"]))
     assert found.channels == ("1:X", "5:X")
-    assert "do not tell which is wrong (1 of them)" in found.statement
+    assert "number of wrong sensors: 1" in found.statement
     assert "repair" not in found.remedy
     assert found_in(shapes, frf.select(responses=["5:X"])) == []
 
