@@ -244,7 +244,7 @@ class Fault(ABC):
         return self.repair(evidence.frf)
 
     def slope(self, evidence: Evidence) -> _Complex:
-        """Return the derivative of the log data by the size of the fault; 0 if it does not tune.
+        """Return the derivative of the log data by the size of the fault; 0 without a size.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class Fault(ABC):
         return int(self.has_free_size)
 
     def adapt_to(self, evidence: Evidence) -> Self:
-        """Return the fault estimated at a point; itself if it does not adapt."""
+        """Return the fault estimated at a point; itself if it is not adaptive."""
         return self
 
     def mask_channels(self, frf: FRF) -> FRF:
@@ -275,7 +275,7 @@ class Fault(ABC):
         return self
 
     def fit_all_data(self, part: FRFPart, x: _Real) -> Self:
-        """Return the fault estimated from all data of a part, if it adapts; by default itself."""
+        """Return the fault estimated from all data of a part; itself if it is not adaptive."""
         return self
 
     def add_model_figures(self, part: FRFPart, x: _Real) -> Self:
