@@ -104,8 +104,8 @@ class Correlation:
         in CSAC and CSF, lines on which both FRFs are zero, such as accelerances at 0 Hz.
         """
         channels = _select_heard(np.ones(self.frac.shape, dtype=bool), self.heard)
-        told = nonzero_lines(self.measured.values, self.computed.values)
-        lines = told if told.any() else np.ones_like(told)
+        is_nonzero = nonzero_lines(self.measured.values, self.computed.values)
+        lines = is_nonzero if is_nonzero.any() else np.ones_like(is_nonzero)
         return {
             **self._figures_of(channels),
             "csac_mean": float(self.csac[lines].mean()),
@@ -121,9 +121,9 @@ class Correlation:
         """
         out, heard = {}, self.heard
         for i, label in enumerate(self.responses.labels):
-            own = np.zeros(self.frac.shape, dtype=bool)
-            own[i] = True
-            channels = _select_heard(own, heard)
+            is_response = np.zeros(self.frac.shape, dtype=bool)
+            is_response[i] = True
+            channels = _select_heard(is_response, heard)
             out[label] = {
                 **self._figures_of(channels),
                 **_summarise_levels(self.db_error[:, channels]),

@@ -160,10 +160,12 @@ def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
         )
     weights = []
     for name, shapes in (("A", a), ("B", b)):
-        own = np.einsum("in,in->n", shapes.conj(), mass @ shapes).real
-        if (own <= 0).any():
-            raise DataError(f"shape {int(np.flatnonzero(own <= 0)[0]) + 1} of {name} moves no mass")
-        weights.append(np.sqrt(own))
+        modal_masses = np.einsum("in,in->n", shapes.conj(), mass @ shapes).real
+        if (modal_masses <= 0).any():
+            raise DataError(
+                f"shape {int(np.flatnonzero(modal_masses <= 0)[0]) + 1} of {name} moves no mass"
+            )
+        weights.append(np.sqrt(modal_masses))
     return np.asarray((a.conj().T @ (mass @ b)) / np.outer(*weights))
 
 

@@ -428,13 +428,13 @@ class _Places:
             found = np.searchsorted(self._sorted, _full_positions(matrix))
             return np.asarray(found, dtype=self.indptr.dtype)
         begin, kind = self.indptr[rows], self.indptr.dtype
-        own = np.zeros(len(rows) + 1, dtype=kind)
-        np.cumsum(self.indptr[rows + 1] - begin, out=own[1:])
+        indptr = np.zeros(len(rows) + 1, dtype=kind)
+        np.cumsum(self.indptr[rows + 1] - begin, out=indptr[1:])
         # Entries of these rows in the pattern, counted from one, because a product drops zeros.
-        places = np.arange(1, own[-1] + 1, dtype=kind)
-        places += np.repeat(begin - own[:-1], np.diff(own))
+        places = np.arange(1, indptr[-1] + 1, dtype=kind)
+        places += np.repeat(begin - indptr[:-1], np.diff(indptr))
         shape = len(rows), len(self.indptr) - 1
-        whole = sp.csr_array((places, self.indices[places - 1], own), shape=shape)
+        whole = sp.csr_array((places, self.indices[places - 1], indptr), shape=shape)
         part = sp.csr_array(
             (np.ones(matrix.nnz, dtype=kind), matrix.indices, _compact_indptr(matrix, rows)),
             shape=shape,

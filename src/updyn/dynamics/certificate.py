@@ -72,7 +72,7 @@ class ErrorEstimate:
 
     Attributes
     ----------
-    channels : Channels
+    channels : ChannelDofs
         The loaded and read DOFs.
     H : ndarray of complex, shape (n_f, k, n_j)
         Receptance in the larger basis.
@@ -108,7 +108,7 @@ class ErrorEstimate:
             Solvers in the larger basis and in its first vectors.
         basis : Basis
             The larger basis.
-        channels : Channels
+        channels : ChannelDofs
             The loaded and read DOFs.
         P : ndarray of float, shape (r, r)
             K + omega_max^2 M in the larger basis.
@@ -145,8 +145,8 @@ class ErrorEstimate:
         products = energy[:, :, None] * energy[:, None, forced]
         worst = _validation_lines(np.abs(difference) / level)
         lines = LineResiduals(wide, basis, channels, state, freq[worst])
-        left = np.abs(lines.errors(definite.solve(lines.residual()))) / level[worst]
-        remaining = left.max(axis=(0, 2))[:, None]
+        residual_errors = np.abs(lines.errors(definite.solve(lines.residual()))) / level[worst]
+        remaining = residual_errors.max(axis=(0, 2))[:, None]
         entries = (lines.magnitudes() / products[worst]).max(axis=0)
         return cls(
             channels,

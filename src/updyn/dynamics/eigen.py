@@ -56,14 +56,14 @@ def mass_rank(M: Any) -> int:
         Mass in kg (kg m2). If more than `DENSE_LIMIT` DOFs have mass, their number is returned as
         an upper limit.
     """
-    own = np.flatnonzero(np.diff(M.indptr))
-    own = own[M.diagonal()[own] != 0.0]
-    if len(own) == 0 or len(own) > DENSE_LIMIT:
-        return len(own)
-    block = M[own][:, own].toarray()
+    massive = np.flatnonzero(np.diff(M.indptr))
+    massive = massive[M.diagonal()[massive] != 0.0]
+    if len(massive) == 0 or len(massive) > DENSE_LIMIT:
+        return len(massive)
+    block = M[massive][:, massive].toarray()
     unit = 1.0 / np.sqrt(np.abs(np.diag(block)))
     values = np.linalg.eigvalsh(unit[:, None] * block * unit)
-    return int((np.abs(values) > _RANK * len(own)).sum())
+    return int((np.abs(values) > _RANK * len(massive)).sum())
 
 
 @use_one_thread

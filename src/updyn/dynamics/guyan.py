@@ -54,9 +54,9 @@ def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]
     T[match.index, np.arange(len(kept))] = match.sign
     K = sp.csr_array(model.stiffness)
     loads = -(K @ T)[rest]
-    own = sp.csc_array(K[rest][:, rest])
+    K_rest = sp.csc_array(K[rest][:, rest])
     if len(rest):
-        T[rest] = _solve_static(own, loads)
+        T[rest] = _solve_static(K_rest, loads)
     return np.asarray(T.T @ (model.mass @ T))
 
 

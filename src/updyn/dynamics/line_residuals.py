@@ -113,11 +113,11 @@ class LineResiduals:
         Y contains the fields y_j, shape (N, n_lines 2 n_j). The result is complex, shape
         (n_lines, k, n_j).
         """
-        own = self._by_line(Y[self._channels.loaded])
+        direct = self._by_line(Y[self._channels.loaded])
         pulled = self._by_line(self._basis.project(self._times(Y)))
-        own, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (own, pulled))
+        direct, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (direct, pulled))
         return np.asarray(
-            own.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
+            direct.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
         )
 
     def magnitudes(self) -> _Real:
@@ -133,8 +133,8 @@ class LineResiduals:
             fields = np.hypot(self._basis.expand(q.real), self._basis.expand(q.imag))
             forced = fields[:, self._channels.forced]
             for term, c in zip(self._basis.system.terms, self._c[:, line], strict=True):
-                own = term.row_index
-                sum_of += abs(c) * (fields[own].T @ (abs(term.local) @ forced[own]))
+                index = term.row_index
+                sum_of += abs(c) * (fields[index].T @ (abs(term.local) @ forced[index]))
         return out
 
     def _by_line(self, U: _Real) -> _Real:
@@ -148,9 +148,9 @@ class LineResiduals:
         out = np.zeros_like(U)
         parts = self._by_line(out)
         for term, c in zip(self._basis.system.terms, self._c, strict=True):
-            own, product = term.row_index, self._by_line(term.local @ U[term.row_index])
-            parts[own] += c.real[:, None, None] * product
+            index, product = term.row_index, self._by_line(term.local @ U[term.row_index])
+            parts[index] += c.real[:, None, None] * product
             if c.imag.any():
-                parts[own, :, 0] -= c.imag[:, None] * product[:, :, 1]
-                parts[own, :, 1] += c.imag[:, None] * product[:, :, 0]
+                parts[index, :, 0] -= c.imag[:, None] * product[:, :, 1]
+                parts[index, :, 1] += c.imag[:, None] * product[:, :, 0]
         return out

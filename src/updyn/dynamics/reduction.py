@@ -559,10 +559,10 @@ class Reduction:
         The directions missing at these lines are then part of the basis, as its larger part.
         """
         size = self.basis.size
-        lacking = list(self._check_in_groups(definite, state, lines, allowed))
+        missing = list(self._check_in_groups(definite, state, lines, allowed))
         if self.basis.size > size:
             return None
-        self.basis.extend(self._orthonormalise(lacking, state))
+        self.basis.extend(self._orthonormalise(missing, state))
         return self._estimate_within(definite, state, freq, size)
 
     @use_one_thread
@@ -850,12 +850,12 @@ class Reduction:
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():
                 return Y[:, :0]
-        lacking = []
+        missing = []
         for of_line in np.split(np.arange(len(gram)), len(lines)):
             size, axes = np.linalg.eigh(gram[np.ix_(of_line, of_line)])
             most = size > _SMALL**2 * size[-1]
-            lacking.append(Y[:, of_line] @ (weight[of_line, None] * axes[:, most]))
-        return np.hstack(lacking)
+            missing.append(Y[:, of_line] @ (weight[of_line, None] * axes[:, most]))
+        return np.hstack(missing)
 
 
 def _join_columns(pieces: list[_Real]) -> _Real:

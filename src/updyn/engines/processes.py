@@ -244,8 +244,8 @@ def _work(
     if cancelled.exists():
         cancelled.unlink()
         return None
-    for gone in _SHARED_OBJECTS.keys() - {path, *known}:
-        del _SHARED_OBJECTS[gone]
+    for outdated in _SHARED_OBJECTS.keys() - {path, *known}:
+        del _SHARED_OBJECTS[outdated]
     if path not in _SHARED_OBJECTS:
         _SHARED_OBJECTS[path] = open_parcel(path)
     return function(_SHARED_OBJECTS[path], item)

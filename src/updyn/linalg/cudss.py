@@ -68,17 +68,17 @@ class Cudss:
         self._upper, begin = upper_triangle(pattern.indptr, pattern.indices)
         self._column = pattern.indices[self._upper].astype(np.int32)
         self._lengths = np.diff(begin)
-        with ExitStack() as held:
-            self._card = _Card.connect(held)
-            self._values = self._card.room(held, len(self._column) * self._kind.itemsize)
+        with ExitStack() as stack:
+            self._card = _Card.connect(stack)
+            self._values = self._card.room(stack, len(self._column) * self._kind.itemsize)
             self._matrix = self._card.sparse(
-                held, begin.astype(np.int32), self._column, self._values, self._kind
+                stack, begin.astype(np.int32), self._column, self._values, self._kind
             )
             # Before the first solve, the solution is a placeholder.
-            self._none = self._card.dense(held, np.zeros((len(self._lengths), 1), self._kind))[0]
+            self._none = self._card.dense(stack, np.zeros((len(self._lengths), 1), self._kind))[0]
             self._card.run("ANALYSIS", self._matrix, self._none, self._none)
             # The card's memory is freed with this object, or with the process.
-            self._end = finalize(self, held.pop_all().close)
+            self._end = finalize(self, stack.pop_all().close)
             self._end.atexit = False
 
     @property
@@ -125,9 +125,9 @@ class _CudssFactors:
         if not x.size:
             return x
         np.multiply(B, self.scale[:, None], out=x)
-        with ExitStack() as held:
-            load, _ = self.card.dense(held, x)
-            solution, place = self.card.dense(held, x)
+        with ExitStack() as stack:
+            load, _ = self.card.dense(stack, x)
+            solution, place = self.card.dense(stack, x)
             self.card.run("SOLVE", self.matrix, solution, load)
             self.card.download(x, place)
         x *= self.scale[:, None]
@@ -145,17 +145,17 @@ class _Card:
     data: int
 
     @classmethod
-    def connect(cls, held: ExitStack) -> _Card:
+    def connect(cls, stack: ExitStack) -> _Card:
         """Open a session."""
         found = _libraries()
         cudss = found.cudss
         with _convert_errors(cudss):
             handle = cudss.create()
-            held.callback(cudss.destroy, handle)
+            stack.callback(cudss.destroy, handle)
             config = cudss.config_create()
-            held.callback(cudss.config_destroy, config)
+            stack.callback(cudss.config_destroy, config)
             data = cudss.data_create(handle)
-            held.callback(cudss.data_destroy, handle, data)
+            stack.callback(cudss.data_destroy, handle, data)
             threads = _thread_library()
             if threads is not None:
                 cudss.set_threading_layer(handle, threads)
@@ -181,10 +181,10 @@ class _Card:
             )  # fmt: skip
         return values
 
-    def room(self, held: ExitStack, n_bytes: int) -> int:
+    def room(self, stack: ExitStack, n_bytes: int) -> int:
         """Return the address of allocated memory of the card."""
         place = self._check_code(self.cuda.cudaMalloc(n_bytes))
-        held.callback(self.cuda.cudaFree, place)
+        stack.callback(self.cuda.cudaFree, place)
         return int(place)
 
     def upload(self, place: int, array: NDArray[Any]) -> None:
@@ -199,14 +199,14 @@ class _Card:
 
     def sparse(
         self,
-        held: ExitStack,
+        stack: ExitStack,
         begin: NDArray[np.int32],
         column: NDArray[np.int32],
         values: int,
         kind: np.dtype[Any],
     ) -> int:
         """Return an upper triangle, shape (n, n), with values on the card."""
-        places = [self.room(held, array.nbytes) for array in (begin, column)]
+        places = [self.room(stack, array.nbytes) for array in (begin, column)]
         for place, array in zip(places, (begin, column), strict=True):
             self.upload(place, array)
         n, cudss = len(begin) - 1, self.cudss
@@ -217,19 +217,19 @@ class _Card:
                 self._value_type(kind), cudss.MatrixType.SYMMETRIC, cudss.MatrixViewType.UPPER,
                 cudss.IndexBase.ZERO,
             )  # fmt: skip
-        held.callback(cudss.matrix_destroy, made)
+        stack.callback(cudss.matrix_destroy, made)
         return int(made)
 
-    def dense(self, held: ExitStack, array: NDArray[Any]) -> tuple[int, int]:
+    def dense(self, stack: ExitStack, array: NDArray[Any]) -> tuple[int, int]:
         """Return a copy of an array on the card, shape (n, r), and the address of its values."""
-        place, cudss = self.room(held, array.nbytes), self.cudss
+        place, cudss = self.room(stack, array.nbytes), self.cudss
         self.upload(place, array)
         n, r = array.shape
         with _convert_errors(cudss):
             made = cudss.matrix_create_dn(
                 n, r, n, place, self._value_type(array.dtype), cudss.Layout.COL_MAJOR
             )
-        held.callback(cudss.matrix_destroy, made)
+        stack.callback(cudss.matrix_destroy, made)
         return int(made), place
 
     def run(self, phase: str, matrix: int, solution: int, load: int) -> None:

@@ -343,15 +343,15 @@ class Factorised:
             B = loads
         while True:
             try:
-                X, left, grown = self._refine_solution(B)
+                X, error, grown = self._refine_solution(B)
             except RuntimeError:
-                left = np.inf
-            if left <= choice.residual:
+                error = np.inf
+            if error <= choice.residual:
                 break
             if not self._factored_by_next():
-                if np.isinf(left):
+                if np.isinf(error):
                     raise SolverError(singular_message(*self._line, scale=self._scale))
-                where = f"residual {left:.1e} at {self._line[0]:g} Hz"
+                where = f"residual {error:.1e} at {self._line[0]:g} Hz"
                 raise SolverError(
                     f"{choice.name}: {where}; the matrix is singular or nearly singular"
                 )
@@ -387,9 +387,9 @@ class Factorised:
 
         Raises RuntimeError if they do not converge.
         """
-        left, before = self._off.share, 1.0
+        error, before = self._off.share, 1.0
         for _ in range(_MOST_STEPS):
-            if left <= max(self._error, self._off.floor):
+            if error <= max(self._error, self._off.floor):
                 return
             change = run(np.asfortranarray(B - self._A @ X))
             X += change
@@ -398,8 +398,8 @@ class Factorised:
                     _column_sizes(change, self._scale), _column_sizes(X, self._scale)
                 ).max(initial=0)
             )
-            left, before = size * max(self._off.share, size / before), size
-        raise RuntimeError(f"solutions in single precision do not converge: error {left:.1e}")
+            error, before = size * max(self._off.share, size / before), size
+        raise RuntimeError(f"solutions in single precision do not converge: error {error:.1e}")
 
     def _factored_by_next(self) -> bool:
         """Factorise with the next backend; return whether one succeeded."""

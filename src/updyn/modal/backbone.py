@@ -336,11 +336,11 @@ class _Equations:
         one = np.ones_like(share)
         mix = mix[:, :, None] * np.stack([one, one, share, share], axis=1)[:, None]  # (p, m, 4)
         back = found.columns.divide_by_variance(error) @ flat.conj()
-        left, along = found.columns.project_out(flat)
-        left = left.reshape(-1, m, 4, m, 4)
+        products, along = found.columns.project_out(flat)
+        products = products.reshape(-1, m, 4, m, 4)
         along = along[:, found.pole_columns[at]].reshape(len(along), m, m, 4)
-        left, along = (np.broadcast_to(a, (len(mix), *a.shape[1:])) for a in (left, along))
-        normal = np.einsum("pmt,pmtnu,pnu->tu", mix.conj(), left, mix).real
+        products, along = (np.broadcast_to(a, (len(mix), *a.shape[1:])) for a in (products, along))
+        normal = np.einsum("pmt,pmtnu,pnu->tu", mix.conj(), products, mix).real
         gradients = np.sum(mix.conj() * back.reshape(-1, m, 4), axis=1).real
         change = -np.einsum("pkmt,pmt->pkt", along, mix)
         of_residue = change[:, 0] + 1j * change[:, 1] if m == 2 else change[:, 0]

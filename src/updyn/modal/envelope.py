@@ -152,13 +152,13 @@ def _split_lines(n: int) -> Iterator[slice]:
         yield slice(first, last)
 
 
-def _power_response(left: NDArray[np.complex128] | _Real) -> _Real:
+def _power_response(response: NDArray[np.complex128] | _Real) -> _Real:
     """Return the mean power of functions at each time by the power of the noise at each time.
 
-    `left`, shape (n, m), is the linear map from m lines of noise to n lines of the functions.
+    `response`, shape (n, m), is the linear map from m lines of noise to n lines of the functions.
     """
-    turns = np.exp(2j * np.pi * np.outer(np.arange(left.shape[1]), np.arange(_LINES)) / -_LINES)
-    return np.asarray(_power_over_time(left @ turns, _LINES) / left.shape[1])
+    turns = np.exp(2j * np.pi * np.outer(np.arange(response.shape[1]), np.arange(_LINES)) / -_LINES)
+    return np.asarray(_power_over_time(response @ turns, _LINES) / response.shape[1])
 
 
 def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
@@ -170,8 +170,8 @@ def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Rea
     the median is log 2 times the mean; the mean itself would be raised by a mode in one part.
     """
     whole = np.ones(_LINES)
-    seen = np.mean([np.sum(r, axis=1) for r in responses], axis=0)
-    known = seen > _REMOVED * np.max(seen)
+    response_at_time = np.mean([np.sum(r, axis=1) for r in responses], axis=0)
+    known = response_at_time > _REMOVED * np.max(response_at_time)
     for _ in range(_ROUNDS):
         ratios = []
         for power, response in zip(powers, responses, strict=True):

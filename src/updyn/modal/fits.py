@@ -146,9 +146,9 @@ def fit_together(
         for r in range(len(fit.window_fit.poles))
         if (k, r) not in members
     ]
-    beside = np.array([pole for pole, _ in others], dtype=np.complex128)
+    other_poles = np.array([pole for pole, _ in others], dtype=np.complex128)
     residues = np.array([r for _, r in others]).reshape(len(others), -1)
-    window = measured.window(measured.lines_of(poles), beside, residues)
+    window = measured.window(measured.lines_of(poles), other_poles, residues)
     window = replace(window, envelope=fits[parts[0]].window.envelope)
     fitted, weights = fit_with_unknown_noise(window, poles, Weights.of(np.abs(window.Y) ** 2))
     return WeightedFit(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))

@@ -53,13 +53,13 @@ def fit_orders(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Co
     S = -S.reshape(-1, n_r, *lag.shape).transpose(0, 2, 3, 1)  # (n_o, row, column, reference)
     for n in orders:
         size = n + 1
-        own = S[:, :size, :size].reshape(len(S), size, size * n_r)
-        whole = T[:size, :size].transpose(0, 2, 1, 3).reshape(size * n_r, size * n_r)
+        cross = S[:, :size, :size].reshape(len(S), size, size * n_r)
+        moments_matrix = T[:size, :size].transpose(0, 2, 1, 3).reshape(size * n_r, size * n_r)
         values, vectors = np.linalg.eigh(R[:size, :size])
         kept = values > size * np.finfo(float).eps * values[-1]
         half = (vectors[:, kept] / np.sqrt(values[kept])).T  # half^T half is the inverse of R
-        numerators = np.matmul(half, own).reshape(-1, size * n_r)
-        M = whole - numerators.T @ numerators
+        numerators = np.matmul(half, cross).reshape(-1, size * n_r)
+        M = moments_matrix - numerators.T @ numerators
         yield _find_roots(M, n, n_r, step, omega)
 
 

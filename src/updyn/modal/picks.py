@@ -53,8 +53,8 @@ def start_pole_at(
         line = measured.spacing / frequency
         loss = max(float(np.median(axis.loss(others))) if len(others) else line, line)
         return complex(axis.pole(np.array([frequency]), loss)[0])
-    alike = stable[off <= off.min() + _NEAR]
-    best = alike[np.argmax(diagram.order[alike])]
+    nearby = stable[off <= off.min() + _NEAR]
+    best = nearby[np.argmax(diagram.order[nearby])]
     size, ratio = 2.0 * np.pi * diagram.frequency[best], diagram.damping[best]
     s = complex(-size * ratio, size * np.sqrt(1.0 - ratio**2))
     return complex(axis.poles(np.array([s]))[0])
@@ -93,8 +93,8 @@ def add_picks(
     fits = fit_all_windows(measured, poles[order], added[order])
     after, chosen = collect_poles(fits), np.concatenate([fit.added for fit in fits])
     for number, pole in enumerate(begin):
-        own = chosen == number
-        _check_added(measured, complex(pole), complex(after[own][0]), shown, after[~own])
+        is_pick = chosen == number
+        _check_added(measured, complex(pole), complex(after[is_pick][0]), shown, after[~is_pick])
     return fits
 
 
@@ -116,14 +116,16 @@ def _check_added(
     width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))
     reach = max(width, measured.spacing)
     name = f"modes: the pole at {begin:.6g} Hz, refined,"
-    at, there = measured.axis.frequency(modes), measured.axis.frequency(others)
-    own = measured.bandwidth(others)
+    at, other_frequencies = measured.axis.frequency(modes), measured.axis.frequency(others)
+    bandwidth = measured.bandwidth(others)
     for mode in at[np.abs(at - end) < reach]:
-        if not (np.abs(there - mode) < reach).any():
+        if not (np.abs(other_frequencies - mode) < reach).any():
             raise DataError(f"{name} takes the place of the mode at {mode:.6g} Hz")
-    near = np.abs(others - last) < _MERGED * own / np.maximum(there, 1e-300) * np.abs(others)
+    near = np.abs(others - last) < _MERGED * bandwidth / np.maximum(
+        other_frequencies, 1e-300
+    ) * np.abs(others)
     if near.any():
-        raise DataError(f"{name} merges with the mode at {there[near][0]:.6g} Hz")
+        raise DataError(f"{name} merges with the mode at {other_frequencies[near][0]:.6g} Hz")
     if not measured.is_inside(np.array([last]))[0]:
         raise DataError(f"{name} leaves the band or has no damping that a mode can have")
     if abs(end - begin) > reach:

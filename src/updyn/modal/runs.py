@@ -69,37 +69,37 @@ def extract_modes(measured: Measured, fits: Sequence[WeightedFit]) -> list[Mode]
     for members in bundle_poles(measured, fits):
         fit, positions = fit_together(measured, fits, members)
         claims = []
-        for alike, roving in _group_by_shape(fit, positions, measured.runs):
-            each = _fit_by_run(fit, alike, roving)
+        for poles, roving in _group_by_shape(fit, positions, measured.runs):
+            each = _fit_by_run(fit, poles, roving)
             if each is not None:
-                own = frozenset(members[positions.index(r)] for r in alike)
-                by_run[own] = each
-                claims.append(PolesByRun(own, each.cost, each.evidence))
+                claimed = frozenset(members[positions.index(r)] for r in poles)
+                by_run[claimed] = each
+                claims.append(PolesByRun(claimed, each.cost, each.evidence))
         bundles.append(Bundle(members, fit, positions, claims))
     leaning = find_leaning(measured, fits, bundles) if fits else []
     taken = {member for peak in leaning for member in peak.members}
     modes = [peak.mode() for peak in leaning]
-    for own, each in by_run.items():
-        if not own & taken:
+    for claimed, each in by_run.items():
+        if not claimed & taken:
             modes += each.modes
-            taken |= own
+            taken |= claimed
     for bundle in bundles:
-        left = [member for member in bundle.members if member not in taken]
-        modes += [_mode_with_common_pole(fits[k], r, errors[k][r]) for k, r in left]
+        unclaimed = [member for member in bundle.members if member not in taken]
+        modes += [_mode_with_common_pole(fits[k], r, errors[k][r]) for k, r in unclaimed]
     return modes
 
 
 def _fit_by_run(
-    fit: WeightedFit, alike: list[int], roving: tuple[NDArray[np.intp], ...]
+    fit: WeightedFit, poles: list[int], roving: tuple[NDArray[np.intp], ...]
 ) -> _ModesByRun | None:
     """Return modes with poles for each run in place of poles of a bundle; None if no better."""
-    if (fit.added[alike] >= 0).any():
+    if (fit.added[poles] >= 0).any():
         return None
     least, each = -np.inf, None  # the shapes decide
     if len(roving) > 1:
-        least, roving = 0.0, tuple(of for of in roving if _may_rove(fit, alike, of))
+        least, roving = 0.0, tuple(of for of in roving if _may_rove(fit, poles, of))
     for of in (of for of in roving if of.max() > 0):
-        criterion = _Criterion.of(fit, alike, of)
+        criterion = _Criterion.of(fit, poles, of)
         for count in range(1, criterion.most + 1):
             better = _find_modes_by_run(criterion, of, count, least)
             if better is not None:
@@ -116,14 +116,14 @@ def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored
     """
     if mode.quality >= _SURE:
         return False
-    own, width = _shapes_of_unit_length(mode, shape), _pole_width(mode.pole, mirrored)
+    shapes, width = _shapes_of_unit_length(mode, shape), _pole_width(mode.pole, mirrored)
     for other in modes:
         reach = width + _pole_width(other.pole, mirrored)
         if other is mode or abs(other.pole - mode.pole) > reach:
             continue
         macs = [
             abs(np.vdot(a, b)) ** 2
-            for a, b in zip(own, _shapes_of_unit_length(other, shape), strict=True)
+            for a, b in zip(shapes, _shapes_of_unit_length(other, shape), strict=True)
         ]
         if max((mac for mac, n in zip(macs, shape, strict=True) if n > 1), default=0.0) > _ALIKE:
             return True
@@ -153,19 +153,19 @@ def _group_by_shape(
         len(bundle), rows.max() + 1, columns.max() + 1
     )
     parts: list[tuple[list[int], tuple[NDArray[np.intp], ...]]] = []
-    left = list(range(len(bundle)))
+    remaining = list(range(len(bundle)))
     for side, roving in ((residues, columns), (residues.swapaxes(1, 2), rows)):
         if side.shape[1] < _TELL:
             continue
         shapes = np.array([np.linalg.svd(one)[0][:, 0] for one in side])
         mac = np.abs(shapes.conj() @ shapes.T) ** 2
         for seed in range(len(bundle)):
-            own = [r for r in left if seed in left and mac[seed, r] > _ALIKE]
-            if len(own) > 1:
-                parts.append(([bundle[r] for r in own], (roving,)))
-                left = [r for r in left if r not in own]
-    if left:
-        parts.append(([bundle[r] for r in left], runs))
+            similar = [r for r in remaining if seed in remaining and mac[seed, r] > _ALIKE]
+            if len(similar) > 1:
+                parts.append(([bundle[r] for r in similar], (roving,)))
+                remaining = [r for r in remaining if r not in similar]
+    if remaining:
+        parts.append(([bundle[r] for r in remaining], runs))
     return parts
 
 
@@ -182,21 +182,21 @@ def _may_rove(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bo
     if len(bundle) > 1:
         return not _are_in_separate_runs(fit, bundle, runs)
     found = fit.window_fit
-    own = [bundle[0]]
+    columns = [bundle[0]]
     if fit.window.basis.mirrored:
-        own.append(bundle[0] + len(found.poles))
+        columns.append(bundle[0] + len(found.poles))
     count = int(runs.max()) + 1
-    normal = np.zeros((count, len(own), len(own)), dtype=found.normals.dtype)
-    gradient = np.zeros((count, len(own), 1), dtype=found.gradients.dtype)
-    np.add.at(normal, runs, found.normals[np.ix_(range(len(runs)), own, own)])
-    np.add.at(gradient, runs, found.gradients[:, own, None])
+    normal = np.zeros((count, len(columns), len(columns)), dtype=found.normals.dtype)
+    gradient = np.zeros((count, len(columns), 1), dtype=found.gradients.dtype)
+    np.add.at(normal, runs, found.normals[np.ix_(range(len(runs)), columns, columns)])
+    np.add.at(gradient, runs, found.gradients[:, columns, None])
     size = np.trace(normal, axis1=1, axis2=2).real
     known = size > 0.0
     normal, gradient = normal[known], gradient[known]
-    rounding = 1e-12 * size[known, None, None] * np.eye(len(own))
+    rounding = 1e-12 * size[known, None, None] * np.eye(len(columns))
     step = np.linalg.solve(normal + rounding, gradient)
-    promised = float(np.sum((gradient.conj() * step).real))
-    return bool(promised > _PROMISED * (count - 1) * np.log(2 * found.error.size))
+    expected_decrease = float(np.sum((gradient.conj() * step).real))
+    return bool(expected_decrease > _PROMISED * (count - 1) * np.log(2 * found.error.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +212,7 @@ class _Criterion:
     shapes : int
         Number of shapes of these poles on the fixed side. If there are fewer shapes than poles,
         each residue counts as determined by all channels (G. Schwarz, Ann. Stat. 6 (1978) 461-464),
-        else by its own channel as in `chance`, so that no accepted mode is lost.
+        else by its own channel as in `chance_gain`, so that no accepted mode is lost.
     """
 
     fit: WeightedFit
@@ -270,10 +270,10 @@ def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: NDArray[np.
     An example are sensors in two directions of a structure with one mode in each: poles for each
     run fit these as well, but there is one mode for each direction.
     """
-    worth = np.array(
+    increase = np.array(
         [np.bincount(runs, one) for one in fit.window_fit.cost_increase_by_channel[bundle]]
     )
-    known = worth > _KNOWN * worth.max(axis=0)
+    known = increase > _KNOWN * increase.max(axis=0)
     return bool((known.sum(axis=0) == 1).all())
 
 
@@ -309,7 +309,7 @@ def _find_modes_by_run(
     fit, bundle = criterion.fit, criterion.bundle
     window, p = fit.window, len(fit.window.Y)
     others = np.delete(fit.window_fit.poles, bundle)
-    beside = np.concatenate([window.fixed_poles, others])
+    fixed_poles = np.concatenate([window.fixed_poles, others])
     begin = take_means(fit, bundle, modes)
     residues, noise = np.zeros((modes, p), dtype=np.complex128), np.zeros((modes, p))
     common: list[list[_Complex]] = [[] for _ in begin]
@@ -317,23 +317,27 @@ def _find_modes_by_run(
     squares = np.zeros(window.Y.shape)
     count = int(runs.max()) + 1
     for run in range(count):
-        own = runs == run
-        alone = LineWindow(window.basis, window.x, window.Y[own], beside, envelope=window.envelope)
-        weights = fit.weights.of_channels(own)
+        in_run = runs == run
+        alone = LineWindow(
+            window.basis, window.x, window.Y[in_run], fixed_poles, envelope=window.envelope
+        )
+        weights = fit.weights.of_channels(in_run)
         one = fit_poles(alone, begin, weights)
-        stays = _have_strayed(fit, bundle, one.poles)  # the run does not contain the mode
-        if stays.any():
-            one = fit_residues(alone, np.where(stays, begin, one.poles), weights)
+        has_strayed = _have_strayed(fit, bundle, one.poles)  # the run does not contain the mode
+        if has_strayed.any():
+            one = fit_residues(alone, np.where(has_strayed, begin, one.poles), weights)
         cost, fitted = cost + one.cost, fitted + deviance(one)
         if criterion.gain(cost, modes * count, modes) <= least:
             return None
-        residues[:, own], squares[own] = one.residues, one.squared_error
+        residues[:, in_run], squares[in_run] = one.residues, one.squared_error
         found.append(one.poles)
-        deviations.append(np.where(stays, np.inf, estimate_pole_deviation(alone, one, weights)))
+        deviations.append(
+            np.where(has_strayed, np.inf, estimate_pole_deviation(alone, one, weights))
+        )
         for r, errors in enumerate(estimate_errors(alone, one, weights)):
-            noise[r, own] = errors.noise
+            noise[r, in_run] = errors.noise
             part = np.zeros((len(errors.common), p), dtype=np.complex128)
-            part[:, own] = errors.common
+            part[:, in_run] = errors.common
             common[r].append(part)
     each, std = np.array(found), np.array(deviations)  # (runs, modes), (runs, 2, modes)
     if not np.isfinite(std[:, 0]).any(axis=0).all():
@@ -341,13 +345,13 @@ def _find_modes_by_run(
     out = []
     for r in range(modes):
         pole, spread = _average_poles(each[:, r], std[:, :, r])
-        without = _residual_without(window, beside, each, r, runs, fit.weights)
+        without = _residual_without(window, fixed_poles, each, r, runs, fit.weights)
         errors = Errors(noise[r], np.concatenate(common[r]))
         mode = make_mode(fit, pole, spread, residues[r], errors, squares, without)
         share = np.bincount(runs, np.abs(residues[r]) ** 2)
         everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
-        own = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
-        out.append(own)
+        complete = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
+        out.append(complete)
     evidence = deviance(fit.window_fit) - fitted - criterion.least(modes * count, modes)
     return _ModesByRun(criterion.gain(cost, modes * count, modes), cost, evidence, out)
 
@@ -372,7 +376,7 @@ def _average_poles(each: _Complex, std: _Real) -> tuple[complex, _Real]:
 
 def _residual_without(
     window: LineWindow,
-    beside: _Complex,
+    fixed_poles: _Complex,
     each: _Complex,
     r: int,
     runs: NDArray[np.intp],
@@ -380,14 +384,16 @@ def _residual_without(
 ) -> _Real:
     """Return the squared residuals without mode `r`, which has a pole for each run, (p, n)."""
     if each.shape[1] == 1:
-        whole = LineWindow(window.basis, window.x, window.Y, beside)
-        return fit_residues(whole, each[:0, 0], weights).squared_error
-    left = np.zeros(window.Y.shape)
+        window_without = LineWindow(window.basis, window.x, window.Y, fixed_poles)
+        return fit_residues(window_without, each[:0, 0], weights).squared_error
+    squared_error = np.zeros(window.Y.shape)
     for run, poles in enumerate(each):
-        own = runs == run
-        alone = LineWindow(window.basis, window.x, window.Y[own], beside)
-        left[own] = fit_residues(alone, np.delete(poles, r), weights.of_channels(own)).squared_error
-    return left
+        in_run = runs == run
+        alone = LineWindow(window.basis, window.x, window.Y[in_run], fixed_poles)
+        squared_error[in_run] = fit_residues(
+            alone, np.delete(poles, r), weights.of_channels(in_run)
+        ).squared_error
+    return squared_error
 
 
 def _mode_with_common_pole(fit: WeightedFit, r: int, errors: Errors) -> Mode:

@@ -87,11 +87,11 @@ def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: 
         widths = window.width(fitted.poles)
         sides = [fitted.poles - _SIDE_DISTANCE * widths, fitted.poles + _SIDE_DISTANCE * widths]
         trial_poles = np.concatenate([stable, trials, *sides])
-        promise = _estimate_gains(window, fitted, weights, trial_poles)
+        gains = _estimate_gains(window, fitted, weights, trial_poles)
         for pole in rejected:
-            promise[np.abs(trial_poles - pole) <= window.width(trial_poles)] = 0.0
-        best = trial_poles[int(np.argmax(promise))]
-        if promise.max() < _PROMISING * chance_gain(window) * fitted.cost / fitted.error.size:
+            gains[np.abs(trial_poles - pole) <= window.width(trial_poles)] = 0.0
+        best = trial_poles[int(np.argmax(gains))]
+        if gains.max() < _PROMISING * chance_gain(window) * fitted.cost / fitted.error.size:
             break
         more = fit_poles(window, np.append(fitted.poles, best), weights, ROUGH)
         stays = bool((np.abs(stable - best) <= window.width(stable)).any())

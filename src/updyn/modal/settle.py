@@ -164,11 +164,11 @@ def _prune_poles(
         else:
             fitted = fit_poles(window, poles, weights)
         fitted = _reset_escaped_poles(measured, window, poles, fitted, weights)
-        worth = np.array(list(_yield_excess_gains(measured, window, fitted, weights)))
-        worth[added >= 0] = np.inf
-        if not len(poles) or worth.min() > 0.0:
+        excess_gains = np.array(list(_yield_excess_gains(measured, window, fitted, weights)))
+        excess_gains[added >= 0] = np.inf
+        if not len(poles) or excess_gains.min() > 0.0:
             return WeightedFit(window, fitted, weights, added)
-        last = int(np.argmin(worth))
+        last = int(np.argmin(excess_gains))
         poles, added = np.delete(fitted.poles, last), np.delete(added, last)
 
 

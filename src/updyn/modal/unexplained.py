@@ -56,8 +56,8 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     peaks = measured.freq[over & highest]
     at = measured.axis.frequency(poles)
     reach = _BANDWIDTHS * measured.bandwidth(poles) + _LINES * measured.spacing
-    apart = np.abs(peaks[:, None] - at) > reach
-    return np.asarray(peaks[apart.all(axis=1)])
+    is_unexplained = np.abs(peaks[:, None] - at) > reach
+    return np.asarray(peaks[is_unexplained.all(axis=1)])
 
 
 def _noise_peak(p: int, n: int) -> float:

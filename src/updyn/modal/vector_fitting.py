@@ -70,12 +70,12 @@ class RationalBasis:
         A mirrored pole has two, the sum and i times the difference with its image, unless it is
         real.
         """
-        own = 1.0 / (x[:, None] - poles)
+        direct = 1.0 / (x[:, None] - poles)
         if not self.mirrored:
-            return own
+            return direct
         pair = poles.imag != 0
         other = np.where(pair, 1.0 / (x[:, None] - poles.conj()), 0.0)
-        return np.hstack([own + other, 1j * (own - other)[:, pair]])
+        return np.hstack([direct + other, 1j * (direct - other)[:, pair]])
 
     def powers(self, x: _Complex) -> _Complex:
         """Return the powers at x, shape (n_f, degree + 1)."""
@@ -236,8 +236,8 @@ def stack_equations(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]
     eliminated.
     """
     block = block - Q @ (Q.conj().T @ block)
-    own = np.linalg.qr(block, mode="r")
-    return np.asarray(np.linalg.qr(np.vstack([triangle, own]), mode="r"))
+    triangle_of_function = np.linalg.qr(block, mode="r")
+    return np.asarray(np.linalg.qr(np.vstack([triangle, triangle_of_function]), mode="r"))
 
 
 def compute_sigma_zeros(

@@ -276,7 +276,7 @@ class Reducing:
 
     @property
     def _home(self) -> _Vector:
-        return self.exact.coordinates.home
+        return self.exact.coordinates.start
 
     @property
     def error(self) -> float | None:
@@ -494,10 +494,13 @@ class Reducing:
                 known += self._fit_candidates(chosen, known, strategy, noises, monitor)
                 before, best = (
                     chosen.answer,
-                    choose_answer(problem, _select_answers(known, held=False)),
+                    choose_answer(problem, _select_answers(known, with_fixed_unknown=False)),
                 )
-                ends = select_as_likely(best, _select_answers(known, held=True))
-                as_well = [*find_rivals(best, _select_answers(known, held=False)), *ends]
+                ends = select_as_likely(best, _select_answers(known, with_fixed_unknown=True))
+                as_well = [
+                    *find_rivals(best, _select_answers(known, with_fixed_unknown=False)),
+                    *ends,
+                ]
                 (chosen,) = (one for one in known if one.answer is best)
                 rivals = [one for one in known if any(one.answer is answer for answer in as_well)]
                 if not are_distinct(best, before):
@@ -795,8 +798,10 @@ class _ReducedModels(Models):
         return any(grown)
 
 
-def _select_answers(known: Sequence[_Certified], *, held: bool) -> list[Answer]:
-    return [one.answer for one in known if (one.answer.fixed_unknown is not None) == held]
+def _select_answers(known: Sequence[_Certified], *, with_fixed_unknown: bool) -> list[Answer]:
+    return [
+        one.answer for one in known if (one.answer.fixed_unknown is not None) == with_fixed_unknown
+    ]
 
 
 def record_fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:

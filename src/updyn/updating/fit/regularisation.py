@@ -424,7 +424,7 @@ class _RegularisedFits:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
         coordinates = self.problem.coordinates
         # The prior of a value is in the unit of the value, which may differ from that of x.
-        start = coordinates.home
+        start = coordinates.start
         units = np.where(coordinates.parameters.is_factor, 1.0, coordinates.slope(start))
         items = []
         for p, unit in zip(coordinates.parameters, units, strict=True):
@@ -482,7 +482,7 @@ class _RegularisedFits:
     # -- truncated singular values -----------------------------------------------------------------
     def fit_truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
         """Fit from the start along the leading singular vectors, renewed at each end."""
-        home = self.problem.coordinates.home
+        home = self.problem.coordinates.start
         fit = self._fit_with_prior(noises, x, WEAKEST)
         noises, run = self._fix_noise(noises, fit), self._set_unit(fit)
         within: NDArray[np.float64] | None = None
@@ -560,14 +560,16 @@ class _RegularisedFits:
         """Return noise models fixed at the first fit's residual, the same for all strengths."""
         if _has_failed(fit):
             return noises
-        held = []
+        fixed_noises = []
         try:
             for part, noise in zip(self.problem.parts, noises, strict=True):
                 share = self.problem.share(part)
-                held.append(_FixedNoise(noise.refit(part.responses(fit.x), part.frf, share)))
+                fixed_noises.append(
+                    _FixedNoise(noise.refit(part.responses(fit.x), part.frf, share))
+                )
         except Stopped:  # the next fit stops as well
             return noises
-        return held
+        return fixed_noises
 
     def _spectrum(self, fit: Fit) -> SingularSpectrum:
         """Return the spectrum of the problem linearised at the end of a fit, about the start.

@@ -303,10 +303,10 @@ class _Curvature:
         # The next step begins at `reached` if this one was accepted.
         R = reached.R if accepted else current.R
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            lacking = reached.gradient - current.gradient - R.T @ (R @ step) - self.S @ step
-            along = lacking @ step
-            S = self.S + np.outer(lacking / along, lacking)
-            clear = abs(along) > _LEAST_COSINE * np.linalg.norm(lacking) * np.linalg.norm(step)
+            missing = reached.gradient - current.gradient - R.T @ (R @ step) - self.S @ step
+            along = missing @ step
+            S = self.S + np.outer(missing / along, missing)
+            clear = abs(along) > _LEAST_COSINE * np.linalg.norm(missing) * np.linalg.norm(step)
         return _Curvature(S if clear and np.isfinite(S).all() else self.S, is_used)
 
 

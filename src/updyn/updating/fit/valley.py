@@ -81,20 +81,20 @@ class Valley:
 
         `refit` returns the answer from a point with one unknown held, or None if the fit fails.
         """
-        last, slope, step, gone = self.answer, self.side * self.ridge, _STEP, 0.0
-        while gone < _FAR - 1e-9 and not self._is_at_bound(last.x):
-            x = self._step_along(last.x, slope, min(step, _FAR - gone))
-            here = refit(x, self.unknown)
+        last, slope, step, distance = self.answer, self.side * self.ridge, _STEP, 0.0
+        while distance < _FAR - 1e-9 and not self._is_at_bound(last.x):
+            x = self._step_along(last.x, slope, min(step, _FAR - distance))
+            answer = refit(x, self.unknown)
             far = self.distance(x)
-            if here is None or self._misfit_rise(here) > max(AS_WELL, _SWELL * _parabola(far)):
+            if answer is None or self._misfit_rise(answer) > max(AS_WELL, _SWELL * _parabola(far)):
                 if step < _STEP:
                     return None
                 step = 0.5 * _STEP  # the valley may curve away from the straight line
                 continue
-            slope, step = (here.x - last.x) / (far - gone), _STEP
-            gone, last = far, here
-        is_open = self._misfit_rise(last) <= min(AS_WELL, _OPEN * _parabola(gone))
-        return last if gone >= _LEAST and is_open else None
+            slope, step = (answer.x - last.x) / (far - distance), _STEP
+            distance, last = far, answer
+        is_open = self._misfit_rise(last) <= min(AS_WELL, _OPEN * _parabola(distance))
+        return last if distance >= _LEAST and is_open else None
 
     def distance(self, x: _Vector) -> float:
         """Return the distance of the unknown from the answer, in standard deviations."""

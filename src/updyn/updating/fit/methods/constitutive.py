@@ -147,8 +147,8 @@ class ConstitutiveError(LineResidual):
     @property
     def cache_key(self) -> _Vector:
         """Level, slack and compliance."""
-        given = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
-        return np.concatenate([[self.level], *given])
+        parts = [np.ravel(a) for a in (self.slack, self.compliance) if a is not None]
+        return np.concatenate([[self.level], *parts])
 
     def on(self, part: FRFPart, lines: slice) -> Self:
         """Return the residual with the slack of a block of lines."""
@@ -244,15 +244,15 @@ def _weight_slopes(
     system: AffineSystem, unknowns: Unknowns, c: _Complex, slopes: _Complex
 ) -> _Vector:
     """Return the derivatives of the drives' weights in W, shape (n_d, n_f)."""
-    own = c[unknowns.at]
+    drive_coefficients = c[unknowns.at]
     elastic = np.array(
         [system.terms[t].quantity == "stiffness" for t in unknowns.at], dtype=np.bool_
     )[:, None]
-    size = np.where(elastic, np.abs(own.real), np.abs(own))
+    size = np.where(elastic, np.abs(drive_coefficients.real), np.abs(drive_coefficients))
     safe = np.where(size > 0.0, size, 1.0)
-    change = (own.conj() * slopes).real
-    scale = np.where(elastic, np.sign(own.real) * slopes.real, change / safe)
-    return np.asarray(2.0 * change / safe - np.abs(own) ** 2 * scale / safe**2)
+    change = (drive_coefficients.conj() * slopes).real
+    scale = np.where(elastic, np.sign(drive_coefficients.real) * slopes.real, change / safe)
+    return np.asarray(2.0 * change / safe - np.abs(drive_coefficients) ** 2 * scale / safe**2)
 
 
 def _make_residual(part: FRFPart, weight: float) -> ConstitutiveError:
@@ -280,7 +280,7 @@ def _make_residual(part: FRFPart, weight: float) -> ConstitutiveError:
 
 
 def _diagonal(part: FRFPart, item: tuple[slice]) -> _Vector:
-    x = part.coordinates.home
+    x = part.coordinates.start
     S = adjoint_fields(part, part.state(x), part.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)
 

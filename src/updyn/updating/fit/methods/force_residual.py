@@ -187,8 +187,8 @@ def _compliance(part: FRFPart) -> _Vector:
     elastic = np.array([float(term.quantity == "stiffness") for term in system.terms])
     entries, rows = system.real_values(elastic), system.rows_of_entries()
     diagonal = np.zeros(system.n)
-    own = rows == system.indices
-    diagonal[rows[own]] = np.abs(entries[own])
+    is_diagonal = rows == system.indices
+    diagonal[rows[is_diagonal]] = np.abs(entries[is_diagonal])
     positive = diagonal > 0.0
     rotational, translational = diagonal[turns & positive], diagonal[~turns & positive]
     squared = 1.0

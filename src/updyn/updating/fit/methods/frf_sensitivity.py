@@ -78,10 +78,13 @@ class FrfSensitivityMethod(Method):
 
     def describe_obstacle(self, problem: Problem) -> str:
         """Return a sentence on the share of the first step over which the FRFs are linear."""
-        x, evaluate = problem.coordinates.home, partial(linearise, problem, self._residual(problem))
-        here, values = evaluate(x), problem.coordinates.to_values(x)
+        x, evaluate = (
+            problem.coordinates.start,
+            partial(linearise, problem, self._residual(problem)),
+        )
+        current, values = evaluate(x), problem.coordinates.to_values(x)
         halved = PlainIteration(1, self.tolerance, halving=True)
-        found = halved.next_point(problem, evaluate, values, _step(problem, here, x), here, 1)
+        found = halved.next_point(problem, evaluate, values, _step(problem, current, x), current, 1)
         text = "The misfit does not fall along the first step, however short."
         if found is not None:
             share = found[2]

@@ -317,21 +317,21 @@ def _sandwich(
     x: NDArray[np.float64],
     noises: Sequence[NoiseModel],
 ) -> Sandwich | None:
-    looked, weights, spreads, total, loud = [], [], [], 0.0, []
-    for i, (part, given) in enumerate(zip(problem.parts, noises, strict=True)):
+    refitted_noises, weights, spreads, total, loud = [], [], [], 0.0, []
+    for i, (part, noise_model) in enumerate(zip(problem.parts, noises, strict=True)):
         H, frf = part.responses(x), part.frf
         # This fit does not weight outliers, so the noise model without outliers is used.
-        noise = given.bulk.refit(H, frf, problem.share(part))
+        noise = noise_model.bulk.refit(H, frf, problem.share(part))
         variance = noise.variance(H, frf)
         size = np.abs(H)
-        seen = (size > 0.0) & (frf.values != 0.0)
-        safe = np.where(seen, size, 1.0)
+        usable = (size > 0.0) & (frf.values != 0.0)
+        safe = np.where(usable, size, 1.0)
         if isinstance(residual, LogError):
-            weight = np.where(seen, 1.0 / safe, 0.0)
+            weight = np.where(usable, 1.0 / safe, 0.0)
         else:
             weight = residual.of(i).weight
         total += float(np.sum(weight**2 * variance))
-        looked.append(noise)
+        refitted_noises.append(noise)
         weights.append(weight)
         spreads.append(OutputError(weight**2 * np.sqrt(0.5 * variance), "spread"))
         loud.append(np.mean(np.sqrt(variance) > _LOUD * safe))
@@ -352,14 +352,14 @@ def _sandwich(
         problem, x, lambda i, H: weights[i] * (H - problem.parts[i].frf.values)
     )
     excess = misfit
-    if all(noise.scale_known for noise in looked):
+    if all(noise.scale_known for noise in refitted_noises):
         excess = max(misfit, 1.0)
     inflation = float(np.sqrt(excess * known.get("correlation_length", 1.0)))
     factor = inflation * cholesky(along.T @ along, lower=True)
     rows = solve_triangular(factor, s[clear, None] * Vt[clear], lower=True)
     usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
     R = np.vstack([rows, s[~clear, None] * Vt[~clear] / usual]) * scale
-    taken = looked[0].source == "estimated"  # from this same residual
+    taken = refitted_noises[0].source == "estimated"  # from this same residual
     spread = float(np.sqrt(2.0) * residual_std(local, problem.n_values, problem.n))
     record = {
         "chi_square": 1.0 if taken else float(misfit),
@@ -367,7 +367,7 @@ def _sandwich(
         **known,
         "inflation": inflation,
     }
-    records = [{"kind": noise.kind, **noise.figures(), **record} for noise in looked]
+    records = [{"kind": noise.kind, **noise.figures(), **record} for noise in refitted_noises]
     return Sandwich(R, tuple(records), _note(residual, loud))
 
 

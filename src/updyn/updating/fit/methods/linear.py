@@ -158,18 +158,20 @@ class PlainIteration:
         """
         before = np.inf
         try:
-            here = evaluate(x)
-            if monitor.step(Step(x, here, 0.0, True)):
+            current = evaluate(x)
+            if monitor.step(Step(x, current, 0.0, True)):
                 return x, "stopped"
             for number in range(1, self.max_iterations + 1):
                 values = problem.coordinates.to_values(x)
-                found = self.next_point(problem, evaluate, values, solve(here, x), here, number)
+                found = self.next_point(
+                    problem, evaluate, values, solve(current, x), current, number
+                )
                 if found is None:
                     return x, "stalled"
-                moved, there, share = found
+                moved, proposed, share = found
                 length = float(np.abs(moved - x).max())
-                x, here = moved, there
-                stop = monitor.step(Step(x, here, length, True))
+                x, current = moved, proposed
+                stop = monitor.step(Step(x, current, length, True))
                 rounding = _ROUNDING if length >= before else 0.0
                 if share == 1.0 and length <= max(self.tolerance, rounding):
                     return x, "converged"
@@ -186,7 +188,7 @@ class PlainIteration:
         evaluate: Callable[[_Vector], Local],
         values: _Vector,
         wanted: _Vector,
-        here: Local,
+        current: Local,
         number: int,
     ) -> tuple[_Vector, Local, float] | None:
         """Return the next point, its local problem, and the share of the step taken, or None.
@@ -198,15 +200,15 @@ class PlainIteration:
         for _ in range(_HALVINGS + 1):
             try:
                 moved = _apply_step(
-                    problem, values, values + share * (wanted - values), here, number
+                    problem, values, values + share * (wanted - values), current, number
                 )
-                there = evaluate(moved)
+                proposed = evaluate(moved)
                 if (
                     not self.halving
-                    or there.cost < here.cost
+                    or proposed.cost < current.cost
                     or _is_rounding(problem, moved, values)
                 ):
-                    return moved, there, share
+                    return moved, proposed, share
             except SolverError:
                 if not self.halving:
                     raise
@@ -215,11 +217,11 @@ class PlainIteration:
 
 
 def _apply_step(
-    problem: Problem, before: _Vector, values: _Vector, here: Local, number: int
+    problem: Problem, before: _Vector, values: _Vector, current: Local, number: int
 ) -> _Vector:
     """Return x after a step to given values; refuse factors that are not positive."""
     parameters = problem.coordinates.parameters
-    size = condition(here.R)
+    size = condition(current.R)
     is_what = f"has condition number {size:.2g}" if size < _SINGULAR else "is singular"
     where = f"in step {number}, whose linear problem {is_what}: the plain iteration has diverged."
     if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():

@@ -112,8 +112,8 @@ class ModalMethod(Method):
             raise OptionError(
                 f"option mac = {self.mac:g}: expected a number from 0 to 1", key=("mac",)
             )
-        given = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
-        for one in given:
+        mode_sets = self.modes.values() if isinstance(self.modes, Mapping) else [self.modes]
+        for one in mode_sets:
             if one is not None and not isinstance(one, ModeSet):
                 raise OptionError(
                     f"option modes: expected a ModeSet, found {type(one).__name__}; read one with"
@@ -240,8 +240,8 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
     """Return the standard deviation of a frequency, from all residuals or else `_ASSUMED`."""
     squares, count = 0.0, 0
     for part in problem.modal:
-        own, number = error.power(part, x)
-        squares, count = squares + own, count + number
+        part_squares, number = error.power(part, x)
+        squares, count = squares + part_squares, count + number
     if count <= problem.n:
         return _ASSUMED
     return float(np.sqrt(squares / (count - problem.n)))
@@ -252,16 +252,18 @@ def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[s
 
     The residuals are nan if the fit ended away from all modes.
     """
-    own = [(part, error.rows(part, x)) for part in problem.modal]
-    off = np.concatenate([one.r[one.of("frequency")] for _, one in own])
-    macs = np.concatenate([one.mac[one.mac >= part.least_mac] for part, one in own])
+    by_part = [(part, error.rows(part, x)) for part in problem.modal]
+    frequency_residuals = np.concatenate([one.r[one.of("frequency")] for _, one in by_part])
+    macs = np.concatenate([one.mac[one.mac >= part.least_mac] for part, one in by_part])
     common = {
         "kind": error.noise.kind,
         "modes": float(len(macs)),
-        "frequency_rms": float(np.sqrt(np.mean(off**2))) if off.size else np.nan,
+        "frequency_rms": float(np.sqrt(np.mean(frequency_residuals**2)))
+        if frequency_residuals.size
+        else np.nan,
         "shape_rms": float(np.sqrt(np.mean(1.0 - macs))) if macs.size else np.nan,
         "lowest_mac": float(macs.min()) if macs.size else np.nan,
         "chi_square": 1.0,
         "inflation": 1.0,
     }
-    return tuple(common | part.record_unpaired(one) for part, one in own)
+    return tuple(common | part.record_unpaired(one) for part, one in by_part)

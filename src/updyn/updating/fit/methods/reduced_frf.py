@@ -172,17 +172,17 @@ def reduce_independently(part: FRFPart, x: _Vector, frequency: float) -> FRFPart
             " frequency="
         ) from None
     n = len(rows)
-    own, entries = np.arange(n), np.arange(n * n)
-    terms = tuple(_project_term(term, T, own, entries) for term in system.terms)
+    row_index, entries = np.arange(n), np.arange(n * n)
+    terms = tuple(_project_term(term, T, row_index, entries) for term in system.terms)
     dofs = system.dofs[rows]
     small = AffineSystem(
-        terms, system.start, n * np.arange(n + 1), np.tile(own, n), dofs, decay=system.decay
+        terms, system.start, n * np.arange(n + 1), np.tile(row_index, n), dofs, decay=system.decay
     )
     return replace(
         part,
         solver=LineSolver(small, "dense", part.solver.backend),
         unknowns=Unknowns.find(small, part.coordinates.parameters),
-        rows=own,
+        rows=row_index,
         columns=np.array([int(np.flatnonzero(rows == c)[0]) for c in part.columns], dtype=np.intp),
         # The name is part of the cache key: this is another model at the same x.
         name=f"{part.name} reduced at {frequency!r} Hz from {part.values(x).tolist()}",
@@ -191,7 +191,7 @@ def reduce_independently(part: FRFPart, x: _Vector, frequency: float) -> FRFPart
 
 def _errors(part: FRFPart, frequency: float) -> _Vector:
     """Return the relative error of the reduced FRFs at the start, as the median of each line."""
-    x = part.coordinates.home
+    x = part.coordinates.start
     exact = part.responses(x)
     size = np.maximum(np.abs(exact), np.finfo(float).tiny)
     reduced = reduce_independently(part, x, frequency).responses(x)
@@ -213,12 +213,12 @@ def _describe_error(freq: _Vector, errors: _Vector) -> str:
 
 
 def _project_term(
-    term: Term, T: NDArray[np.float64], own: NDArray[np.intp], entries: NDArray[np.intp]
+    term: Term, T: NDArray[np.float64], row_index: NDArray[np.intp], entries: NDArray[np.intp]
 ) -> Term:
     part = np.ascontiguousarray(T[term.row_index])
     A = np.ascontiguousarray(part.T @ (term.local @ part))
     A = 0.5 * (A + A.T)
-    return replace(term, rows=own, local=A, slots=entries, data=A.ravel())
+    return replace(term, rows=row_index, local=A, slots=entries, data=A.ravel())
 
 
 def _step_in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:
@@ -226,14 +226,14 @@ def _step_in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) 
     parameters = problem.coordinates.parameters
     values = problem.coordinates.to_values(x)
     J = amounts.transform_jacobian(local.R / problem.coordinates.slope(x), values)
-    change, left = np.zeros(len(x)), -local.q
+    change, residual = np.zeros(len(x)), -local.q
     # A linked unknown belongs to the first quantity on which it acts; all quantities other than
     # stiffness and mass count as damping.
     steps: dict[str, list[int]] = {"stiffness": [], "mass": [], "damping": []}
     for i, p in enumerate(parameters):
         quantity = p.acts_on[0].quantity
         steps[quantity if quantity in steps else "damping"].append(i)
-    for own in steps.values():
-        change[own] = scaled_solution(J[:, own], left)
-        left = left - J[:, own] @ change[own]
+    for columns in steps.values():
+        change[columns] = scaled_solution(J[:, columns], residual)
+        residual = residual - J[:, columns] @ change[columns]
     return amounts.apply_change(values, change)
