@@ -552,7 +552,7 @@ def at_truth(bench, frf) -> Evidence:
     part = free_held_quantities(
         FRFPart.build(bench.case.true, data, bench.sought(bench.case.true))
     )[0]
-    return Evidence(part, part.coordinates.home)
+    return Evidence(part, part.coordinates.start)
 
 
 def is_imitated(evidence: Evidence, change: np.ndarray, least: float = SEEN_CHANGE) -> bool:
@@ -775,7 +775,7 @@ def windowed_bound(bench: structures.Bench, decay: float) -> np.ndarray:
         return FRFPart.build(true, updyn.response(true, *where, decay=rate), bench.sought(true))
 
     here, step = part(decay), 1e-4 * decay
-    x = here.coordinates.home
+    x = here.coordinates.start
     block = here.block(x, slice(None))
     by_decay = (part(decay + step).responses(x) - part(decay - step).responses(x)) / (2.0 * step)
     std = np.sqrt(NOISE.variance(here.frf)) / np.sqrt(2.0)
@@ -886,7 +886,7 @@ def odds(task: Draw) -> float | None:
     stage, x = choose_trial_models(part), np.concatenate([truth, held])
     here = stage.prepare_part(part, [x])
     fault = seeded.fault or replace(CAUSES[seeded.kind](seeded.channels), value=seeded.value)
-    without = run_trial(here, None, [raise_loss_factors(here, here.coordinates.home), x])
+    without = run_trial(here, None, [raise_loss_factors(here, here.coordinates.start), x])
     if without is not None and has_small_residual(without):
         here = weight_by_noise(here, without, noise)
         without = run_trial(here, None, [without.x, x])

@@ -88,7 +88,7 @@ class Structure:
         found = Candidates.compile(
             model, unknowns, dofs, dofs, freq, "accelerance", find_noise(NOISE)
         ).with_level()
-        information = PairInformation.compute(found, [found.part.coordinates.home])
+        information = PairInformation.compute(found, [found.part.coordinates.start])
         return Planning(found, information, tuple(range(len(unknowns))))
 
 
@@ -241,7 +241,7 @@ def _sizes_off(model: Model, unknowns: ParameterSet, plans: list[updyn.Plan]) ->
     found = Candidates.compile(
         model, unknowns, rows, columns, freq, "accelerance", noise
     ).with_level()
-    home, rng = found.part.coordinates.home, np.random.default_rng(2)
+    home, rng = found.part.coordinates.start, np.random.default_rng(2)
     sizes = []
     for _ in range(DRAWS):
         step = 0.2 * rng.standard_normal(len(home))

@@ -41,7 +41,7 @@ def test_a_search_without_agreement_is_sure_only_of_what_noise_explains(
     start, clean, unknowns, exact = chain12_task
     data = add_noise(clean, np.random.default_rng(0), 0.0115)
     x = unknowns.with_start(exact)
-    monkeypatch.setattr(Search, "run", lambda self, *args: Starts((args[0].coordinates.home,)))
+    monkeypatch.setattr(Search, "run", lambda self, *args: Starts((args[0].coordinates.start,)))
     found = updyn.update(start, data, x, noise={"relative": stated})
     assert found.status == status
     assert ("did not settle" in found.message) == (status == "stalled")

@@ -83,7 +83,7 @@ def test_derivatives_are_those_at_s(damped, assert_derivatives):
     sought = parameters(damped, stiffness=rest, mass=rest, loss_factor=rest, viscous=["dampers"])
     sought += parameters(damped, mass_damping=[first], stiffness_damping=[first])
     part = FRFPart.build(damped, data, sought)
-    x = part.coordinates.home
+    x = part.coordinates.start
     assert part.responses(x) == pytest.approx(data.values, rel=1e-9)
     whole = part.block(x, slice(None))
     for i in range(part.n):

@@ -79,7 +79,7 @@ class Expected:
         )
         if not np.isfinite(analysis.report.condition):
             raise self._undetermined_error(analysis)
-        std = np.sqrt(np.diag(analysis.covariance)) * coordinates.slope(coordinates.home)
+        std = np.sqrt(np.diag(analysis.covariance)) * coordinates.slope(coordinates.start)
         return dict(zip(names, std.tolist(), strict=True))
 
     def _undetermined_error(self, analysis: Analysis) -> ParameterError:
@@ -104,7 +104,7 @@ class Expected:
             return {}
         unit = np.broadcast_to(np.eye(self.part.n), total.shape)
         variances = np.einsum("dpp->dp", np.linalg.solve(total, unit))
-        by_value = coordinates.slope(coordinates.home) / self.choice.planning.information.scale
+        by_value = coordinates.slope(coordinates.start) / self.choice.planning.information.scale
         std = np.sqrt(variances) * by_value
         ends = zip(std.min(axis=0).tolist(), std.max(axis=0).tolist(), strict=True)
         return dict(zip(coordinates.parameters.names, ends, strict=True))
@@ -141,7 +141,7 @@ def _compute_line_information(part: FRFPart, scale: _Real) -> _Real:
     """Return the scaled information of each line at the start, shape (n_f, n, n)."""
     assert part.frf.variance is not None
     out = []
-    for block in part.blocks(part.coordinates.home):
+    for block in part.blocks(part.coordinates.start):
         part.session.check()
         assert block.dH is not None
         weight = np.sqrt(2.0 / part.frf.variance[block.lines])
@@ -156,7 +156,7 @@ def _expected_part(layout: Candidates) -> FRFPart:
     coordinates = layout.part.coordinates
     zeros = np.zeros((len(layout.freq), len(layout.responses), len(layout.references)))
     data = FRF(layout.freq, zeros, layout.responses, layout.references, layout.quantity)
-    H = layout.part.with_data(data).responses(coordinates.home)
+    H = layout.part.with_data(data).responses(coordinates.start)
     variance = layout.variance(H)
     variance = np.where(np.isfinite(variance), variance, _BOUNDLESS)
     return layout.part.with_data(replace(data, values=H, variance=variance))

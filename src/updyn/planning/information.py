@@ -114,10 +114,10 @@ class Candidates:
         removed as too weak. By default these candidates. Raises SolverError if the model cannot be
         solved at a line.
         """
-        there = self if among is None else among
+        reference_sample = self if among is None else among
         squared, of_kind = (
-            _compute_mean_square(there),
-            unit_kinds(there.responses, there.references),
+            _compute_mean_square(reference_sample),
+            unit_kinds(reference_sample.responses, reference_sample.references),
         )
         kinds = unit_kinds(self.responses, self.references)
         level = np.zeros(kinds.shape)
@@ -205,7 +205,7 @@ class Candidates:
 
 def _compute_mean_square(candidates: Candidates) -> _Real:
     """Return the mean of |H|^2 over the lines at the start of the parameters, shape (n_i, n_j)."""
-    return candidates.over_lines(_compute_line_mean_square, candidates.part.coordinates.home)
+    return candidates.over_lines(_compute_line_mean_square, candidates.part.coordinates.start)
 
 
 def _compute_line_mean_square(candidates: Candidates, item: _Item) -> _Real:
@@ -411,11 +411,11 @@ def _compute_line_information(candidates: Candidates, item: _Item) -> _Real:
         for first in range(0, n_j, step):
             part.session.check()
             some = slice(first, first + step)
-            seen = slice(first, None) if is_square else slice(None)
+            partners = slice(first, None) if is_square else slice(None)
             # The sign of the derivatives has no influence.
-            J = contract(system, unknowns, slopes, block.V[:, :, seen], block.U[:, :, some])
-            J *= weight[:, seen, some]
+            J = contract(system, unknowns, slopes, block.V[:, :, partners], block.U[:, :, some])
+            J *= weight[:, partners, some]
             rows = np.ascontiguousarray(J.transpose(2, 3, 0, 1)).view(np.float64)
             gram = rows @ rows.transpose(0, 1, 3, 2)
-            packed[seen, some] += gram[..., lower[0], lower[1]]
+            packed[partners, some] += gram[..., lower[0], lower[1]]
     return packed

@@ -191,7 +191,7 @@ class StartDraws:
 
     def points(self, coordinates: Coordinates) -> list[_Real]:
         """Return the start of the parameters and the draws within the bounds, each shape (n,)."""
-        home, rng = coordinates.home, np.random.default_rng(self.seed)
+        home, rng = coordinates.start, np.random.default_rng(self.seed)
         is_factor = coordinates.parameters.is_factor
         out = [home]
         for _ in range(self.robust):

@@ -141,8 +141,8 @@ def bootstrap(
     n = check_count("n", n, "refits", 2, MOST_DRAWS)
     if kind not in RESAMPLING:
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), RESAMPLING)}")
-    with opened_engine(engine) as made:
-        session = Session(made)
+    with opened_engine(engine) as engine_of_run:
+        session = Session(engine_of_run)
         restored = restore(result, session, STATES_NOISE)
         counter = WorkCounter("bootstrap", n, callback)
         counter.attach(session)
@@ -157,8 +157,8 @@ def bootstrap(
             solved = restored.with_problem(problem)
             acceleration[:] = _acceleration(solved)
             refits = _prepare_refits(solved, kind)
-            for ended in session.map(_refit, refits, items, spread=not problem.spreads):
-                found.append(ended)
+            for refit in session.map(_refit, refits, items, spread=not problem.is_distributed):
+                found.append(refit)
                 if counter.step():
                     break
             return np.array([x for reason, x in found if not reason])
@@ -272,16 +272,16 @@ def _collect_draws(
     """Return the refits as draws, with a message on limits of their use."""
     coordinates = restored.problem.coordinates
     parameters = coordinates.parameters
-    kept = []
+    succeeded = []
     failed: Counter[str] = Counter()
     for reason, x in found:
         if reason:
             failed[reason] += 1
         else:
-            kept.append(coordinates.to_values(x) + 0.0)
-    values = np.array(kept).reshape(len(kept), len(parameters))
-    n_failed = len(found) - len(kept)
-    reliable = n_failed <= _FAILED * len(found) and len(kept) > 1
+            succeeded.append(coordinates.to_values(x) + 0.0)
+    values = np.array(succeeded).reshape(len(succeeded), len(parameters))
+    n_failed = len(found) - len(succeeded)
+    reliable = n_failed <= _FAILED * len(found) and len(succeeded) > 1
     messages = []
     if len(found) < options["n"]:
         messages.append(f"Stopped after {len(found)} of {options['n']} refits.")
@@ -303,9 +303,9 @@ def _collect_draws(
     if noise_only := model_error_remark(model_error_of(restored.first)):
         messages.append(noise_only)
     spread = np.full(len(parameters), np.nan)
-    if len(kept) > 1:
+    if len(succeeded) > 1:
         spread = values.std(axis=0, ddof=1)
-    count = max(len(kept), 1)
+    count = max(len(succeeded), 1)
     diagnostics = {
         "acceleration": acceleration,
         "mcse_mean": spread / np.sqrt(count),

@@ -202,8 +202,8 @@ class Draws:
         ordered = np.sort(self.values, axis=0)
         inside = max(1, round((1.0 - 2.0 * tail) * (len(ordered) - 1)))
         first = np.argmin(ordered[inside:] - ordered[:-inside], axis=0)
-        own = np.arange(len(self.names))
-        return np.array([ordered[first, own], ordered[first + inside, own]])
+        unknown = np.arange(len(self.names))
+        return np.array([ordered[first, unknown], ordered[first + inside, unknown]])
 
     def summary(self, level: float = 0.95) -> str:
         """Return the draws as text: means, deviations, intervals and diagnostics by unknown.

@@ -82,7 +82,7 @@ def find_minima(
         *_exchange_parts(likelihood, whole, best.x),
     ]
     for minimum in problem.session.map(
-        _descend_from_start, likelihood, items, spread=not problem.spreads
+        _descend_from_start, likelihood, items, spread=not problem.is_distributed
     ):
         if minimum is not None and not any(_is_same(minimum, other) for other in found):
             found.append(minimum)

@@ -118,8 +118,8 @@ def profile(
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
     if starts is not None:
         starts = check_count("starts", starts, "starts", 0, MOST_STARTS)
-    with opened_engine(engine) as made:
-        session = Session(made)
+    with opened_engine(engine) as engine_of_run:
+        session = Session(engine_of_run)
         restored = restore(result, session)
         at = find_positions(names, restored.names)
         counter = WorkCounter("profile", len(at), callback)
@@ -127,7 +127,7 @@ def profile(
         run = _ProfileRun(restored, at, 0.5 * float(chi2.ppf(level, 1)), starts, seed, counter)
         reduction: Mapping[str, Any] = {}
         with suppress(Stopped):  # before the first profile
-            reduction = run_about(restored, accuracy, seed, run.all)
+            reduction = run_about(restored, accuracy, seed, run.compute)
     profiles, missing = [], []
     for k in at:
         if k in run.found:
@@ -158,7 +158,7 @@ class _ProfileRun:
     found: dict[int, Profile] = field(default_factory=dict)
     better: dict[str, float] = field(default_factory=dict)
 
-    def all(self, problem: Problem) -> NDArray[np.float64]:
+    def compute(self, problem: Problem) -> NDArray[np.float64]:
         """Profile the unknowns in a problem.
 
         Returns
@@ -174,7 +174,7 @@ class _ProfileRun:
             raise SolverError("the model cannot be solved at the estimate")
         starts = self.starts
         if starts is None:
-            starts = 0 if restored.is_reduced or problem.spreads else STARTS
+            starts = 0 if restored.is_reduced or problem.is_distributed else STARTS
         minima = find_minima(likelihood, first, restored.whole, starts, self.seed, self.counter)
         self.found, best = _trace_profiles(likelihood, minima, self.at, self.drop, self.counter)
         if best.cost < first.cost - _BETTER:
@@ -199,7 +199,9 @@ def _trace_profiles(
         counter.done, counter.total = 0, len(at)
         items = [(minima, k, drop) for k in at]
         problem = likelihood.problem
-        results = problem.session.map(_trace_profile, likelihood, items, spread=not problem.spreads)
+        results = problem.session.map(
+            _trace_profile, likelihood, items, spread=not problem.is_distributed
+        )
         try:
             for k, (one, lowest) in zip(at, results, strict=True):
                 found[k] = one

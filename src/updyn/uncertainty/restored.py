@@ -271,7 +271,7 @@ def _initial_noise(result: UpdateResult, part: FRFPart, noise: NoiseModel) -> No
     if "robust" in result.noise:
         robust["robust"] = str(result.noise["robust"])
     for source in ("estimated", "estimated-by-channel"):
-        made = choose_noise({"source": source} | robust, part.frf)
-        if made.kind == result.noise.get("kind"):
-            return made
+        model = choose_noise({"source": source} | robust, part.frf)
+        if model.kind == result.noise.get("kind"):
+            return model
     return noise

@@ -149,14 +149,14 @@ def sample(
     if starts is not None:
         starts = check_count("starts", starts, "starts", 0, MOST_STARTS)
     _check_installed()
-    with opened_engine(engine) as made:
-        session = Session(made)
+    with opened_engine(engine) as engine_of_run:
+        session = Session(engine_of_run)
         restored = restore(result, session)
         counter = WorkCounter("sampling", n, callback)
         counter.attach(session)
         run = _SamplingRun(restored, n, seed, starts, max_evaluations, counter)
         with suppress(Stopped):
-            run.reduction = run_about(restored, accuracy, seed, run.all)
+            run.reduction = run_about(restored, accuracy, seed, run.compute)
     return run.draws(result)
 
 
@@ -181,7 +181,7 @@ class _SamplingRun:
         """Number of walkers of an ensemble: even, at least twice the number of unknowns."""
         return max(16, 2 * (len(self.restored.x) + 1))
 
-    def all(self, problem: Problem) -> NDArray[np.float64]:
+    def compute(self, problem: Problem) -> NDArray[np.float64]:
         """Find the modes of the posterior, warm up, and draw until the draws are enough.
 
         Parameters
@@ -257,7 +257,9 @@ class _SamplingRun:
         """Return the ensembles after some steps, their draws and the acceptance rate."""
         items = [(mixture, state, steps) for state in states]
         problem = likelihood.problem
-        found = list(problem.session.map(_run_steps, likelihood, items, spread=not problem.spreads))
+        found = list(
+            problem.session.map(_run_steps, likelihood, items, spread=not problem.is_distributed)
+        )
         self.evaluations += steps * self.walkers * len(states)
         after, chains, shares = zip(*found, strict=True)
         drawn = np.concatenate([chain.transpose(1, 0, 2) for chain in chains])
@@ -316,14 +318,14 @@ class _SamplingRun:
         r_hat = diagnostics["r_hat"]
         effective = np.minimum(diagnostics["ess_bulk"], diagnostics["ess_tail"])
         # A diagnostic that is nan counts against its unknown.
-        apart = list(compress(names, ~(r_hat <= CHAINS_AGREE)))
+        disagreeing = list(compress(names, ~(r_hat <= CHAINS_AGREE)))
         few = list(compress(names, ~(effective >= min(self.n, 400))))
         if self.counter.stopped:
             problems.append("Stopped by the caller.")
-        if apart:
+        if disagreeing:
             problems.append(
-                f"Not converged: independent ensembles disagree on {', '.join(apart)} (R-hat up to "
-                f"{np.nanmax(r_hat):.3f}, above {CHAINS_AGREE:g})."
+                f"Not converged: independent ensembles disagree on {', '.join(disagreeing)} (R-hat"
+                f" up to {np.nanmax(r_hat):.3f}, above {CHAINS_AGREE:g})."
             )
         if few:
             problems.append(f"Too few effective draws of {', '.join(few)} ({effective.min():.0f}).")
@@ -423,12 +425,12 @@ class Mixture:
         shares = np.empty(len(means))
         nearest = np.argmin(list(map(partial(_distances, X), means, roots)), axis=0)
         for k in range(len(means)):
-            own = X[nearest == k]
-            shares[k] = len(own) / len(X)
-            if len(np.unique(own, axis=0)) <= _ENOUGH * X.shape[1]:
+            nearest_draws = X[nearest == k]
+            shares[k] = len(nearest_draws) / len(X)
+            if len(np.unique(nearest_draws, axis=0)) <= _ENOUGH * X.shape[1]:
                 continue
-            means[k] = own.mean(axis=0)
-            scaled = (own - means[k]) / np.sqrt(len(own) - 1)
+            means[k] = nearest_draws.mean(axis=0)
+            scaled = (nearest_draws - means[k]) / np.sqrt(len(nearest_draws) - 1)
             _, s, Vt = np.linalg.svd(scaled, full_matrices=False)
             if s[-1] > 1e-8 * s[0]:
                 roots[k] = Vt.T * s
@@ -468,8 +470,8 @@ def _distances(X: _Matrix, mean: _Vector, root: _Matrix) -> _Vector:
 
 def _with_floor(shares: _Vector) -> _Vector:
     """Return shares with a lower limit, for sufficient proposals by each component."""
-    kept = np.maximum(shares, _LEAST_SHARE / len(shares))
-    return np.asarray(kept / kept.sum())
+    limited = np.maximum(shares, _LEAST_SHARE / len(shares))
+    return np.asarray(limited / limited.sum())
 
 
 # -- diagnostics -------------------------------------------------------------------------------

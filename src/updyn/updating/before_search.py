@@ -60,8 +60,8 @@ class ModeComparison:
         one = given if isinstance(given, ModeSet) else None
         modes = tuple(by_test.get(test.name, one) for test in tests)
         found = [
-            find_counterparts(unknowns.at_start(test.model), test.data, own)
-            for test, own in zip(tests, modes, strict=True)
+            find_counterparts(unknowns.at_start(test.model), test.data, modes_of_test)
+            for test, modes_of_test in zip(tests, modes, strict=True)
         ]
         return cls(tuple(tests), modes, tuple(found))
 
@@ -110,8 +110,8 @@ class ModeComparison:
         if not self.few or status in ("stopped", "failed"):
             return changed
         after = [
-            find_counterparts(model, test.data, own)
-            for model, test, own in zip(models, self.tests, self.modes, strict=True)
+            find_counterparts(model, test.data, modes_of_test)
+            for model, test, modes_of_test in zip(models, self.tests, self.modes, strict=True)
         ]
         if not all(one.few for one in after):
             updated = Claim(True, f"Of the updated model: {after[0].statement}")
@@ -123,11 +123,11 @@ class ModeComparison:
         )
         if any(finding.grave for finding in common["findings"]):
             return changed | {"message": f"{common['message']} {statement}"}
-        ended = common["message"].partition(". ")[0].removesuffix(".")
-        changed |= {"message": f"{ended}. {statement}", "remedy": self.remedy}
+        beginning = common["message"].partition(". ")[0].removesuffix(".")
+        changed |= {"message": f"{beginning}. {statement}", "remedy": self.remedy}
         if status == "converged":
-            ended = "The fit converged, but its result is not credible"
-            changed |= {"status": "not-credible", "message": f"{ended}. {statement}"}
+            beginning = "The fit converged, but its result is not credible"
+            changed |= {"status": "not-credible", "message": f"{beginning}. {statement}"}
         return changed
 
 

@@ -345,11 +345,13 @@ class UpdateResult:
                 notes.append(p.physical(value, std))
             if p.name in self.at_bound:
                 notes.append(f"at its {self.at_bound[p.name]} bound")
-            shown = f"{std:.3g}"
+            std_text = f"{std:.3g}"
             if np.isinf(std):
                 notes.append(self.why_open(p.name))
-                shown = "-"
-            row = f"{p.name:<{width}}{p.start:>12.6g}{value:>14.6g}{shown:>12}  {'; '.join(notes)}"
+                std_text = "-"
+            row = (
+                f"{p.name:<{width}}{p.start:>12.6g}{value:>14.6g}{std_text:>12}  {'; '.join(notes)}"
+            )
             lines.append(row.rstrip())
         ident = self.identifiability
         advice = ident.advice
@@ -369,12 +371,12 @@ class UpdateResult:
             lines.append(f"  answer {number} fits as well: {_describe_alternative(other, self)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:
             error = self.options["error"]
-            shown = str(error)
+            error_text = str(error)
             if isinstance(error, float):
-                shown = f"at most {error:.1g} of the peak"
+                error_text = f"at most {error:.1g} of the peak"
             lines.append(
                 f"Solved in a reduced model of {self.options['basis']} basis vectors; its error:"
-                f" {shown}."
+                f" {error_text}."
             )
         if self.adequacy is not None:
             lines += _describe_residual(self.adequacy, self.message)
@@ -550,8 +552,8 @@ def _format_html(result: UpdateResult, title: str, tests: int = 1) -> str:
         if p.value_unit:
             notes.append(f"in {p.value_unit}")
         deviation = f"{std:.2g}" if math.isfinite(std) else ""
-        shown = _format_value(value, std)
-        rows.append([p.name, f"{p.start:.4g}", shown, deviation, span, "; ".join(notes)])
+        value_text = _format_value(value, std)
+        rows.append([p.name, f"{p.start:.4g}", value_text, deviation, span, "; ".join(notes)])
         if p.start > 0.0:
             ends = [100.0 * (v / p.start - 1.0) for v in (low, value, high)]
             changes.append((p.name, ends[0], ends[1], ends[2]))

@@ -205,8 +205,8 @@ def run(
         stack.enter_context(keeping)
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
-        looked = CauseSearch(whole, splits, noises, monitor)
-        monitor.detect_data_fault = before.wrap_fault_detector(looked.detect_data_fault)
+        causes_of_run = CauseSearch(whole, splits, noises, monitor)
+        monitor.detect_data_fault = before.wrap_fault_detector(causes_of_run.detect_data_fault)
         problem, fit = _fit_lines(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
             fit = _add_failure_cause(strategy, problem, fit)
@@ -229,7 +229,7 @@ def run(
         )
         if reduced is not None:
             reduced.release()
-        causes = looked.search_after_fit(found) if options.seek_causes else Causes()
+        causes = causes_of_run.search_after_fit(found) if options.seek_causes else Causes()
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.cache, Checkpoint):
@@ -310,7 +310,7 @@ def _modal_parts(
     session: Session,
 ) -> list[ModalPart]:
     """Return the parts of the tests with modal data."""
-    own = [test for test in tests if isinstance(test.data, ModeSet)]
+    modal_tests = [test for test in tests if isinstance(test.data, ModeSet)]
     return [
         ModalPart.build(
             test.model,
@@ -320,7 +320,7 @@ def _modal_parts(
             session=session,
             name=test.name,
         )
-        for test, split in zip(own, splits, strict=True)
+        for test, split in zip(modal_tests, splits, strict=True)
     ]
 
 
@@ -363,12 +363,12 @@ def _collect_options(
     for test, part in zip(of_frfs, parts, strict=True):
         plain = isinstance(test.lines, str) or test.lines is None
         tier = part.solver.tier
-        own = {
+        options_of_test = {
             "lines": test.lines if plain else "list",
             "tier": "reduced" if reducing else tier,
             "backend": part.solver.backend if tier == "sparse" else "lapack",
         }
-        found.append(common | own)
+        found.append(common | options_of_test)
     return found + [dict(common) for _ in range(len(tests) - len(parts))]
 
 
@@ -397,7 +397,7 @@ def _common_entries(
 ) -> dict[str, Any]:
     """Return the entries that the results of all tests share, except for the durations."""
     fit, names = found.fit, selection.parameters.names
-    tests = [part.name for part in problem.all]
+    tests = [part.name for part in problem.all_parts]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
     end = assess_ending(problem, fit, monitor.history)
     status, message, remedy = compose_verdict(
@@ -574,7 +574,7 @@ def _perturb_start(whole: Problem) -> Problem:
     Stiffnesses increase and masses decrease, which changes natural frequencies; damping increases.
     """
     coordinates = whole.coordinates
-    x, (lower, upper) = coordinates.home, coordinates.bounds
+    x, (lower, upper) = coordinates.start, coordinates.bounds
     share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
     is_mass = np.array([p.quantity == "mass" for p in coordinates.parameters])
     step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
@@ -598,7 +598,7 @@ def _fit_from_start(
     SolverError
         If the model cannot be solved at its start, at one of the lines.
     """
-    x, problem = whole.coordinates.home, whole
+    x, problem = whole.coordinates.start, whole
     try:
         with monitor.stage("start"):
             if reduced is not None:

@@ -41,7 +41,7 @@ def planning_of(model, unknowns, wanted=None, freq=None, noise=None, points=1):
     found = Candidates.compile(
         model, unknowns, model.dofs, model.dofs, freq, "accelerance", find_noise(noise)
     ).with_level()
-    home = found.part.coordinates.home
+    home = found.part.coordinates.start
     rng = np.random.default_rng(5)
     at = [home, *(home + 0.1 * rng.standard_normal(len(home)) for _ in range(points - 1))]
     everything = tuple(range(len(unknowns)))
@@ -219,7 +219,7 @@ def test_pairs_are_the_same_whatever_is_worked_on_at_a_time(model, unknowns, mon
     again = planning_of(model, unknowns)
     assert again.information.packed == pytest.approx(whole.information.packed, rel=1e-9)
     some = whole.candidates.select([2, 7], range(12))
-    rows = PairInformation.compute(some, [some.part.coordinates.home])
+    rows = PairInformation.compute(some, [some.part.coordinates.start])
     scale = np.outer(rows.scale, rows.scale)[np.tril_indices(len(unknowns))]
     by = np.outer(whole.information.scale, whole.information.scale)
     by = by[np.tril_indices(len(unknowns))]

@@ -22,7 +22,7 @@ from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.screen import Screen
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.noise.size import size_p
+from updyn.updating.problem.noise.size import size_p_value
 from updyn.updating.problem.problem import Problem
 
 __all__ = [
@@ -106,7 +106,7 @@ def _exceeds(
     count = 2.0 * np.count_nonzero((H != 0.0) | (part.frf.values != 0.0))
     freedom = max(count - problem.n * part.n_values / problem.n_values, 1.0)
     averages = None if noise.source == "stated" else part.frf.averages
-    p = float(size_p(square, count, freedom, averages))
+    p = float(size_p_value(square, count, freedom, averages))
     return p < _SELDOM / len(problem.parts)
 
 
@@ -116,7 +116,7 @@ def choose_answer(problem: Problem, answers: Sequence[Answer]) -> Answer:
     equal = [answer for answer in answers if answer.negative_log_likelihood <= best + AS_WELL]
 
     def negative_log_posterior(answer: Answer) -> float:
-        far = (answer.x - problem.coordinates.home) / _usual_spread(problem)
+        far = (answer.x - problem.coordinates.start) / _usual_spread(problem)
         return answer.negative_log_likelihood + 0.5 * float(far @ far)
 
     return min(equal, key=negative_log_posterior)
@@ -233,14 +233,14 @@ def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vecto
     """
     if answer.local is None:
         return
-    home = problem.coordinates.home
+    home = problem.coordinates.start
     std = _standard_deviations(answer.local)
     for i in np.argsort(-std)[:_HOPS]:
         if std[i] <= _UNSURE:
             return
         step = min(_FAR * std[i], 1.0)
         for value in (home[i], answer.x[i] - step, answer.x[i] + step):
-            moved = problem.coordinates.with_one(answer.x, i, value)
+            moved = problem.coordinates.with_coordinate(answer.x, i, value)
             if abs(moved[i] - answer.x[i]) > 1e-3 * step:
                 yield moved
 
@@ -261,7 +261,7 @@ def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> I
     drawn = np.random.default_rng(seed).normal(size=(_RESTARTS, len(loose)))
     for row in drawn:
         x = answer.x.copy()
-        x[loose] = coordinates.home[loose] + _usual_spread(problem)[loose] * row
+        x[loose] = coordinates.start[loose] + _usual_spread(problem)[loose] * row
         yield np.clip(x, *coordinates.bounds)
 
 
@@ -274,10 +274,10 @@ def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     if answer.local is None or _standard_deviations(answer.local).max() <= _UNSURE:
         return
     coordinates = problem.coordinates
-    far = np.abs(answer.x - coordinates.home) / _usual_spread(problem)
+    far = np.abs(answer.x - coordinates.start) / _usual_spread(problem)
     order, number = np.argsort(-far), 1
     while number <= np.count_nonzero(far > _UNSURE):
-        yield np.where(np.isin(range(len(far)), order[:number]), coordinates.home, answer.x)
+        yield np.where(np.isin(range(len(far)), order[:number]), coordinates.start, answer.x)
         number *= 2
 
 
@@ -322,11 +322,11 @@ def find_promising_points(
 
 
 def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    home = problem.coordinates.home
+    home = problem.coordinates.start
     far = _usual_spread(problem)
     for i in range(len(x)):
         for value in (home[i], x[i] - far[i], x[i] + far[i]):
-            moved = problem.coordinates.with_one(x, i, value)
+            moved = problem.coordinates.with_coordinate(x, i, value)
             if abs(moved[i] - x[i]) > _UNSURE * far[i]:
                 yield moved
 

@@ -128,8 +128,8 @@ class Checkpoint:
         if not self._broken:
             self._broken = True
             warnings.warn(
-                f"{self.path}: cannot be written ({error.strerror}); the run goes on, but cannot be"
-                " resumed from here",
+                f"{self.path}: cannot be written ({error.strerror}); the run continues, but cannot"
+                " be resumed from here",
                 UpdynWarning,
                 stacklevel=3,
             )
@@ -171,11 +171,11 @@ class Checkpoint:
     def _check_head(self, file: FileIO) -> None:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise FormatError(
-                "is not the journal of a run, or of another version of updyn", self.path
+                "is not a checkpoint, or was written by another version of updyn", self.path
             )
         _, head = next(_records(file), (0, b""))
         if not head:
-            raise FormatError("is the journal of a run, but its head is damaged", self.path)
+            raise FormatError("is a checkpoint, but its header is damaged", self.path)
         differing = _describe_differences(json.loads(head), json.loads(self._head))
         if differing:
             raise OptionError(
@@ -203,7 +203,7 @@ def checkpoint_session(
     """
     if path is None:
         if resume:
-            raise OptionError("resume: name the checkpoint to go on from", key=("resume",))
+            raise OptionError("resume: expected the path of a checkpoint", key=("resume",))
         yield
         return
     checkpoint = Checkpoint(Path(path), head(), resume=resume)
@@ -228,7 +228,7 @@ def fingerprint(
     measured += [one.digest for one in data if isinstance(one, ModeSet)]
     systems = [part.solver.system for part in problem.parts]
     systems += [part.system for part in problem.modal]
-    for part, system in zip(problem.all, systems, strict=True):
+    for part, system in zip(problem.all_parts, systems, strict=True):
         start = system.start
         model += [
             part.name,
@@ -264,7 +264,7 @@ def fingerprint(
 def _describe_differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return the differences of two fingerprints as text; empty if they agree."""
     if then["updyn"] != now["updyn"]:
-        return f"updyn {then['updyn']} wrote it, this is {now['updyn']}"
+        return f"updyn {then['updyn']} wrote the file, this is {now['updyn']}"
     parts = []
     if then["model"] != now["model"]:
         parts.append("the model differs")

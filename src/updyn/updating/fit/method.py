@@ -267,7 +267,7 @@ class Method(ABC):
         monitor : Monitor
             Records the steps.
         """
-        return Starts((problem.coordinates.home,))
+        return Starts((problem.coordinates.start,))
 
     def fit_best(
         self,
@@ -414,7 +414,7 @@ def descend(
         if outcome.reason == "stopped":
             return Outcome(inside, local, "stopped")
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
-    home = problem.coordinates.home
+    home = problem.coordinates.start
     for _ in range(_PULLS):
         free = null_space(outcome.local.R)
         if outcome.reason != "converged" or free.shape[1] == 0:

@@ -263,8 +263,8 @@ def check_regularise(
         )
     if reducing and keeps_to_directions(regularise):
         raise OptionError(
-            f"regularise {regularise!r} keeps to directions from the start, a reduced model to"
-            " where its basis was made; use tier 'sparse', or 'gcv'",
+            f"regularise {regularise!r} fixes directions at the start, and a reduced model is"
+            " accurate only near the point of its basis; use tier 'sparse', or 'gcv'",
             key=("regularise",),
         )
     if not METHODS.find(method).can_regularise:
@@ -469,7 +469,7 @@ class _RegularisedFits:
             " not the bias."
         )
         if not settled:
-            text += " The strength had not settled after the last of its rounds."
+            text += " The strength had not converged after the last round."
         if how == "l-curve" and spectrum.gcv(spectrum.tikhonov_filter(strength)) > spectrum.gcv(
             spectrum.tikhonov_filter(WEAKEST)
         ):
@@ -524,7 +524,7 @@ class _RegularisedFits:
             " treat as exact."
         )
         if not settled:
-            note += " The directions had not settled after the last of their rounds."
+            note += " The directions had not converged after the last round."
         return replace(fit, regularisation=Regularisation(np.zeros(len(x)), within, note, record))
 
     def _directions(self, spectrum: SingularSpectrum, number: int) -> NDArray[np.float64]:

@@ -155,7 +155,7 @@ class Search:
                 self._refine_best(problem, thinned, first_new, belief, monitor, ends)
                 if ends and belief.is_plausible(min(ends, key=_cost)):
                     break
-        home = problem.coordinates.home
+        home = problem.coordinates.start
         found = [end.x for end in _select_distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
         exact = agreed and belief.is_exact(min(ends, key=_cost))
@@ -349,7 +349,7 @@ class Search:
         `evaluated_first` is the problem that an attempt evaluates first.
         """
         session = problem.session
-        if session.engine.workers == 1 or session.cache is None or problem.spreads:
+        if session.engine.workers == 1 or session.cache is None or problem.is_distributed:
             yield from points
             return
         points, error = list(points), make_log_error(evaluated_first)
@@ -373,7 +373,7 @@ class Search:
         return _INFLATED if self.inflate and loss.any() else (0.0,)
 
     def _draw_starts(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
-        start, bounds = problem.coordinates.home, problem.coordinates.bounds
+        start, bounds = problem.coordinates.start, problem.coordinates.bounds
         is_factor = problem.coordinates.parameters.is_factor
         levels = self._loss_levels(problem)
         plain = levels[: self.starts] if number == 0 else ()
@@ -428,7 +428,7 @@ class Search:
             if std[i] > _UNSURE:
                 for sign in (1.0, -1.0):
                     value = at.x[i] + sign * min(_FAR * std[i], 1.0)
-                    yield problem.coordinates.with_one(at.x, i, value)
+                    yield problem.coordinates.with_coordinate(at.x, i, value)
 
 
 def _raise_loss_factors(problem: Problem, x: _Vector, level: float) -> _Vector:
@@ -440,11 +440,11 @@ def _raise_loss_factors(problem: Problem, x: _Vector, level: float) -> _Vector:
 def _reset_single_unknowns(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     """Yield points with one unknown of x reset to its start, the farthest from it first."""
     coordinates = problem.coordinates
-    home = coordinates.home
+    home = coordinates.start
     far = np.abs(x - home) / np.where(coordinates.parameters.is_factor, _NEARBY[0], _NEARBY_LOSS)
     for i in np.argsort(-far):
         if far[i] > 1.0:
-            yield coordinates.with_one(x, i, home[i])
+            yield coordinates.with_coordinate(x, i, home[i])
 
 
 def _cost(end: Outcome) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvals_banded
 from scipy.special import gammainc, ndtr
 
-from updyn.updating.problem.noise.size import size_p
+from updyn.updating.problem.noise.size import size_p_value
 
 __all__ = [
     "EXPLAINED",
@@ -28,7 +28,7 @@ __all__ = [
     "clip_outliers",
     "divide_into_bands",
     "has_unequal_noise",
-    "serial_correlation_p",
+    "serial_correlation_p_values",
 ]
 
 _Real = NDArray[np.float64]
@@ -75,7 +75,7 @@ def clip_outliers(values: _Complex) -> _Complex:
         )
 
 
-def serial_correlation_p(values: _Complex) -> _Real:
+def serial_correlation_p_values(values: _Complex) -> _Real:
     """Return one-sided p-values of serial correlation against independent noise, shape (n,).
 
     Parameters
@@ -459,10 +459,10 @@ def assess_residual(
     those of sixteen lines, because smoothing correlates the errors of the estimate. An estimate
     from this residual is tested by the ratio to all other values. The fit reduces the residual
     below the noise; this is counted for all values together and not by band, so the tests are
-    conservative. Serial correlation: `serial_correlation_p`. Channels over all bands, bands over
-    all channels, and all data together are tested too; their p-values of correlation are combined
-    by Stouffer's sum of normal scores (1949). Each of these families is adjusted by the method of
-    Benjamini & Hochberg (1995) at its share of `level`.
+    conservative. Serial correlation: `serial_correlation_p_values`. Channels over all bands, bands
+    over all channels, and all data together are tested too; their p-values of correlation are
+    combined by Stouffer's sum of normal scores (1949). Each of these families is adjusted by the
+    method of Benjamini & Hochberg (1995) at its share of `level`.
     """
     is_measured = np.isfinite(whitened)
     n_values = int(is_measured.sum())
@@ -479,7 +479,7 @@ def assess_residual(
         square[..., k] = np.nansum(np.abs(part) ** 2, axis=0)
         count[..., k] = 2.0 * is_measured[band].sum(axis=0)
         flat = clip_outliers(part.reshape(len(part), -1))
-        serial_p_values[..., k] = serial_correlation_p(flat).reshape(shape[:2])
+        serial_p_values[..., k] = serial_correlation_p_values(flat).reshape(shape[:2])
         lengths[..., k] = _estimate_correlation_length(flat).reshape(shape[:2])
     freedom = 2 * n_values - n_unknowns
     chi_square = float(square.sum() / freedom) if freedom > 0 else np.nan
@@ -570,7 +570,7 @@ def can_be_sensor_noise(H: _Complex, whitened_H: _Complex, whitened: _Complex, f
             continue
         if (
             np.abs(e).sum() > _MISSED * np.abs(h).sum()
-            or serial_correlation_p(clip_outliers(H[:, i])).min() > _SMOOTH
+            or serial_correlation_p_values(clip_outliers(H[:, i])).min() > _SMOOTH
         ):
             return False
         A = np.stack([h.ravel(), (freq[:, None] / freq[-1] * h).ravel()], axis=1)
@@ -694,7 +694,7 @@ class _SizeTest:
 
         if self.absolute:
             freedom = np.maximum(np.where(count >= self.count, count - self.n_unknowns, count), 1.0)
-            p = size_p(square, count, freedom, self.averages)
+            p = size_p_value(square, count, freedom, self.averages)
         else:
             rest, other = self.square - square, self.count - count - self.n_unknowns
             usable = (other >= 1.0) & (rest > 0.0) & (count > 0.0)
@@ -927,11 +927,11 @@ def _describe_isolated_lines(lone: Sequence[float]) -> str:
     """Return the sentence on isolated lines; empty without any."""
     if not lone:
         return ""
-    shown = ", ".join(f"{f:.5g}" for f in lone[:_NAMED])
+    frequencies = ", ".join(f"{f:.5g}" for f in lone[:_NAMED])
     if len(lone) > _NAMED:
-        shown += f" and {len(lone) - _NAMED} more"
+        frequencies += f" and {len(lone) - _NAMED} more"
     which = "the isolated line" if len(lone) == 1 else "the isolated lines"
-    return f" Most of it is in {which} at {shown} Hz."
+    return f" Most of it is in {which} at {frequencies} Hz."
 
 
 def _describe_noisy_sensors(noisy: Sequence[NoisySensor]) -> str:

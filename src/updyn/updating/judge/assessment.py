@@ -201,7 +201,7 @@ def judge_fit(
     if error is not None:
         fit, spread = _add_model_error(problem, fit, spread, error)
     for i, (part, split) in enumerate(zip(problem.parts, splits, strict=True)):
-        if split.held is not None and _noise_is_known(adequacy[i], noises[i]):
+        if split.held is not None and _is_noise_known(adequacy[i], noises[i]):
             predict = partial(
                 _predict_held_out, problem, part, split.held, fit.x, spread, noises[i]
             )
@@ -235,7 +235,7 @@ def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analy
     `SolverError` if the model cannot be solved there.
     """
     local, share = linearise_at_start(problem, noises)
-    x = problem.coordinates.home
+    x = problem.coordinates.start
     equal_rows = _equal_row_jacobian(problem, noises, x, local.R)
     analysis = analyse_identifiability(
         local.R, problem.coordinates.parameters.names, equal_rows=equal_rows
@@ -249,7 +249,7 @@ def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[
     The arguments are those of `analyse_start`. Raises `SolverError` if the model cannot be solved
     there.
     """
-    x = problem.coordinates.home
+    x = problem.coordinates.start
     errors, shares = [], []
     for part, given in zip(problem.parts, noises, strict=True):
         noise = choose_noise(ASSUMED, part.frf) if given.kind == Estimated.kind else given
@@ -378,7 +378,9 @@ def _add_model_error(
     spread = spread + error.covariance
     spread[no_interval] = np.inf
     spread[:, no_interval] = np.inf
-    return replace(fit, noise=tuple({**own, **record} for own in fit.noise)), spread
+    return replace(
+        fit, noise=tuple({**noise_record, **record} for noise_record in fit.noise)
+    ), spread
 
 
 def _names(problem: Problem) -> list[str]:
@@ -396,7 +398,7 @@ def _covariance_of_values(
     return out
 
 
-def _noise_is_known(adequacy: Adequacy | None, noise: NoiseModel) -> bool:
+def _is_noise_known(adequacy: Adequacy | None, noise: NoiseModel) -> bool:
     """Return whether the size of the noise is stated or estimated from a residual of noise."""
     if noise.bulk.size_known:
         return True
@@ -471,7 +473,7 @@ def _correlate_part(
 ) -> dict[str, Any]:
     part_of_all_data = part.with_data(split.whole)
     start_part = replace(part_of_all_data, solver=first)
-    start = part.coordinates.home
+    start = part.coordinates.start
     # Only the unbounded plain iteration can end at a negative loss factor; the updated model uses
     # zero instead.
     end = np.where(part.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))

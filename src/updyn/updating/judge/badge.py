@@ -52,11 +52,11 @@ def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -
     ambiguous : bool
         Whether several solutions fit equally well, each of them determined.
     """
-    ended = _ENDED.get(status, Badge(status, "warn"))
+    badge = _ENDED.get(status, Badge(status, "warn"))
     if ambiguous:
-        ended = Badge("Several answers fit", "warn")
+        badge = Badge("Several answers fit", "warn")
     if trust is None or status == "failed":
-        return ended
+        return badge
     if trust.resembles.holds is False:
         return Badge("Does not resemble the test", "bad")
     if trust.plausible.holds is False:
@@ -64,7 +64,7 @@ def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -
     if trust.validated.holds is False:
         return Badge("Fits, does not predict", "bad")
     if status != "converged":
-        return ended
+        return badge
     if trust.plausible.holds is None or trust.determined.holds is not True:
         return Badge("Not known whether credible", "warn")
     if not trust.validated.asked:

@@ -257,7 +257,7 @@ def _add_unknowns(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tupl
     for part in problem.parts:
         unknowns = Unknowns.find(part.solver.system, wide)
         parts.append(replace(part, unknowns=unknowns, coordinates=coordinates))
-    return Problem.of(parts), np.concatenate([x, coordinates.home[problem.n :]])
+    return Problem.of(parts), np.concatenate([x, coordinates.start[problem.n :]])
 
 
 def _evaluation_work(problem: Problem) -> float:

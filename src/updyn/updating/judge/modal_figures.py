@@ -39,7 +39,7 @@ def correlate_measured_modes(
         ``before``, ``after`` and, with held-out modes, ``validation`` with both: see
         `updyn.correlation.figures.FIGURE_NAMES`. Empty figures if modes cannot be computed.
     """
-    home = part.coordinates.home
+    home = part.coordinates.start
     out: dict[str, Any] = {}
     for when, at in (("before", home), ("after", x)):
         out[when] = _compute_figures(part, split.fitted, at)

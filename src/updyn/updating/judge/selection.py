@@ -334,7 +334,7 @@ def select_jointly(
             f"select: of {format_count(len(given), 'unknown')} the data see none;"
             " nothing would be left to fit"
         )
-    kept = [given[i] for i in sorted(order)]
+    selected = [given[i] for i in sorted(order)]
     left_out = dict(before.left_out)
     held = list(before.held)
     for i, reason in sorted(reasons.items()):
@@ -343,7 +343,7 @@ def select_jointly(
     s = np.linalg.svd(normalise_columns(R[:, order]), compute_uv=False)
     return replace(
         before,
-        parameters=ParameterSet(tuple(kept)),
+        parameters=ParameterSet(tuple(selected)),
         order=tuple(np.array(given.names)[order].tolist()),
         left_out=left_out,
         held=tuple(held),

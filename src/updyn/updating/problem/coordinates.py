@@ -99,15 +99,15 @@ class Coordinates:
     def prior(self) -> tuple[_Vector, _Vector]:
         """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
         weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
-        centre = self.home if self.centre is None else self.centre
+        centre = self.start if self.centre is None else self.centre
         return centre, np.array(weight) * self._unit
 
     @property
-    def home(self) -> _Vector:
+    def start(self) -> _Vector:
         """Start of the unknowns in x, shape (n,)."""
         return self.to_x(self.parameters.start)
 
-    def with_one(self, x: _Vector, i: int, value: float) -> _Vector:
+    def with_coordinate(self, x: _Vector, i: int, value: float) -> _Vector:
         """Return x with coordinate `i` at `value`, clipped to the bounds."""
         changed = x.copy()
         changed[i] = value

@@ -249,12 +249,12 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
             )
         low, high = float(given[0]), float(given[1])
         held = frf.select(band=(low, high))
-        kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
-        if kept.size == 0:
+        fitted_lines = frf.freq[(frf.freq < low) | (frf.freq > high)]
+        if fitted_lines.size == 0:
             raise DataError(
                 f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit"
             )
-        return Split(frf, frf.select(lines=kept), band=(low, high), held=held)
+        return Split(frf, frf.select(lines=fitted_lines), band=(low, high), held=held)
     chosen = DofSet(given)
     at = np.sort(frf.responses.match(chosen, "validation response").index)
     rest = np.setdiff1d(np.arange(len(frf.responses)), at)
@@ -412,7 +412,7 @@ def complete_parts(
     parts = []
     for at in _find_rectangles(is_measured):
         block = np.ix_(*at)
-        own: dict[str, Any] = {name: table[block] for name, table in quality.items()}
+        quality_of_part: dict[str, Any] = {name: table[block] for name, table in quality.items()}
         frf = FRF(
             lines[at[0]],
             array[block],
@@ -422,7 +422,7 @@ def complete_parts(
             averages=averages,
             geometry=geometry,
             source=source,
-            **own,
+            **quality_of_part,
         )
         parts.append(frf)
     parts.sort(key=lambda frf: -frf.values.size)  # stable sort

@@ -183,7 +183,7 @@ def _minimise_variance(
 
 def _design_point(part: FRFPart) -> NDArray[np.float64]:
     coordinates = part.coordinates
-    x = coordinates.home
+    x = coordinates.start
     highest = coordinates.to_x(coordinates.parameters.upper)
     return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
 

@@ -397,9 +397,9 @@ class ModalPart:
 
     def key(self, kind: str, x: _Real, *about: object) -> list[object]:
         """Return the cache key of an evaluation at x."""
-        sought = "\n".join(self.coordinates.parameters.names)
-        own = digest(("modes", self.name, self.target.digest, str(self.least_mac), sought))
-        return [kind, own, x, *about]
+        unknowns = "\n".join(self.coordinates.parameters.names)
+        content = digest(("modes", self.name, self.target.digest, str(self.least_mac), unknowns))
+        return [kind, content, x, *about]
 
     def recall(self, kind: str, x: _Real, compute: Callable[[], Record]) -> Record:
         """Return the cached result of an evaluation at x, or compute it."""
@@ -441,9 +441,9 @@ class ModalPart:
         )
         for k, mode in zip(paired.tolist(), derivatives_of_modes, strict=True):
             self.session.check()
-            own = list(self._residuals_of_mode(pairs, k, mode))
-            found += own
-            owners += [k] * len(own)
+            residuals = list(self._residuals_of_mode(pairs, k, mode))
+            found += residuals
+            owners += [k] * len(residuals)
         sizes = [len(one.r) for one in found]
         return ModalRows(
             np.concatenate([np.zeros(0), *(one.r for one in found)]),
@@ -467,10 +467,10 @@ class ModalPart:
         target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
         which, losses = pairs.which[paired], list[_LossFactor | None]()
         state = self.state(x) if self.has_damping_unknowns else None
-        for k, own in zip(paired, which, strict=True):
+        for k, mode in zip(paired, which, strict=True):
             loss = None
             if state is not None and np.isfinite(target.loss_factor[k]):
-                phi, value = pairs.modes.shapes[:, own], float(pairs.modes.value[own])
+                phi, value = pairs.modes.shapes[:, mode], float(pairs.modes.value[mode])
                 loss = _LossFactor.of(self.system, self.unknowns, state, values, phi, value)
             losses.append(loss)
         rows = target.rows if shapes and target.can_distinguish_shapes else target.rows[:0]

@@ -56,7 +56,7 @@ class ModalRows:
 
     def freedom(self, kind: str) -> int:
         """Return the number of independent residuals of a kind; the length of a shape is free."""
-        mine = self.of(kind)
+        is_kind = self.of(kind)
         if kind != "shape":
-            return int(mine.sum())
-        return int(mine.sum()) - len(np.unique(self.mode[mine]))
+            return int(is_kind.sum())
+        return int(is_kind.sum()) - len(np.unique(self.mode[is_kind]))

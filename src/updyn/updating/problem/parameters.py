@@ -293,7 +293,7 @@ class ParameterSet(Sequence[Parameter]):
             raise ParameterError("there is nothing to update: no unknown is chosen")
         name, count = Counter(self.names).most_common(1)[0]
         if count > 1:
-            raise ParameterError(f"unknown {name!r} stands twice")
+            raise ParameterError(f"unknown {name!r} occurs twice")
         values: dict[str, str] = {}
         for p in self.items:
             for d in p.acts_on:
@@ -308,8 +308,8 @@ class ParameterSet(Sequence[Parameter]):
             prior = "" if p.prior_std is None else f"{p.prior_std:g}"
             notes = [p.law, f"in {p.value_unit}" if p.value_unit else "", p.physical(p.start)]
             bounds = f"{p.lower:g}", f"{p.upper:g}"
-            shown = "; ".join(note for note in notes if note)
-            rows.append((printable(p.name), f"{p.start:g}", *bounds, prior, printable(shown)))
+            remark = "; ".join(note for note in notes if note)
+            rows.append((printable(p.name), f"{p.start:g}", *bounds, prior, printable(remark)))
         header = ("unknown", "start", "lower", "upper", "prior std", "note")
         keep = [i for i in range(len(header)) if i < 4 or any(row[i] for row in rows)]
         table = text_table(

@@ -229,7 +229,7 @@ class FRFPart:
         return saves_time(system, system.start, len(self.frf.freq), least)
 
     @property
-    def spreads(self) -> bool:
+    def is_distributed(self) -> bool:
         """Whether lines are distributed over workers; if not, whole descents are."""
         return self.work > SPREAD
 
@@ -258,7 +258,9 @@ class FRFPart:
 
         The function must be importable from a module, because it may run in another process.
         """
-        results = self.session.map(function, self, items, spread=self.spreads, long=self.is_long)
+        results = self.session.map(
+            function, self, items, spread=self.is_distributed, long=self.is_long
+        )
         for item, result in zip(items, results, strict=True):
             self.session.lines_solved += item[-1].stop - item[-1].start
             yield result
@@ -365,13 +367,13 @@ class Problem:
         return cls(tuple(parts), tuple(modal)).with_coordinates(first.coordinates)
 
     @property
-    def all(self) -> tuple[FRFPart | ModalPart, ...]:
+    def all_parts(self) -> tuple[FRFPart | ModalPart, ...]:
         """The parts of FRFs, followed by those of modes."""
         return (*self.parts, *self.modal)
 
     @property
     def _first(self) -> FRFPart | ModalPart:
-        return self.all[0]
+        return self.all_parts[0]
 
     @property
     def coordinates(self) -> Coordinates:
@@ -413,9 +415,9 @@ class Problem:
         return sum(part.n_lines for part in self.parts)
 
     @property
-    def spreads(self) -> bool:
+    def is_distributed(self) -> bool:
         """Whether lines are distributed over workers; if not, whole descents are."""
-        return any(part.spreads for part in self.parts)
+        return any(part.is_distributed for part in self.parts)
 
     @property
     def without_modes(self) -> Problem:
@@ -459,6 +461,6 @@ class Problem:
         if self.session.cache is None:
             return compute()
         keys = []
-        for part in self.all:
+        for part in self.all_parts:
             keys += part.key(kind, x, *about)
         return self.session.recall(keys, compute)

@@ -165,7 +165,7 @@ class Selection:
 
 
 def _join_names(names: list[str] | tuple[str, ...]) -> str:
-    shown = ", ".join(names[:_NAMED])
+    text = ", ".join(names[:_NAMED])
     if len(names) > _NAMED:
-        shown += f" and {len(names) - _NAMED} more"
-    return shown
+        text += f" and {len(names) - _NAMED} more"
+    return text

@@ -218,7 +218,7 @@ def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
     part = FRFPart.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     rough = thin_problem(Problem.of([part]), [Stated(0.01, 0.0)])
-    elsewhere, answer = rough.coordinates.home, rough.coordinates.home + 0.1
+    elsewhere, answer = rough.coordinates.start, rough.coordinates.start + 0.1
     seen = []
 
     def made(self, problem, thinned, starts, belief, monitor, ends):
@@ -242,7 +242,7 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 60), ["2:X", "12:X"], ["12:X"])
     part = FRFPart.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
     rough = thin_problem(Problem.of([part]), [Stated(0.01, 0.0)])
-    home = rough.coordinates.home
+    home = rough.coordinates.start
     best, other, answer = home, home + 0.1, home + 0.2
     rounds, begun = [], []
 

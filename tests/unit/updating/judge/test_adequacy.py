@@ -15,7 +15,7 @@ from updyn.updating.judge.adequacy import (
     assess_residual,
     clip_outliers,
     divide_into_bands,
-    serial_correlation_p,
+    serial_correlation_p_values,
 )
 
 RNG = np.random.default_rng
@@ -57,40 +57,40 @@ def test_of_two_neighbours_the_tail_is_known_in_closed_form():
     a = np.array([0.75 - r, -r, -1.0001 * r, -0.9999 * r, -0.75 - r])
     exact = np.prod([a[0] / (a[0] - a[k]) for k in range(1, 5)], axis=0)
     assert len(positive) > 50
-    assert serial_correlation_p(e)[positive] == pytest.approx(exact[positive], rel=0.06)
+    assert serial_correlation_p_values(e)[positive] == pytest.approx(exact[positive], rel=0.06)
 
 
 @pytest.mark.parametrize("m", [5, 12, 60])
 def test_p_values_of_noise_are_uniform_far_into_the_tail(m):
-    p = serial_correlation_p(noise(m, (m, 40_000)))
+    p = serial_correlation_p_values(noise(m, (m, 40_000)))
     for q in (0.5, 0.1, 0.01, 0.001):
         assert np.mean(p < q) == pytest.approx(q, rel=0.15 if q > 0.001 else 0.35)
 
 
 def test_cutting_outliers_back_leaves_the_p_values_of_noise_and_silences_an_outlier():
-    p = serial_correlation_p(clip_outliers(noise(3, (20, 20_000))))
+    p = serial_correlation_p_values(clip_outliers(noise(3, (20, 20_000))))
     assert np.mean(p < 0.01) == pytest.approx(0.01, rel=0.2)
     hit = noise(4, (60, 1000))
     hit[30:35] *= 30.0  # a glitch of five lines, each of its own phase
-    assert np.mean(serial_correlation_p(hit) < 0.001) > 0.05
-    assert np.mean(serial_correlation_p(clip_outliers(hit)) < 0.001) < 0.02
+    assert np.mean(serial_correlation_p_values(hit) < 0.001) > 0.05
+    assert np.mean(serial_correlation_p_values(clip_outliers(hit)) < 0.001) < 0.02
 
 
 def test_likeness_does_not_depend_on_the_scale_and_is_one_sided():
     e = noise(5, (30, 50))
-    assert serial_correlation_p(1e-9 * e) == pytest.approx(serial_correlation_p(e))
+    assert serial_correlation_p_values(1e-9 * e) == pytest.approx(serial_correlation_p_values(e))
     smooth = np.exp(0.05j * np.arange(30))[:, None]
-    assert serial_correlation_p(smooth + 0.3 * e).max() < 1e-6
+    assert serial_correlation_p_values(smooth + 0.3 * e).max() < 1e-6
     alternating = smooth * (-1.0) ** np.arange(30)[:, None]
-    assert serial_correlation_p(alternating + 0.3 * e).min() > 0.5
+    assert serial_correlation_p_values(alternating + 0.3 * e).min() > 0.5
 
 
 def test_too_few_values_or_none_are_not_tested():
     e = noise(6, (10, 3))
     e[4:, 0] = np.nan
     e[:, 1] = 0.0
-    assert serial_correlation_p(e)[:2].tolist() == [1.0, 1.0]
-    assert serial_correlation_p(e)[2] == serial_correlation_p(e[:, 2:])[0] < 1.0
+    assert serial_correlation_p_values(e)[:2].tolist() == [1.0, 1.0]
+    assert serial_correlation_p_values(e)[2] == serial_correlation_p_values(e[:, 2:])[0] < 1.0
 
 
 # -- many tests ------------------------------------------------------------------------------------------------

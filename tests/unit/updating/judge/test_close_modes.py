@@ -47,7 +47,7 @@ def test_figures_and_verdict_do_not_depend_on_the_basis(split, turn):
     model, modes = mast(split), measured(turn, 1.02)
     unknowns = updyn.parameters(model, stiffness="storey*")
     part = ModalPart.build(model, modes, unknowns, ModalNoise())
-    found = correlate_measured_modes(part, part.coordinates.home, ModalSplit(modes, modes))
+    found = correlate_measured_modes(part, part.coordinates.start, ModalSplit(modes, modes))
     after = found["after"]
     assert after["mac_min"] == pytest.approx(1.0, abs=1e-9)
     assert after["modes_paired"] == after["modes_close"] == after["modes_measured"] == 2 * N
@@ -62,7 +62,7 @@ def test_separate_modes_have_the_figures_of_their_residuals():
     shapes = modes.shapes + 0.05 * np.sin(np.arange(36)).reshape(6, 6)
     given = updyn.ModeSet(modes.frequency, shapes, LABELS)
     part = ModalPart.build(model, given, updyn.parameters(model, stiffness="storey*"), ModalNoise())
-    x = part.coordinates.home
+    x = part.coordinates.start
     after = correlate_measured_modes(part, x, ModalSplit(given, given))["after"]
     assert "modes_close" not in after
     assert after["mac_min"] == part.rows(x, derivatives=False).mac.min() < 1.0

@@ -198,7 +198,7 @@ def test_effects_are_those_of_small_changes():
     frf = measured(None, 0)
     unknowns = updyn.parameters(model(), stiffness=["part0"])
     part = FRFPart.build(model(), frf, unknowns)
-    found = _error_effects(part, part.coordinates.home, slice(0, 80), np.array([1, -1, 4]))
+    found = _error_effects(part, part.coordinates.start, slice(0, 80), np.array([1, -1, 4]))
     assert found.shape == (12, 80, 4, 1)
     s = 2j * np.pi * frf.freq
     clean = receptance(frf.freq, [0, 2, 3, 5], 5)

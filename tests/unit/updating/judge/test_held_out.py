@@ -30,7 +30,7 @@ def part():
 
 def test_the_predicted_residual_is_that_of_draws(part):
     """Of small deviations; 400 draws know the rms to 2 %."""
-    x, covariance = part.coordinates.home, np.diag([1e-4, 4e-4, 1e-4])
+    x, covariance = part.coordinates.start, np.diag([1e-4, 4e-4, 1e-4])
     found = predictive_figures(part, x, covariance, NOISE)
     rng = np.random.default_rng(5)
     H = part.responses(x)
@@ -46,7 +46,7 @@ def test_the_predicted_residual_is_that_of_draws(part):
 
 def test_noise_of_twice_the_size_has_twice_the_deviations(part):
     rng = np.random.default_rng(6)
-    x = part.coordinates.home
+    x = part.coordinates.start
     H = part.responses(x)
     z = (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape)) / np.sqrt(2.0)
     noisy = H + 2.0 * z * np.sqrt(NOISE.variance(H, part.frf))
@@ -61,7 +61,7 @@ def test_noise_of_twice_the_size_has_twice_the_deviations(part):
 
 def test_what_hangs_on_an_open_unknown_is_not_predicted(part):
     covariance = np.diag([1e-6, np.inf, 1e-6])
-    found = predictive_figures(part, part.coordinates.home, covariance, NOISE)
+    found = predictive_figures(part, part.coordinates.start, covariance, NOISE)
     assert found == {"residual_expected": 1.0, "residual_deviations": 0.0}
 
 
@@ -72,5 +72,5 @@ def test_a_sensor_that_was_not_fitted_has_the_noise_of_a_typical_one(part):
         names=("5:X", "6:X", "7:X"),
         held=True,
     )
-    x, known = part.coordinates.home, np.zeros((3, 3))
+    x, known = part.coordinates.start, np.zeros((3, 3))
     assert predictive_figures(part, x, known, own) == predictive_figures(part, x, known, NOISE)

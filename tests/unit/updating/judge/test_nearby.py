@@ -49,7 +49,7 @@ def part_of(model, frf, **unknowns):
 def test_the_reduced_model_answers_and_has_the_derivatives_of_the_whole_one(tower):
     frf = data_of(tower)
     part = part_of(tower, frf, stiffness="all", mass="all", loss_factor="all")
-    x = part.coordinates.home
+    x = part.coordinates.start
     nearby = ReducedPart.of(part, x)
     assert tower.n_dofs > DOFS
     assert nearby.part.solver.system.n < 150
@@ -60,7 +60,7 @@ def test_the_reduced_model_answers_and_has_the_derivatives_of_the_whole_one(towe
 
 def test_the_reduced_model_holds_where_it_was_extended_to(tower):
     part = part_of(tower, data_of(tower), stiffness="all", mass="all")
-    x = part.coordinates.home
+    x = part.coordinates.start
     away = x + 0.3 * np.where(np.arange(part.n) % 2 == 0, 1.0, -1.0)
     nearby = ReducedPart.of(part, x)
     H = part.responses(away)
@@ -73,17 +73,17 @@ def test_small_and_reduced_models_are_judged_as_they_are(tower, chain12_true):
     at = ["2:X", "5:X"]
     small = updyn.response(chain12_true, np.linspace(2.0, 22.0, 10), at, at)
     own = part_of(chain12_true, small, stiffness="all")
-    assert ReducedPart.of(own, own.coordinates.home) is None
+    assert ReducedPart.of(own, own.coordinates.start) is None
     part = part_of(tower, data_of(tower), stiffness="all")
-    reduced = ReducedPart.of(part, part.coordinates.home).part
-    assert ReducedPart.of(reduced, reduced.coordinates.home) is None
+    reduced = ReducedPart.of(part, part.coordinates.start).part
+    assert ReducedPart.of(reduced, reduced.coordinates.start) is None
 
 
 def wrong_mass(tower):
     """The part of a model whose third mass is 2 % too small, and what it leaves."""
     model = tower.scaled({"part3": {"mass": 0.98}})
     part = part_of(model, data_of(tower), stiffness=["part1", "part5"])
-    x = part.coordinates.home
+    x = part.coordinates.start
     H = part.responses(x)
     weight = np.sqrt(2.0) / (0.01 * np.abs(H))
     whitened = weight * (part.frf.values - H)
@@ -132,7 +132,7 @@ def test_advice_that_a_reduced_model_finds_is_as_good_as_that_of_the_whole_one(t
     """One line, one sensor, two forces: four numbers for four stiffnesses, two of them open."""
     frf = updyn.response(tower, np.array([6.0]), ["150:X"], ["150:X", "60:Y"], tier="sparse")
     part = part_of(tower, frf, stiffness=["part1", "part3", "part4", "part6"])
-    x = part.coordinates.home
+    x = part.coordinates.start
     local = OutputError(100.0 / np.abs(frf.values)).local(Problem.of([part]), x)
     analysis = analyse_identifiability(local.R, part.coordinates.parameters.names)
     assert 0 < analysis.null_space.shape[1] <= 2

@@ -42,7 +42,7 @@ def test_it_is_the_largest_over_ratios_of_a_likelihood_of_at_least_1_over_e():
     """By normal equations; the restricted likelihood is the integral over both unknowns."""
     frf = noisy(0.02, 0.01, 1)
     part = FRFPart.build(model(), frf, unknowns())
-    x = part.coordinates.home
+    x = part.coordinates.start
     found = covariance_over_ratios(Problem.of([part]), x, [1.0], np.eye(2))
     H, level = receptance(), np.sqrt(np.mean(np.abs(frf.values) ** 2))
     dk = -(H**2) * STIFFNESS * (1.0 + 1j * LOSS)
@@ -73,7 +73,7 @@ def test_it_is_none_without_spare_numbers():
     frf = noisy(0.02, 0.0, 0).select(lines=FREQ[:1])
     part = FRFPart.build(model(), frf, unknowns())
     assert (
-        covariance_over_ratios(Problem.of([part]), part.coordinates.home, [1.0], np.eye(2)) is None
+        covariance_over_ratios(Problem.of([part]), part.coordinates.start, [1.0], np.eye(2)) is None
     )
 
 

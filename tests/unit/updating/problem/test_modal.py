@@ -62,7 +62,7 @@ def test_derivatives_are_those_of_central_differences() -> None:
     true = shaft().scaled({"piece 1": {"stiffness": 1.2}, "piece 3": {"mass": 0.9}})
     modes = modes_of(true, 4, scaled=True, loss_factor=[0.05, 0.06, 0.04, 0.07])
     part = part_of(shaft(), modes)
-    x = part.coordinates.home + 0.02 * np.sin(np.arange(part.n))
+    x = part.coordinates.start + 0.02 * np.sin(np.arange(part.n))
     rows = part.rows(x)
     assert sorted(set(rows.kind)) == list(range(len(KINDS)))
     assert len(rows.r) == 4 * (1 + 8 + 1 + 1 + 1)
@@ -79,7 +79,7 @@ def test_loss_factors_of_modes_are_those_of_the_damped_model() -> None:
     model = shaft(loss=0.004)
     damped = updyn.modes(model, 5)
     modes = modes_of(model, 5, loss_factor=damped.loss_factor)
-    rows = part_of(model, modes).rows(part_of(model, modes).coordinates.home)
+    rows = part_of(model, modes).rows(part_of(model, modes).coordinates.start)
     own = rows.r[rows.of("loss_factor")]
     assert len(own) == 5
     assert np.abs(own).max() < 5e-4
@@ -90,7 +90,7 @@ def test_damping_is_not_compared_where_no_unknown_changes_it() -> None:
     modes = modes_of(model, 3, loss_factor=[0.05, 0.06, 0.04])
     part = ModalPart.build(model, modes, updyn.parameters(model, stiffness="piece*"), ModalNoise())
     assert not part.has_damping_unknowns
-    rows = part.rows(part.coordinates.home)
+    rows = part.rows(part.coordinates.start)
     assert not rows.of("loss_factor").any()
     np.testing.assert_allclose(rows.r, 0.0, atol=1e-9)
 
@@ -102,7 +102,7 @@ def test_a_mode_that_resembles_none_counts_more_than_any_that_does() -> None:
     shapes = np.column_stack([modes.shapes, np.resize([1.0, -1.0], 8)])
     stray = ModeSet([*modes.frequency, 25.0], shapes, model.dofs)
     both = [part_of(model, m) for m in (modes, stray)]
-    x = both[0].coordinates.home
+    x = both[0].coordinates.start
     error = ModalError(ModalNoise())
     known, lost = (error.local(part, x).cost for part in both)
     assert list(both[1].rows(x).unpaired_modes(both[1].least_mac)) == [3]
@@ -113,7 +113,7 @@ def test_a_mode_that_resembles_none_counts_more_than_any_that_does() -> None:
 def test_scale_counts_only_where_it_is_stated() -> None:
     model = shaft()
     part = part_of(model, modes_of(model, 3, scaled=True))
-    rows = part.rows(part.coordinates.home)
+    rows = part.rows(part.coordinates.start)
     assert rows.of("scale").sum() == 3
     assert np.isinf(ModalNoise().std(rows)[rows.of("scale")]).all()
     stated = choose_modal_noise({"scale": 0.05})
@@ -125,7 +125,7 @@ def test_more_modes_than_the_model_has_are_refused() -> None:
     shapes = np.random.default_rng(0).standard_normal((8, 9))
     part = part_of(model, ModeSet(np.arange(1.0, 10.0), shapes, model.dofs))
     with pytest.raises(DataError, match=r"9 modes were measured; .* the model has 8"):
-        part.rows(part.coordinates.home)
+        part.rows(part.coordinates.start)
 
 
 # -- noise -----------------------------------------------------------------------------------------------------------

@@ -73,9 +73,9 @@ def test_the_basis_of_a_repeated_pair_does_not_change_the_update(split: float) -
 def test_residuals_of_a_pair_do_not_depend_on_its_basis(turn: float) -> None:
     modes = measured(TRUE, turn, scaled=True)
     part = part_of(mast(np.ones(N), np.full(N, 1.02)), modes)
-    rows = part.rows(part.coordinates.home)
+    rows = part.rows(part.coordinates.start)
     aligned = part_of(mast(np.ones(N), np.full(N, 1.02)), measured(TRUE, 0.0, scaled=True))
-    expected = aligned.rows(aligned.coordinates.home)
+    expected = aligned.rows(aligned.coordinates.start)
     assert not len(rows.unpaired_modes(part.least_mac))
     for kind in ("frequency", "mac", "scale"):
         assert rows.r[rows.of(kind)] == pytest.approx(expected.r[expected.of(kind)], abs=1e-9)
@@ -88,7 +88,7 @@ def test_derivatives_are_those_of_central_differences(split: float) -> None:
     """Also where the modes of the model are close, whose own shapes turn fast."""
     modes = measured(TRUE, 35.0, scaled=True)
     part = part_of(mast(np.ones(N), np.full(N, 1.0 + split)), modes)
-    x = part.coordinates.home + 0.05 * np.tile(np.sin(np.arange(N)), 2)
+    x = part.coordinates.start + 0.05 * np.tile(np.sin(np.arange(N)), 2)
     rows, step = part.rows(x), 1e-6
     assert set(rows.kind) == {KINDS.index(kind) for kind in ("frequency", "shape", "mac", "scale")}
     for i in range(part.n):
@@ -126,7 +126,7 @@ def test_a_plane_of_which_the_model_has_one_direction_is_compared_one_by_one() -
     )
     modes = ModeSet(both.frequency[:4], both.shapes[:, :4], LABELS)
     part = ModalPart.build(planar, modes, updyn.parameters(planar, stiffness="X"), ModalNoise())
-    rows = part.rows(part.coordinates.home)
+    rows = part.rows(part.coordinates.start)
     assert rows.unpaired_modes(part.least_mac).tolist() == [1, 3]
     np.testing.assert_allclose(rows.r, 0.0, atol=1e-9)
 

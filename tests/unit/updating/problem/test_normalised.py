@@ -70,7 +70,7 @@ def test_what_no_line_tells_apart_stays_open():
 def test_rows_are_those_of_the_log_error_and_none_is_longer_than_one(model):
     data = measured(model)
     part = FRFPart.build(model, data, springs(model))
-    lines, x = slice(0, len(data.freq)), part.coordinates.home
+    lines, x = slice(0, len(data.freq)), part.coordinates.start
     (own,) = make_normalised_residual(Problem.of([part]), [Stated(0.01, 0.0)]).errors
     r, rows = own.block(part, x, lines)
     _, slopes = LogError().block(part, x, lines)
@@ -95,6 +95,6 @@ def test_values_that_do_not_count_have_no_rows(model):
     (own,) = make_normalised_residual(Problem.of([part]), [Blind(0.01, 0.0)]).errors
     assert np.argwhere(own.weight == 0.0).tolist() == [[3, 1, 0], [4, 1, 0]]
     lines = slice(2, 6)
-    _, rows = own.on(part, lines).block(part, part.coordinates.home, lines)
+    _, rows = own.on(part, lines).block(part, part.coordinates.start, lines)
     assert not rows[:, 1:3, 1].any()
     assert rows[:, 0].any(axis=0).all()

@@ -161,7 +161,7 @@ def test_a_problem_that_is_sent_leaves_its_session_and_its_factorisations_behind
 def test_small_evaluations_stay_here(chain12, data, unknowns):
     engine = Remote()
     problem = built(chain12, data, unknowns, engine=engine)
-    assert not problem.spreads
+    assert not problem.is_distributed
     LogError().local(Problem.of([problem]), np.full(12, 0.05))
     assert engine.functions == []
 
@@ -177,7 +177,7 @@ def test_large_models_are_worth_spreading_and_long(at_once):
     lines = np.linspace(1.0, 10.0, 1000)
     data = updyn.FRF(lines, np.ones((1000, 1, 1)), ["1:X"], ["1:X"], "receptance")
     problem = FRFPart.build(model, data, updyn.parameters(model, stiffness="all"))
-    assert problem.spreads != at_once
+    assert problem.is_distributed != at_once
     assert not problem.is_long
     assert problem.thin(100).work == pytest.approx(0.1 * problem.work)
 

@@ -36,9 +36,9 @@ _Vector = NDArray[np.float64]
 
 _NAME = "constitutive"
 _NOTE = (
-    "The error in the constitutive relations weighs the data by what model errors would do to them,"
-    " not by noise, and its standard deviations take the residual as independent and equal; use"
-    " maximum likelihood where the data are noisy."
+    "The error in the constitutive relations weights the data by the effect of model errors, not by"
+    " noise, and its standard deviations assume an independent residual of equal size; use maximum"
+    " likelihood for noisy data."
 )
 
 
@@ -79,8 +79,8 @@ class ConstitutiveMethod(Method):
         "Ladeveze, Nedjar & Reynier 1994; Deraemaeker, Ladeveze & Leconte 2002"
     )
     needs_exact: ClassVar[str] = (
-        "tier 'reduced' holds no fields of all DOFs, whose energy 'constitutive' needs; use tier"
-        " 'sparse'"
+        "tier 'reduced' does not compute the fields of all DOFs, whose energy 'constitutive' needs;"
+        " use tier 'sparse'"
     )
 
     def __post_init__(self) -> None:

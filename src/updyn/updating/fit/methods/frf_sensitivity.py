@@ -28,8 +28,8 @@ from updyn.updating.problem.residuals import OutputError, OutputErrorSet
 __all__ = ["FrfSensitivityMethod"]
 
 _NOTE = (
-    "This iteration knows no bounds and weighs all lines alike, so that the largest peaks decide;"
-    " use maximum likelihood where the data are noisy or the start is far."
+    "This iteration has no bounds and weights all lines equally, so the largest peaks dominate; use"
+    " maximum likelihood if the data are noisy or the start is far from the answer."
 )
 
 
@@ -65,7 +65,7 @@ class FrfSensitivityMethod(Method):
     label: ClassVar[str] = "linearised FRFs"
     reference: ClassVar[str] = "Ting; Xu Zhangming; Imregun, Visser & Ewins 1995"
     needs_exact: ClassVar[str] = (
-        "tier 'reduced' holds near its start only, and 'frf-sensitivity' takes steps of any length;"
+        "tier 'reduced' is accurate near its start only, and 'frf-sensitivity' takes long steps;"
         " use tier 'sparse', or method 'output-error'"
     )
 
@@ -85,12 +85,12 @@ class FrfSensitivityMethod(Method):
         current, values = evaluate(x), problem.coordinates.to_values(x)
         halved = PlainIteration(1, self.tolerance, halving=True)
         found = halved.next_point(problem, evaluate, values, _step(problem, current, x), current, 1)
-        text = "The misfit does not fall along the first step, however short."
+        text = "The misfit does not decrease along the first step, however short."
         if found is not None:
             share = found[2]
             text = (
-                f"The misfit falls only along the first 1/{1.0 / share:.0f} of the first step: the"
-                " start is too far for FRFs that are linearised there."
+                f"The misfit decreases only along the first 1/{1.0 / share:.0f} of the first step:"
+                " the start is too far for FRFs that are linearised there."
             )
             if share == 1.0:
                 text = "The FRFs are not linear enough in the unknowns for whole steps."

@@ -306,7 +306,7 @@ class MaximumLikelihood(SearchingMethod):
             min(_SHORT_DESCENT, self.max_iterations), self.tolerance, min_decrease=_NEAR
         )
         far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
-        for start in scatter_points(coordinates.home, far, _TRIES * self.starts, self.seed):
+        for start in scatter_points(coordinates.start, far, _TRIES * self.starts, self.seed):
             agreed = sum(end <= best.negative_log_likelihood + _WORTH for end in ends)
             number = len(select_as_likely(best, found, _WORTH))
             enough = overdetermined and agreed > 2 * number**2 + 3 * number + 2

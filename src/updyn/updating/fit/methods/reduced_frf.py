@@ -39,8 +39,8 @@ _NAME = "reduced-frf"
 _NOTE = (
     "The matrices were reduced by one fixed transformation{}, which is not exact at other lines nor"
     " after a change of stiffness: even exact data give a biased estimate, and its standard"
-    " deviations do not show that. The iteration knows no bounds. Use equation-error or maximum"
-    " likelihood, which condense exactly."
+    " deviations do not include this bias. The iteration has no bounds. Use equation-error or"
+    " maximum likelihood, which condense exactly."
 )
 #: Relative error of the reduced FRFs up to which the message calls them correct.
 _SMALL = 0.1
@@ -85,7 +85,7 @@ class ReducedFrfMethod(Method):
     reference: ClassVar[str] = "Xu Zhangming, as in Bao, Wang & Cheng 2010"
     needs: ClassVar[str] = "the drive point of every reference"
     needs_exact: ClassVar[str] = (
-        "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'"
+        "tier 'reduced': 'reduced-frf' makes another reduction itself; use tier 'sparse'"
     )
 
     @property
@@ -201,8 +201,8 @@ def _errors(part: FRFPart, frequency: float) -> _Vector:
 def _describe_error(freq: _Vector, errors: _Vector) -> str:
     """Return the error of the reduced FRFs, and up to which line it is small, as text."""
     text = (
-        "and the transformation that stands for them is not exact: where the fit starts, it puts"
-        f" the FRFs off by {100.0 * np.median(errors):.2g} % (median of all lines)"
+        "and the transformation that replaces them is not exact: at the start of the fit, the FRFs"
+        f" differ by {100.0 * np.median(errors):.2g} % (median of all lines)"
     )
     wrong = np.flatnonzero(errors > _SMALL)
     if not wrong.size:

@@ -48,7 +48,7 @@ class DeadChannel(DataFault):
             If the model is singular at a line.
         """
         few = part.thin(_LINES)
-        level = np.abs(few.responses(few.coordinates.home)).max(axis=0)
+        level = np.abs(few.responses(few.coordinates.start)).max(axis=0)
         mask = find_channels(self.channels, part.frf).channel_mask(part.frf)
         return bool(level[mask].max() <= _LEAST_RESPONSE * level.max())
 

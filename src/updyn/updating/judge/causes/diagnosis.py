@@ -99,7 +99,7 @@ def is_far_from_start(part: FRFPart, x: _Real) -> bool:
     The data may then be explained and still be wrong by a common factor.
     """
     coordinates = part.coordinates
-    offset = ((x - coordinates.home) / compute_spread(part))[coordinates.parameters.is_factor]
+    offset = ((x - coordinates.start) / compute_spread(part))[coordinates.parameters.is_factor]
     return bool(offset.size and np.sqrt(np.mean(offset**2)) > USUAL_DISTANCE)
 
 
@@ -178,7 +178,7 @@ class _Explanation:
     def fit_remaining(self, frf: FRF) -> Trial | None:
         """Return a fit to the corrected data with the weights of `frf`; None without a solution."""
         part = self.part.with_data(_restrict_weights(self.part.frf, frf))
-        start = raise_loss_factors(part, part.coordinates.home) if self.end is None else self.end
+        start = raise_loss_factors(part, part.coordinates.start) if self.end is None else self.end
         return run_trial(self.trial_models.prepare_part(part, [start]), None, [start])
 
     def mean_square_above_noise(self, frf: FRF, trial: Trial) -> float:
@@ -220,7 +220,7 @@ def _try_other_units(part: FRFPart, without: Trial) -> list[Finding]:
     """Return the unit in which the model explains data with which it has nothing in common."""
     if part.solver.system.n > _MOST_DOFS:
         return []
-    start = raise_loss_factors(part, part.coordinates.home)
+    start = raise_loss_factors(part, part.coordinates.start)
     first: list[tuple[float, ModelUnit]] = []
     for fault in ModelUnit.list_mistakes():
         converted = part.with_data(fault.convert_data(part.frf)).thin(_FEWEST)
@@ -273,7 +273,7 @@ def _explain_data(
             continue
         whole = _correct_whole_part(whole, trial_models, sized.fault, end)
         prepared = replace(trial_models.prepare_part(part, [end]), frf=part.frf)
-        # A fault that adapts is subtracted as fitted to all lines; its error on a few lines would
+        # An adaptive fault is subtracted as fitted to all lines; its error on a few lines would
         # look like other faults.
         fault = sized.fault if best.fault.is_adaptive else best.fault
         part = replace(fault.prepare_next_search(prepared, end), solver=part.solver)
@@ -289,7 +289,7 @@ def _correct_whole_part(
     if fault.alters_model:
         prepared = replace(trial_models.prepare_part(whole, [x]), frf=whole.frf)
         with suppress(SolverError):
-            corrected = fault.prepare_next_search(prepared, x[: len(whole.coordinates.home)])
+            corrected = fault.prepare_next_search(prepared, x[: len(whole.coordinates.start)])
             return replace(corrected, solver=whole.solver)
     return whole
 
@@ -301,7 +301,7 @@ def _fit_size(
 
     The fault is unchanged if the data contradict the held values.
     """
-    fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
+    fault, x = found.fault, found.trial.x[: len(whole.coordinates.start)]
     if fault.is_adaptive and fault.repair_text:
         with suppress(SolverError):
             whole_part = trial_models.prepare_part(whole, [found.trial.x])
@@ -355,7 +355,7 @@ def _find_likeliest(
     noise: NoiseModel,
 ) -> list[RankedFault]:
     """Return the likeliest fault and those that cannot be distinguished from it; may be empty."""
-    home = part.coordinates.home
+    home = part.coordinates.start
     current = trial_models.prepare_part(part, [home, *points])
     for _ in range(_REFINEMENTS):
         start = raise_loss_factors(current, home)

@@ -320,7 +320,7 @@ class Evidence:
     @cached_property
     def offset_to_start(self) -> _Real:
         """Difference of the start of the unknowns from x, in units of their spread, shape (n,)."""
-        return np.asarray((self.part.coordinates.home - self.x) / self.spread)
+        return np.asarray((self.part.coordinates.start - self.x) / self.spread)
 
     @cached_property
     def weight(self) -> _Real:

@@ -80,7 +80,7 @@ class NoSupport(IrreparableFault):
 
     def choose_start(self, part: FRFPart, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x with the stiffness at its share."""
-        return part.coordinates.with_one(
+        return part.coordinates.with_coordinate(
             x, self._stiffness_index(part), max(self.value, np.log(_LEAST))
         )
 

@@ -129,7 +129,7 @@ class _PoleProblem:
         columns = [share * dH for dH in evidence.model_slopes(frf)]
         columns += [share * one for one in self._derive_by_pole(pole, frf, T)]
         J = -np.array(columns).reshape(len(columns), -1)
-        off = self.prior_weight * (x - self.part.coordinates.home)
+        off = self.prior_weight * (x - self.part.coordinates.start)
         residual = np.concatenate([e.real.ravel(), e.imag.ravel(), off])
         priors = np.zeros((self.n, len(z)))
         priors[:, : self.n] = np.diag(self.prior_weight)

@@ -100,7 +100,7 @@ class QuadraticMisfit:
         e = evidence.misfit(evidence.frf if frf is None else frf)
         normal_matrix, gradient = evidence.normal_matrix, J.T @ e
         offset, spread, is_held = (
-            evidence.x - part.coordinates.home,
+            evidence.x - part.coordinates.start,
             compute_spread(part),
             find_held(part),
         )

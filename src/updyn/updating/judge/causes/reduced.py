@@ -104,7 +104,7 @@ class ReducedModels:
             _scatter_starts(part, n, seed) for seed, n in enumerate((_POINTS, _SAMPLES))
         )
         # A support may not hold the structure at all.
-        home, springs = part.coordinates.home, list_ground_springs(part)
+        home, springs = part.coordinates.start, list_ground_springs(part)
         loose = [scale_stiffness(part, home, one, level) for one in springs for level in _LOOSE]
         self._reduction.build_around([part.state(x) for x in points] + loose, across=_ACROSS)
         states = [part.state(x) for x in samples] + loose
@@ -147,13 +147,13 @@ def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[_Real]:
     """Return the start, and points about it within the spread of the unknowns."""
     coordinates = part.coordinates
     factor, spread = coordinates.parameters.is_factor, compute_spread(part)
-    lowest = np.where(factor, coordinates.home - spread, 0.0)
+    lowest = np.where(factor, coordinates.start - spread, 0.0)
     highest = np.where(
-        factor, coordinates.home + spread, np.minimum(coordinates.home + spread, _LOSSY)
+        factor, coordinates.start + spread, np.minimum(coordinates.start + spread, _LOSSY)
     )
     middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
     return [
-        coordinates.home,
+        coordinates.start,
         *np.clip(scatter_points(middle, half, number - 1, seed), *coordinates.bounds),
     ]
 

@@ -338,7 +338,7 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
     """
     parameters, system = part.coordinates.parameters, part.solver.system
     sought = {(drive.group, drive.quantity) for p in parameters for drive in p.acts_on}
-    loss = part.state(part.coordinates.home).loss
+    loss = part.state(part.coordinates.start).loss
     items: list[HeldQuantity] = []
     for t, term in enumerate(system.terms):
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
@@ -353,7 +353,7 @@ def free_held_quantities(part: FRFPart) -> tuple[FRFPart, _Real]:
     wide = ParameterSet((*parameters.items, *items))
     coordinates = replace(part.coordinates, parameters=wide, box=None)
     whole = replace(part, unknowns=Unknowns.find(system, wide), coordinates=coordinates)
-    return whole, coordinates.home[len(parameters) :]
+    return whole, coordinates.start[len(parameters) :]
 
 
 def adapt_losses(part: FRFPart, x: _Real) -> FRFPart:
@@ -363,7 +363,7 @@ def adapt_losses(part: FRFPart, x: _Real) -> FRFPart:
     a value is its distance from the held one (MacKay, Neural Comput. 4 (1992) 415, section 3).
     """
     coordinates = part.coordinates
-    off = np.abs(x - coordinates.home)
+    off = np.abs(x - coordinates.start)
     items = [
         replace(p, prior_std=max(float(p.prior_std or 0.0), float(d)))
         if isinstance(p, HeldQuantity) and p.quantity == "loss_factor"

@@ -99,10 +99,10 @@ class ModalNoise:
         """Return the standard deviation of each residual, shape (r,); inf for unused kinds."""
         variance = np.full(len(rows.r), np.inf)
         for number, kind in enumerate(KINDS):
-            mine = rows.kind == number
+            is_kind = rows.kind == number
             if kind in self.added:
-                own = 0.0 if kind in self.stated else rows.std[mine] ** 2
-                variance[mine] = own + self.added[kind] ** 2
+                data_variance = 0.0 if kind in self.stated else rows.std[is_kind] ** 2
+                variance[is_kind] = data_variance + self.added[kind] ** 2
         return np.asarray(np.sqrt(variance))
 
     def estimate_for_weights(self, rows: ModalRows) -> ModalNoise:
@@ -123,26 +123,26 @@ class ModalNoise:
 
         `rest`, shape (k, n), is the reduced, whitened Jacobian of all other data and priors.
         """
-        sought = self._estimated_kinds(rows)
-        if not sought:
+        kinds = self._estimated_kinds(rows)
+        if not kinds:
             return self
         found = replace(self, kind="estimated")
         for _ in range(_ROUNDS):
             before = dict(found.added)
             leverage = _compute_leverage(rows, found.std(rows), rest)
-            spare = {kind: rows.freedom(kind) - leverage[rows.of(kind)].sum() for kind in sought}
+            spare = {kind: rows.freedom(kind) - leverage[rows.of(kind)].sum() for kind in kinds}
             sizes = _estimate_sizes(rows, spare, before)
             found = replace(found, added={**before, **sizes})
-            if all(abs(sizes[k] - before[k]) <= _SETTLED * before[k] for k in sought):
+            if all(abs(sizes[k] - before[k]) <= _SETTLED * before[k] for k in kinds):
                 break
-        many = [float(spare[kind]) for kind in sought if spare[kind] >= _USUAL]
+        many = [float(spare[kind]) for kind in kinds if spare[kind] >= _USUAL]
         short = tuple(
-            kind for kind in sought if spare[kind] < _USUAL and not rows.std[rows.of(kind)].all()
+            kind for kind in kinds if spare[kind] < _USUAL and not rows.std[rows.of(kind)].all()
         )
         if not many:
             return replace(found, kind="assumed", by_ratio=short)
         few = int(min(many)) if min(many) < _MANY else None
-        if all(found.added[k] == _SMALLEST and rows.std[rows.of(k)].all() for k in sought):
+        if all(found.added[k] == _SMALLEST and rows.std[rows.of(k)].all() for k in kinds):
             return replace(found, kind="standard deviations")
         return replace(found, by_ratio=short, degrees_of_freedom=few)
 
@@ -154,9 +154,9 @@ class ModalNoise:
         """Return the rms standard deviation of each kind of residual, for the record."""
         std, out = self.std(rows), {}
         for kind in self.added:
-            mine = rows.of(kind)
-            if mine.any():
-                out[kind] = float(np.sqrt(np.mean(std[mine] ** 2)))
+            is_kind = rows.of(kind)
+            if is_kind.any():
+                out[kind] = float(np.sqrt(np.mean(std[is_kind] ** 2)))
         return out
 
 
@@ -167,8 +167,8 @@ def _compute_leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
     norms = np.linalg.norm(whole, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
     _, s, Vt = np.linalg.svd(whole / norms, full_matrices=False)
-    seen = s > 1e-10 * s[0] if s.size and s[0] > 0.0 else np.zeros(len(s), dtype=np.bool_)
-    inner = (J / norms) @ (Vt[seen].T / s[seen])
+    is_determined = s > 1e-10 * s[0] if s.size and s[0] > 0.0 else np.zeros(len(s), dtype=np.bool_)
+    inner = (J / norms) @ (Vt[is_determined].T / s[is_determined])
     return np.asarray(np.sum(inner**2, axis=1))
 
 
@@ -179,19 +179,19 @@ def _estimate_sizes(
     exact = min(1.0, before.get("shape", np.inf) / ASSUMED_OF_MODES["shape"])
     found = {}
     for kind, n in number.items():
-        mine = rows.of(kind)
-        usual = exact * ASSUMED_OF_MODES.get(kind, 1.0)
-        found[kind] = _estimate_size(rows.r[mine], rows.std[mine], float(n), usual)
+        is_kind = rows.of(kind)
+        typical = exact * ASSUMED_OF_MODES.get(kind, 1.0)
+        found[kind] = _estimate_size(rows.r[is_kind], rows.std[is_kind], float(n), typical)
     return found
 
 
-def _estimate_size(r: _Real, std: _Real, number: float, usual: float) -> float:
+def _estimate_size(r: _Real, std: _Real, number: float, typical: float) -> float:
     """Return s with sum r^2 / (std^2 + s^2) = number, at least `_SMALLEST`.
 
     If the data have no standard deviations, the typical size enters with its weight.
     """
     if not std.any():
-        squares = float(r @ r) + _USUAL * usual**2
+        squares = float(r @ r) + _USUAL * typical**2
         return max(float(np.sqrt(squares / (number + _USUAL))), _SMALLEST)
 
     def excess(size: float) -> float:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["size_p"]
+__all__ = ["size_p_value"]
 
 #: Number of real values over which the errors of a noise level estimated from averages are
 #: correlated.
 _SHARED = 32.0
 
 
-def size_p(
+def size_p_value(
     square: ArrayLike, count: ArrayLike, freedom: ArrayLike, averages: int | None
 ) -> NDArray[np.float64]:
     """Return the probability that noise causes sums of squares at least as large.

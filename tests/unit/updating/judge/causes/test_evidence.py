@@ -31,7 +31,7 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
     part = FRFPart.build(chain12, frf, unknowns)
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
@@ -47,7 +47,7 @@ def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
     frf = updyn.response(true, freq, ["2:X", "7:X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = FRFPart.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     moved = MisplacedSensor(("7:X", "8:X")).repair_with_model(evidence)
     Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
@@ -60,7 +60,7 @@ def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     unknowns = updyn.parameters(chain12, mass="all")
     part = FRFPart.build(chain12, frf, unknowns)
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     change = 0.02 * FrequencyScale().slope(evidence)
     assert evidence.imitate_change(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
 
@@ -72,12 +72,12 @@ def test_slopes_by_frequency_at_a_line_of_0_hz(chain12, quantity):
     frf = updyn.response(chain12, freq, ["2:X", "7:X"], ["12:X"], quantity)
     frf = replace(frf, variance=np.full(frf.values.shape, 1e-12))
     part = FRFPart.build(chain12, frf, updyn.parameters(chain12, mass="all"))
-    slope = Evidence(part, part.coordinates.home).slope_by_frequency
+    slope = Evidence(part, part.coordinates.start).slope_by_frequency
     assert np.isfinite(slope).all()
     if quantity == "receptance":
         assert np.abs(slope[0]).max() < 1e-3 * np.abs(slope[1]).max()
     moving = part.with_data(frf.select(lines=freq[1:]))
-    rest = Evidence(moving, part.coordinates.home).slope_by_frequency
+    rest = Evidence(moving, part.coordinates.start).slope_by_frequency
     np.testing.assert_allclose(slope[1:], rest, rtol=1e-6, atol=1e-8 * np.abs(rest).max())
 
 
@@ -107,7 +107,7 @@ def test_other_lines_are_solved_once_for_all_sensors(chain12, chain12_true):
     frf = updyn.response(chain12_true, np.linspace(2.0, 22.0, 20), ["2:X", "7:-X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = FRFPart.build(chain12, frf, updyn.parameters(chain12, stiffness="all"))
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     found = evidence.log_ratio_with_scaled_axis(0.03)
     at = (["2:X", "7:-X"], ["12:X"], "accelerance")
     here, there = (updyn.response(chain12, frf.freq * f, *at).values for f in (1.0, np.exp(0.03)))

@@ -73,7 +73,7 @@ def test_slopes_by_the_exponent(chain12, unknowns, group, exponent, quantity, de
     """Of the model with the course as a table, by central differences."""
     where = (LINES[::9], ["2:X", "5:-X"], ["5:X"], quantity)
     part = FRFPart.build(chain12, updyn.response(chain12, *where, decay=decay), unknowns)
-    x = part.coordinates.home + 0.05
+    x = part.coordinates.start + 0.05
     groups = [n for n, g in chain12.groups.items() if g.stiffness is not None]
     groups = groups if group == "all" else [group]
 
@@ -98,7 +98,7 @@ def test_the_storage_modulus_follows_kramers_and_kronig(chain12, exponent):
     unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
     frf = updyn.response(model, LINES[::9], ["2:X", "5:-X"], ["5:X"], "accelerance")
     part = FRFPart.build(model, frf, unknowns)
-    x = part.coordinates.home
+    x = part.coordinates.start
     fault = replace(cause(exponent), causal=True)
     altered = fault.correct_part(part, x)
 
@@ -140,7 +140,7 @@ def test_at_0_hz_the_loss_factor_is_that_of_the_next_line(chain12, unknowns):
     lines = np.append(0.0, LINES[::9])
     frf = updyn.response(chain12, lines, ["2:X"], ["5:X"])
     part = FRFPart.build(chain12, frf, unknowns)
-    x = part.coordinates.home + 0.05
+    x = part.coordinates.start + 0.05
     true = FRFPart.build(with_course(chain12, "part2", -0.5, 0.01, lines), frf, unknowns)
     altered = cause(-0.5).correct_part(part, x)
     np.testing.assert_allclose(altered.responses(x), true.responses(x), rtol=1e-10)
@@ -200,7 +200,7 @@ def test_a_course_that_is_given_is_not_doubted(chain12, unknowns):
     frf = updyn.response(given, LINES[::9], ["2:X"], ["5:X"])
     frf = replace(frf, variance=np.abs(frf.values) ** 2 * 1e-4)
     part = FRFPart.build(given, frf, unknowns)
-    found = list(LossOverFrequency.propose_faults(Evidence(part, part.coordinates.home)))
+    found = list(LossOverFrequency.propose_faults(Evidence(part, part.coordinates.start)))
     named = {one.channels[0] for one in found}
     assert "part1.loss_factor" in named
     assert "all.loss_factor" in named

@@ -63,7 +63,7 @@ def test_a_part_with_an_element_is_that_of_a_model_with_it(
     frf = updyn.response(chain12, *where, decay=decay)
     part = FRFPart.build(chain12, frf, unknowns)
     true = FRFPart.build(with_element(chain12, element), frf, unknowns)
-    x = part.coordinates.home + 0.05
+    x = part.coordinates.start + 0.05
     altered = AlteredPart.of(part, element)
     wanted = true.block(x, slice(None))
     for one in (altered, pickle.loads(pickle.dumps(altered))):  # noqa: S301
@@ -93,7 +93,7 @@ def test_a_part_with_an_element_is_that_of_a_model_with_it(
 def test_slopes_by_rayleigh_coefficients(chain12, unknowns, name, value):
     frf = updyn.response(chain12, LINES[::9], ["2:X", "5:-X"], ["5:X"], "mobility")
     part = FRFPart.build(chain12, frf, unknowns)
-    x = part.coordinates.home + 0.05
+    x = part.coordinates.start + 0.05
     fault = ProportionalDamping((name,), value)
     group, quantity = name.split(".")
     groups = list(chain12.groups) if group == "all" else [group]
@@ -190,7 +190,7 @@ def test_the_difference_of_the_halves_is_counted_in_its_deviations(chain12, unkn
     """With one size everywhere it is a standard normal number; with two it is far beyond."""
     frf = updyn.response(chain12, LINES, SENSORS, FORCES)
     part = FRFPart.build(chain12, frf, unknowns)
-    x = part.coordinates.home
+    x = part.coordinates.start
     lower = (np.arange(len(LINES)) < len(LINES) // 2)[:, None, None]
     spread = []
     for seed in range(60):
@@ -236,7 +236,7 @@ def silent(chain12, unknowns, add_noise):
 
 
 def weighed(part):
-    H = part.responses(part.coordinates.home)
+    H = part.responses(part.coordinates.start)
     return part.with_data(WeightedData.near_response(H, part.frf, part.frf.variance))
 
 
@@ -245,7 +245,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_odds(silent, taken):
     fault = ProportionalDamping(("part3.stiffness_damping",), 1e-4)
     gains = []
     for part in map(taken, silent):
-        home = [part.coordinates.home]
+        home = [part.coordinates.start]
         trials = [run_trial(part, one, home) for one in (None, fault)]
         gains.append(trials[1].gain(trials[0], 0.0))
     # Of all values that count, twice as many, one number costs ln(2) / 2 more.
@@ -257,7 +257,7 @@ def test_sensors_that_measure_only_noise_do_not_change_the_halves(silent):
     apart = [
         compare_band_halves(Evidence(fault.correct_part(part, x), x), fault, 0.0)
         for part in silent
-        for x in [part.coordinates.home]
+        for x in [part.coordinates.start]
     ]
     assert apart[1] == pytest.approx(apart[0], rel=0.05)
 
@@ -295,7 +295,7 @@ def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unkno
         AddedElement("stiffness", *at, 0.0, 0.02) for at in MissingSpring.list_places(part.frf)
     ]
     assert len(every) == 5 + 10
-    best = select_elements(Evidence(part, part.coordinates.home), every, 3)
+    best = select_elements(Evidence(part, part.coordinates.start), every, 3)
     assert best[0].labels == element.labels
 
 

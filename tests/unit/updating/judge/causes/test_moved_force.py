@@ -53,7 +53,7 @@ def test_a_force_elsewhere_exchanges_its_columns(chain12, chain12_true):
     frf = updyn.response(chain12_true, FREQ, ["2:X", "7:-X"], ["5:X", "12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
     part = FRFPart.build(chain12, frf, updyn.parameters(chain12, stiffness="all", mass="all"))
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     moved = read_fault("moved:force 5:X,force 7:X").repair_with_model(evidence)
     there = part.with_data(moved)
     blocks = [there.block(evidence.x, lines) for lines in there.partition()]

@@ -77,12 +77,12 @@ def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypat
     known = replace(data, variance=1e-4 * np.abs(data.values) ** 2)
     part = FRFPart.build(chain12, known, unknowns)
     part.session.wants_stop = lambda: bool(asked.append(True))
-    found = score_faults(part, part.coordinates.home)
+    found = score_faults(part, part.coordinates.start)
     assert len(asked) > len(found) > len(SENSORS) * (len(SENSORS) - 1) / 2
     part.session.wants_stop = lambda: len(asked) > 10 or bool(asked.append(True))
     asked.clear()
     with pytest.raises(Stopped):
-        score_faults(part, part.coordinates.home)
+        score_faults(part, part.coordinates.start)
 
 
 def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):

@@ -126,7 +126,7 @@ def test_the_stiffness_of_another_state_is_undone_exactly(chain12_true, clean):
         bad = replace(sound, values=np.concatenate([other.values[:, :1], sound.values[:, 1:]], 1))
         part = FRFPart.build(chain12_true, bad, all_unknowns(chain12_true))
         fault = read_fault(f"other-test:2:X={-0.5 * float(np.log(1.2))!r}")
-        good = fault.repair_with_model(Evidence(part, part.coordinates.home))
+        good = fault.repair_with_model(Evidence(part, part.coordinates.start))
         assert good.values == pytest.approx(sound.values, rel=1e-8)
 
 
@@ -144,10 +144,10 @@ def test_the_last_sensor_is_not_another_test(chain12, data):
         chain12, with_variance(two, choose_noise(None, two)), all_unknowns(chain12)
     )
     sensors = {("5:X",), ("12:X",)}
-    seen = Evidence(part, part.coordinates.home)
+    seen = Evidence(part, part.coordinates.start)
     assert {one.channels for one in OtherTest.propose_faults(seen)} == sensors
     without = OtherTest(("5:X",), 0.02).mask_channels(part.frf)
-    left = Evidence(part.with_data(without), part.coordinates.home)
+    left = Evidence(part.with_data(without), part.coordinates.start)
     assert not list(OtherTest.propose_faults(left))
 
 
@@ -235,7 +235,7 @@ def test_the_missing_mode_is_taken_away_exactly(chain12_true, clean):
         replace(bad, variance=np.full(bad.values.shape, 1e-30)),
         all_unknowns(chain12_true),
     )
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     fault = read_fault("missing-mode=9.3").adapt_to(evidence)
     assert fault.value == pytest.approx(9.3, rel=2e-3)
     assert fault.loss == pytest.approx(0.02, rel=0.1)
@@ -275,7 +275,7 @@ def test_the_suspension_is_that_of_springs_in_proportion_to_the_mass(chain12_tru
     held = Model.from_groups({**chain12_true.groups, "springs": springs}, chain12_true.dofs)
     hung = updyn.response(held, FREQ, SENSORS, ["5:X", "12:X"])
     part = FRFPart.build(chain12_true, clean, all_unknowns(chain12_true))
-    ratio = Evidence(part, part.coordinates.home).log_ratio_on_suspension(1.5)
+    ratio = Evidence(part, part.coordinates.start).log_ratio_on_suspension(1.5)
     assert np.exp(ratio) == pytest.approx(hung.values / clean.values, rel=1e-8)
 
 
@@ -310,7 +310,7 @@ def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(
     noise = choose_noise(None, test.frf)
     part = FRFPart.build(test.model, with_variance(test.frf, noise), ready.parameters).thin(60)
     part, _ = free_held_quantities(part)
-    fit = run_trial(part, None, [raise_loss_factors(part, part.coordinates.home)])
+    fit = run_trial(part, None, [raise_loss_factors(part, part.coordinates.start)])
     found = [
         mode for mode in MissingMode.propose_faults(Evidence(part, fit.x)) if mode.is_plausible()
     ]

@@ -44,7 +44,7 @@ def test_the_pole_that_was_put_in_is_found(chain12, chain12_true, add_noise, lin
     )
     part = FRFPart.build(start, frf, updyn.parameters(start, stiffness="all"))
     begin = Pole(9.35, 0.03, true.a * 0.8, true.b)
-    found = fit_pole(part, part.coordinates.home, begin)
+    found = fit_pole(part, part.coordinates.start, begin)
     assert found.frequency == pytest.approx(9.3, rel=1e-3)
     assert found.loss == pytest.approx(0.02, rel=0.1)
     outer = np.outer(found.a, found.b)

@@ -66,7 +66,7 @@ def stage(part):
 
 def test_the_model_is_reduced(part, stage, true):
     assert true.n_dofs == 480 > reduced._DOFS
-    here = stage.prepare_part(part, [part.coordinates.home])
+    here = stage.prepare_part(part, [part.coordinates.start])
     assert here.solver.tier == "reduced"
     assert here.solver.system.n < 0.3 * part.solver.system.n
 
@@ -79,7 +79,7 @@ def test_it_knows_the_same_places(part, stage):
 def test_it_gives_the_same_evidence(part, stage):
     """Answers at and beside the sensors, slopes by unknowns and frequency, damping, drive points."""
     rng = np.random.default_rng(0)
-    x = part.coordinates.home + 0.1 * rng.uniform(-1.0, 1.0, part.n)
+    x = part.coordinates.start + 0.1 * rng.uniform(-1.0, 1.0, part.n)
     x = np.clip(x, *part.coordinates.bounds)
     here = replace(stage.prepare_part(part, [x]), frf=part.frf)
     found, wanted = Evidence(here, x), Evidence(part, x)
@@ -104,7 +104,7 @@ def test_it_gives_the_same_evidence(part, stage):
 
 
 def test_the_stated_error_holds(part, stage):
-    x = part.coordinates.home + 0.15
+    x = part.coordinates.start + 0.15
     here = stage.prepare_part(part, [x])
     off = np.abs(here.responses(x) - part.responses(x))
     added = np.sqrt(here.frf.variance - part.frf.variance)

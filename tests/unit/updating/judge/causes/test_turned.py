@@ -116,7 +116,7 @@ def test_variance_and_coherence_go_along():
 def test_the_slope_is_that_of_a_small_turn(clean):
     frf = replace(clean, variance=1e-12 * np.abs(clean.values) ** 2)
     part = FRFPart.build(two_chains(), frf, updyn.parameters(two_chains(), stiffness="X*"))
-    evidence = Evidence(part, part.coordinates.home)
+    evidence = Evidence(part, part.coordinates.start)
     fault = CAUSES["turned"](("3:Z",), 20.0)
     model = replace(frf, values=evidence.model_response(frf))
     step = 1e-4

@@ -145,7 +145,7 @@ def test_a_reduced_variant_answers_as_the_variant_does(frf):
     part = FRFPart.build(wrong, data, unknowns(wrong), session=Session(cache=RecentCache()))
     assert part.solver.system.n > 100
     other = next(one for one in list_variants(part) if one.variant.groups == ("girder",))
-    home = part.coordinates.home
+    home = part.coordinates.start
     as_it_is = part.responses(home)
     there = other.prepare_part(part, [home])
     assert there.solver.tier == "reduced"
@@ -164,7 +164,7 @@ def test_they_are_tried_where_they_may_be_likely(frf, power, far, expected):
     start = portal(("girder",), OFF)
     data = with_variance(frf, choose_noise({"relative": 0.01}, frf))
     part = FRFPart.build(start, data, unknowns(start))
-    home = part.coordinates.home
+    home = part.coordinates.start
     without = Trial(None, home, power, far, 0.0, 2 * part.n_values)
     found = select_variants(part, list_variants(part), without, raise_loss_factors(part, home))
     assert [one.channels for one in found] == expected
