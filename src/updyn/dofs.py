@@ -242,7 +242,7 @@ class DofSet(Sequence[Dof]):
         if same.size:
             first, second = sorted(self._order[same[0] : same[0] + 2])
             raise DofError(
-                f"DOF {self[int(first)]} stands twice: at positions {first + 1} and {second + 1}"
+                f"DOF {self[int(first)]} occurs twice: at positions {first + 1} and {second + 1}"
             )
 
     def __setattr__(self, name: str, value: object) -> None:
@@ -361,7 +361,7 @@ class DofSet(Sequence[Dof]):
 
     def _nearest_labels(self, dof: Dof, n: int = 3) -> str:
         if len(self) == 0:
-            return "there is none to choose from"
+            return "no choices exist"
         distance = np.abs(self.nodes - dof.node) * 6 + (self.axes != _INDEX[dof.direction])
         best = np.argsort(distance, kind="stable")[:n]
         return "nearest: " + ", ".join(self[best].labels)

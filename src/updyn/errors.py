@@ -286,7 +286,7 @@ def suggest(word: str, choices: Iterable[str]) -> str:
     if close:
         return f"did you mean {' or '.join(map(repr, close))}?"
     if not options:
-        return "there is none to choose from"
+        return "no choices exist"
     text = f"valid: {', '.join(map(repr, options[:12]))}"
     if len(options) > 12:
         text += f", ... ({len(options)} in all)"

@@ -446,7 +446,7 @@ class FRF:
         if len(channels) != 2:
             raise DofError(
                 f"frf[...]: {len(channels)} entries; expected responses, or responses and"
-                " references. A list of labels stands in brackets: frf[[...], ...]"
+                " references. Put a list of labels in brackets: frf[[...], ...]"
             )
         return self.select(
             responses=_select_dofs(channels[0], self.responses, "response"),
@@ -486,7 +486,7 @@ class FRF:
                 f" {nearest:.9g} Hz"
             )
         if rest.size == 0:
-            raise DataError(f"exclude: without {low:g} to {high:g} Hz no line is left")
+            raise DataError(f"exclude: without {low:g} to {high:g} Hz no line remains")
         return rest
 
     def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
@@ -643,7 +643,7 @@ class FRF:
             )
         if quantity_label is not None and quantity is not None and quantity_label != quantity:
             raise DataError(
-                f"quantity {quantity!r} contradicts the dataset, which says {quantity_label!r}"
+                f"quantity {quantity!r} contradicts the dataset, which states {quantity_label!r}"
             )
         _check_units(data, str(quantity_label or quantity))
         arrays: dict[str, Any] = {}

@@ -76,7 +76,7 @@ class Geometry:
             )
         values, counts = np.unique(ids, return_counts=True)
         if (counts > 1).any():
-            raise InputError(f"geometry: node {values[counts > 1][0]} stands twice")
+            raise InputError(f"geometry: node {values[counts > 1][0]} occurs twice")
         for what, named in (("line", pairs), ("face", quadrangles)):
             if not np.isin(named, ids).all():
                 raise InputError(

@@ -580,8 +580,7 @@ class LossTable:
         back = np.flatnonzero(np.diff(self.freq) <= 0)
         if back.size:
             raise ModelError(
-                f"loss_table: line {self.freq[back[0] + 1]:g} Hz stands behind"
-                f" {self.freq[back[0]]:g} Hz",
+                f"loss_table: line {self.freq[back[0] + 1]:g} Hz follows {self.freq[back[0]]:g} Hz",
                 key=("loss_table",),
             )
 

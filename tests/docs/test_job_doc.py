@@ -67,7 +67,7 @@ def tables() -> dict[str, dict[str, list[str]]]:
         elif line.startswith("| `"):
             cells = [c.strip() for c in line.strip("|").split(" | ")]
             key = cells[0].strip("` |")
-            assert key not in out.setdefault(title, {}), f"{title}: {key} stands twice"
+            assert key not in out.setdefault(title, {}), f"{title}: {key} occurs twice"
             out[title][key] = cells
     return out
 

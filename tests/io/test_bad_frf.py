@@ -44,7 +44,7 @@ EXPECTED = {
     "blank.uff": (
         "holds no frequency response function (dataset 58, function type 4); it holds nothing"
     ),
-    "both_senses.csv": ":2: header: DOF 1:Z stands twice",
+    "both_senses.csv": ":2: header: DOF 1:Z occurs twice",
     "byte_count_wrong.uff": (
         ":2: 58b: the first line declares 56 bytes of data, but the file has 64, as required by record 7"
     ),

@@ -157,7 +157,7 @@ def test_other_elements_are_not_drawn_and_said_so(tmp_path: Path, write: Any) ->
         (contents(blocks={"BAR2": [[1, 10]]}), MARKS, "connect1: an element at node 10 .* 1 to 9"),
         (contents(blocks={"BAR2": [[0, 1]]}), MARKS, "connect1: an element at node 0 .* 1 to 9"),
         (contents(numbers=[1, 2]), MARKS, "node_num_map: 2 numbers for 9 positions"),
-        (contents(numbers=[5, *NUMBERS[1:8], 5]), MARKS, "node 5 stands twice"),
+        (contents(numbers=[5, *NUMBERS[1:8], 5]), MARKS, "node 5 occurs twice"),
         (contents() | {"coordy": (np.zeros(4), "")}, MARKS, "found 9 and 4 and 9 numbers"),
         (contents(np.where(XYZ == 9.5, np.nan, XYZ)), MARKS, "position of node 7 is not finite"),
     ],

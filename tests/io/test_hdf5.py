@@ -122,7 +122,7 @@ def without_entries(file):
         (lambda f: f["dofs/direction"].__setitem__(1, b"RQ"), "direction 2 is 'RQ'"),
         (
             lambda f: f["dofs/node"].__setitem__(2, 1) or f["dofs/direction"].__setitem__(2, b"X"),
-            "1:X stands twice",
+            "1:X occurs twice",
         ),
         (
             lambda f: f["groups/0000/stiffness/indices"].__setitem__(0, 9),

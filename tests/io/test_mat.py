@@ -145,7 +145,7 @@ def test_frf_without_damping_is_stored_real_by_matlab(path, save):
             "mass: row 2 holds a number that is not finite",
         ),
         ({"K": np.array([[2.0, -0.9], [-1.0, 1.0]]), "dofs": TABLE}, "stiffness is not symmetric"),
-        ({"K": K, "dofs": np.array([[1.0, 1.0], [1.0, 1.0]])}, "1:X stands twice"),
+        ({"K": K, "dofs": np.array([[1.0, 1.0], [1.0, 1.0]])}, "1:X occurs twice"),
         ({"K": K, "dofs": np.array([[1.5, 1.0], [2.0, 1.0]])}, "dofs: expected whole numbers"),
         ({"K": K, "dofs": "1:X"}, "has 2 DOFs, the model has 1 labels"),
         (

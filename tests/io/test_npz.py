@@ -150,7 +150,7 @@ def test_order_of_axes_is_not_guessed_from_lengths(path):
         ({"H": np.abs(np.ones((3, 2, 2)))}, {}, "may be magnitudes or decibels"),
         ({"H": np.full((3, 2, 2), np.nan * 1j)}, {}, "is not finite"),
         ({"H": np.array(["a"])}, {}, "H: found 1 texts; expected numbers"),
-        ({"responses": ["1:X", "1:-X"]}, {}, "responses: DOF 1:X stands twice"),
+        ({"responses": ["1:X", "1:-X"]}, {}, "responses: DOF 1:X occurs twice"),
         ({"responses": ["1:X", "2:q"]}, {}, "responses: DOF '2:q'"),
         ({"responses": [1, 2]}, {}, "responses: found numbers of shape"),
         ({"references": [[1, 1], [2, 7]]}, {}, "references: row 2 has direction 7; expected 1..6"),

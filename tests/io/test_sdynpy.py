@@ -114,7 +114,7 @@ def test_a_reduction_that_keeps_coordinates(tmp_path):
             {"coordinate": np.array([(1, 0)] * 4, dtype=COORDINATE)},
             "node 1 has direction 0; expected 1..6",
         ),
-        ({"coordinate": np.array([(1, 2)] * 4, dtype=COORDINATE)}, "DOF 1:Y stands twice"),
+        ({"coordinate": np.array([(1, 2)] * 4, dtype=COORDINATE)}, "DOF 1:Y occurs twice"),
         ({"coordinate": np.arange(4)}, "expected one row of pairs of node and direction"),
         ({"stiffness": K * (1 + 0.1j)}, "stiffness: found complex numbers"),
     ],

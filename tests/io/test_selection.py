@@ -45,7 +45,7 @@ def test_one_side_alone(tmp_path, suffix):
         ({"responses": ["1:X", "2:Z"]}, "responses: response 2:Z is not among the 3 DOFs"),
         ({"references": ["2:Y"]}, "references: reference 2:Y is not among the 2 DOFs"),
         ({"responses": []}, "responses: an empty list; omit it to read all"),
-        ({"responses": ["1:X", "1:-X"]}, "responses: DOF 1:X stands twice"),
+        ({"responses": ["1:X", "1:-X"]}, "responses: DOF 1:X occurs twice"),
         ({"references": ["7:rz9"]}, "references: DOF '7:rz9'"),
     ],
 )

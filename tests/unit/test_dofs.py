@@ -173,7 +173,7 @@ def test_repr_shows_the_first_six(some):
 
 @pytest.mark.parametrize("again", ["1:X", "1:-X", Dof(1, "X")])
 def test_a_dof_stands_once_with_either_sign(again):
-    with raises(f"DOF {Dof.parse(again)} stands twice: at positions 1 and 3"):
+    with raises(f"DOF {Dof.parse(again)} occurs twice: at positions 1 and 3"):
         DofSet([again, "2:X", "1:X"])
 
 
@@ -248,7 +248,7 @@ def test_from_arrays():
         (([1, 2], [0, -1]), "found -1..0"),
         (([1], [256]), "found 256..256"),
         (([1], [0], [0]), "DOF signs: expected 1 or -1, found 0"),
-        (([1, 1], [0, 0], [1, -1]), "DOF 1:X stands twice: at positions 1 and 2"),
+        (([1, 1], [0, 0], [1, -1]), "DOF 1:X occurs twice: at positions 1 and 2"),
     ],
 )
 def test_from_arrays_is_checked(arguments, text):
@@ -291,7 +291,7 @@ def test_match_names_the_nearest(some, wanted, text):
 
 
 def test_match_in_an_empty_set():
-    with raises("DOF 1:X is not among the 0 DOFs; there is none to choose from"):
+    with raises("DOF 1:X is not among the 0 DOFs; no choices exist"):
         DofSet([]).match(["1:X"])
 
 

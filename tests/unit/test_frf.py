@@ -180,7 +180,7 @@ def test_a_bound_that_is_broken_is_located(frf):
 
 
 def test_a_dof_that_stands_twice(frf):
-    with raises("DOF 1:X stands twice: at positions 1 and 2", DofError):
+    with raises("DOF 1:X occurs twice: at positions 1 and 2", DofError):
         dataclasses.replace(frf, responses=["1:X", "1:-X", "2:Y"])
 
 
@@ -380,7 +380,7 @@ def test_excluded_bands_are_left_out_with_both_ends(frf):
     ("exclude", "text"),
     [
         ((4.2, 4.4), "exclude: 4.2 to 4.4 Hz holds no line that is used; the nearest is at 4 Hz"),
-        ((0.5, 9.0), "exclude: without 0.5 to 9 Hz no line is left"),
+        ((0.5, 9.0), "exclude: without 0.5 to 9 Hz no line remains"),
         ((4.0, 2.0), "band 4 to 2 Hz: the first must be below the second"),
     ],
 )
@@ -518,7 +518,7 @@ def test_what_is_no_label_chooses_no_channel(frf, channels):
 
 
 def test_a_contradiction_is_an_error(frf):
-    with raises("quantity 'mobility' contradicts the dataset, which says 'receptance'"):
+    with raises("quantity 'mobility' contradicts the dataset, which states 'receptance'"):
         FRF.from_xarray(frf.to_xarray(), quantity="mobility")
     assert FRF.from_xarray(frf.to_xarray(), quantity="receptance").quantity == "receptance"
 

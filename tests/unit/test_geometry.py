@@ -78,7 +78,7 @@ def test_position_in_an_empty_geometry():
         ((["a"], [[0, 0, 0]]), "geometry: nodes: expected whole numbers, found <U1"),
         (([1], [["a", 0, 0]]), "geometry: positions are not an array of numbers"),
         (([4, 1], [[0, 0, 0], [0, np.nan, 0]]), "geometry: the position of node 1 is not finite"),
-        (([4, 4], np.zeros((2, 3))), "geometry: node 4 stands twice"),
+        (([4, 4], np.zeros((2, 3))), "geometry: node 4 occurs twice"),
         (
             ([1, 2], np.zeros((2, 3)), [[1, 3]]),
             "geometry: a line names node 3, which has no position",

@@ -220,7 +220,7 @@ def test_the_gear_train_answers_as_computed_with_60_digits(gear_train, gear_trai
             ModelError,
             "DOF 2:-X: the DOFs of a model are positive",
         ),
-        ({"a": Group(SPRING)}, ["1:X", "1:X"], DofError, "DOF 1:X stands twice"),
+        ({"a": Group(SPRING)}, ["1:X", "1:X"], DofError, "DOF 1:X occurs twice"),
         ({"a": Group(SPRING)}, ["1:X", "2"], DofError, "DOF '2': expected node:direction"),
         (
             {"": Group(SPRING)},

@@ -70,7 +70,7 @@ def test_a_band_is_that_of_select(data):
         (0, "responses: expected a label such as '1:Z', a pattern"),
         (slice(0, 2), "expected labels or ':' for all"),
         (["1:Z", "?:Z"], ""),
-        (["6:Z", "6:*"], "stands twice"),
+        (["6:Z", "6:*"], "occurs twice"),
         ([], "at least one DOF"),
     ],
 )

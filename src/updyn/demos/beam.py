@@ -318,8 +318,8 @@ def _start(result: UpdateResult) -> str:
         " GPa. Its FRAC is near 0 because resonances as sharp as these miss each other when"
         f" frequencies are off by per cents: with {OTHER_E / 1e9:g} GPa, a handbook value too, the"
         f" start would read {figures['db_error_median']:.2f} dB and {figures['frac_median']:.2f}."
-        " Judge by what is reached, not by how far it came. (A fit weighs every value by its"
-        " noise, resonances and antiresonances alike; medians may go either way.)"
+        " Judge the result by its final error, not by the improvement. (A fit weights every"
+        " value by its noise, at resonances and antiresonances; medians may rise or fall.)"
     )
 
 
@@ -344,12 +344,12 @@ def describe_residual(result: UpdateResult) -> str:
         f" {swapped:.1%} (median). The two are up to {_largest_offset():.1f} mm apart there;"
         f" {unexplained:.1%} is more than the model can put down to that: torsion, calibration,"
         " repeatability.",
-        "Each sensor differs from the model by a level of its own (calibration, or position), which"
-        f" is no unknown: {level_text} dB.",
-        f"Mode 1 is measured with a loss factor of {measured_loss:.2%}; the model gives it"
-        f" {model_loss:.2%}. The foam under the ends dissipates otherwise than two springs with one"
-        " loss factor. Loss factors that differ between segments are the nearest that the model has"
-        " to it: read them as that, not as a finding about the steel.",
+        "The level of each sensor differs from that of the model (calibration, or position), which"
+        f" is not an unknown: {level_text} dB.",
+        f"Mode 1 has a measured loss factor of {measured_loss:.2%}; that of the model is"
+        f" {model_loss:.2%}. The foam under the ends does not dissipate like two springs with one"
+        " loss factor. Loss factors that differ between segments approximate this; they are not"
+        " properties of the steel.",
         "Length, section and positions were inferred, and the form of the model chosen, with sight"
         " of all sensors, the held-out ones included, and so was the number of segments"
         " (benchmarks/beam.py has others). Segments that differ by a few per cent may as well be"

@@ -272,8 +272,8 @@ def _matrices(result: UpdateResult, moved: UpdateResult) -> str:
         if abs(shifted[name] - x) > 0.5 * 10.0 ** -decimals(x):
             differing.append(f"; {name} is {shifted[name]:.8g}")
     lines.append(
-        f"{len(printed) - len(differing)} of the {len(printed)} entries of 'moved' round to what"
-        f" the paper prints{''.join(differing)}."
+        f"{len(printed) - len(differing)} of the {len(printed)} entries of 'moved' round to the"
+        f" printed values{''.join(differing)}."
     )
     return "\n".join(lines)
 

@@ -83,7 +83,7 @@ class Equation:
                     " finite"
                 )
             if other in read or other == dependent:
-                raise ModelError(f"equation of {dependent}: {other} stands twice")
+                raise ModelError(f"equation of {dependent}: {other} occurs twice")
             read[other] = float(coefficient) * signed_other.sign * signed.sign
         object.__setattr__(self, "dof", dependent)
         object.__setattr__(self, "terms", read)
@@ -176,7 +176,7 @@ def constrain(
         return model
     T, remaining = _transformation(model.dofs, list(ties.values()))
     if not len(remaining):
-        raise ModelError("every DOF of the model is held or tied: nothing is left to move")
+        raise ModelError("every DOF of the model is fixed or tied: the model has no free DOF")
     groups = {name: _transform_group(group, T) for name, group in model.groups.items()}
     return Model(groups, model.dofs[remaining], model.geometry, model.title)
 
@@ -409,8 +409,7 @@ def _joined_geometry(parts: Sequence[Geometry]) -> Geometry | None:
     if differs.any():
         i = int(np.argmax(differs))
         raise ModelError(
-            f"join: node {nodes[i]} stands at {xyz[first][place][i]} in one model, {xyz[i]} in"
-            " another"
+            f"join: node {nodes[i]} is at {xyz[first][place][i]} in one model, {xyz[i]} in another"
         )
     lines = np.unique(np.concatenate([np.sort(g.lines, axis=1) for g in parts]), axis=0)
     faces = np.unique(np.concatenate([g.faces for g in parts]), axis=0)

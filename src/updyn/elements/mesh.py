@@ -159,7 +159,7 @@ class Mesh:
                 raise self._unknown_group_error(name)
             if name in omitted:
                 raise FormatError(
-                    f"group {name!r} has a material and is left out; expected one of both",
+                    f"group {name!r} has a material, but is omitted; expected one of both",
                     self.path,
                 )
         for name in omitted:
@@ -194,7 +194,7 @@ class Mesh:
             if twice.size:
                 at = int(twice[0])
                 raise FormatError(
-                    f"the {kind} of nodes {cells[at].tolist()} stands twice: in group"
+                    f"the {kind} of nodes {cells[at].tolist()} occurs twice: in group"
                     f" {owner[original[at]]!r} and in {owner[at]!r}",
                     self.path,
                 )
@@ -266,7 +266,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
         raise FormatError(f"found {len(numbers)} node numbers for {len(xyz)} positions", path)
     found_numbers, times = np.unique(numbers, return_counts=True)
     if (times > 1).any():
-        raise FormatError(f"node {found_numbers[np.argmax(times > 1)]} stands twice", path)
+        raise FormatError(f"node {found_numbers[np.argmax(times > 1)]} occurs twice", path)
     groups, ungrouped = _groups(path, found, numbers)
     sets = {}
     for name, members in found.point_sets.items():
@@ -304,7 +304,7 @@ def _load_mesh(path: Path) -> _MeshContent:
         if one.data.ndim != 2 or one.data.dtype.kind not in "iu":
             raise FormatError(f"cells of kind {one.type!r} are not rows of nodes", path)
         if one.data.size and not 0 <= one.data.min() <= one.data.max() < len(found["points"]):
-            raise FormatError(f"a cell of kind {one.type!r} has a node that is not there", path)
+            raise FormatError(f"a cell of kind {one.type!r} has a nonexistent node", path)
     tags = found["physical"]
     if tags and [t.shape for t in tags] != [(len(one.data),) for one in cells]:
         raise FormatError("the tags of the physical groups are not one for each cell", path)
@@ -358,7 +358,7 @@ def _check_indices(path: Path, what: str, members: NDArray[Any], size: int) -> N
     if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
         raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
     if members.size and not 0 <= members.min() <= members.max() < size:
-        raise FormatError(f"{what} has a member that is not there, of {size}", path)
+        raise FormatError(f"{what} has a nonexistent member; {size} exist", path)
     return members.astype(np.intp)
 
 
@@ -417,8 +417,8 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
         out.append(array)
     if len(members) != len(cells) or any(array.ndim != 1 for array in out):
         raise FormatError(
-            f"group {name!r} is made of other groups in a way that cannot be told apart; name its"
-            " elements themselves",
+            f"group {name!r} consists of other groups in an ambiguous way; list its elements"
+            " instead",
             path,
         )
     pairs = zip(out, cells, strict=True)
@@ -622,7 +622,7 @@ def _abaqus_numbers(path: Path, lines: list[str]) -> NDArray[np.int64]:
                 set_lines[element_set[1]] = number
     if set_lines and without_set is not None:
         raise FormatError(
-            "*ELEMENT without ELSET beside others with one; give each block its own",
+            "*ELEMENT without ELSET, but others have one; give each block an ELSET",
             path,
             without_set,
         )

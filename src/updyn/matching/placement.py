@@ -153,7 +153,7 @@ def _fit_to_nearest(
     `nearest` returns the nearest points of the model; the tolerance is in m.
     """
     starts: Sequence[tuple[str, Points]] = (
-        ("as the positions stand", np.zeros(3)),
+        ("from the positions as given", np.zeros(3)),
         ("with the centres on each other", centre - x.mean(axis=0)),
     )
     fit_rigid(x, x)  # raises for points that do not determine a rotation
@@ -416,7 +416,7 @@ def _check_unit(placement: _Placement, attempt: _Attempt, unit: str | None) -> N
     what, name, other = min(fits, key=lambda fit: float(np.sqrt(np.mean(fit[2].distance ** 2))))
     n = len(placement.nodes)
     lie = "its node lies" if n == 1 else f"all {n} nodes lie"
-    stated = "as they stand" if unit is None else f"in {unit}"
+    stated = "as given" if unit is None else f"in {unit}"
     outside = int((attempt.distance > placement.tolerance).sum())
     if outside:
         bad = f"{outside} do not"

@@ -429,7 +429,7 @@ class _UserInput:
             part = DIRECTIONS.index(sensor.direction) // 3
             needs[sensor.node] = needs.get(sensor.node, frozenset()) | {part}
         if not needs:
-            raise MatchError("every sensor stands in table; match by label", ("by",))
+            raise MatchError("table contains every sensor; match by label", ("by",))
         found, aligned, notes = match_nodes(model, self.geometry, needs, tolerance, unit, alignment)
         for node, new in self.table.nodes.items():
             distance = _distance(self.geometry, node, model.geometry, new, aligned)
@@ -493,9 +493,9 @@ class _UserInput:
             rotated = [node for node in nodes if self._has_other_axes(node, np.eye(3))]
             if rotated:
                 out.append(
-                    f"The test says that nodes {', '.join(map(str, rotated))} have directions of"
-                    " their own. The model has no geometry with which to compare them: their labels"
-                    " are used as they are"
+                    f"According to the test, nodes {', '.join(map(str, rotated))} have their own"
+                    " directions. The model has no geometry to compare them with: their labels are"
+                    " used unchanged"
                 )
         if self.measured is not None and self.given is not None and self.given.axes is not None:
             other = dict(zip(self.given.nodes.tolist(), self.given.axes, strict=True))
@@ -503,8 +503,8 @@ class _UserInput:
             differing = [node for node in both if self._has_other_axes(node, other[node])]
             if differing:
                 out.append(
-                    f"Directions of nodes {', '.join(map(str, differing))} as the measurement"
-                    " itself says; the geometry given says others"
+                    f"Directions of nodes {', '.join(map(str, differing))} are those of the"
+                    " measurement; the given geometry has others"
                 )
         for text in out:
             warnings.warn(text, UpdynWarning, stacklevel=3)
@@ -576,7 +576,7 @@ def _model_dofs(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) 
         if other is not old:
             places = table.places((other, old))
             raise MatchError(
-                f"DOF {abs(dof)} stands twice: {what} {other} and {old} would be the"
+                f"DOF {abs(dof)} occurs twice: {what} {other} and {old} would be the"
                 " same; leave one out, or give it another place or direction",
                 places[-1] if places else (),
             )

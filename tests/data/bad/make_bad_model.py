@@ -103,7 +103,7 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     "too_few_labels.npz": (npz(dofs=DOFS[:1]), "has 2 DOFs, the model has 1 labels"),
     "dof_twice.npz": (
         npz(dofs=np.array(["1:X", "1:X"])),
-        "DOF 1:X stands twice: at positions 1 and 2",
+        "DOF 1:X occurs twice: at positions 1 and 2",
     ),
     "unknown_direction.npz": (
         npz(dofs=np.array(["1:X", "2:W"])),
@@ -141,7 +141,7 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     # -- mat
     "no_dofs.mat": (mat(dofs=None), "no 'dofs': the 2 DOFs need labels"),
-    "dof_twice.mat": (mat(dofs=np.array([[1.0, 1.0], [1.0, 1.0]])), "DOF 1:X stands twice"),
+    "dof_twice.mat": (mat(dofs=np.array([[1.0, 1.0], [1.0, 1.0]])), "DOF 1:X occurs twice"),
     "direction_7.mat": (
         mat(dofs=np.array([[1.0, 1.0], [2.0, 7.0]])),
         "row 2 has direction 7; expected 1..6",

@@ -148,7 +148,7 @@ def test_figures_that_are_said_are_those_of_the_runs(ran, results) -> None:
         assert shown == pytest.approx(expected, abs=5e-4)
     for words in (
         "Ladisk",
-        "not by how far it came",
+        "not by the improvement",
         "torsion",
         "inferred",
         "Suspension modes",

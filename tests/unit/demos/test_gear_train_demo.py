@@ -163,8 +163,7 @@ def test_what_is_said(ran) -> None:
     assert len(entries) == 26
     assert entries["K(6,6)"] == pytest.approx([153.51, 176.796, 153.51, 153.991])
     assert (
-        "25 of the 26 entries of 'moved' round to what the paper prints; M(6,6) is 327.63478."
-        in said
+        "25 of the 26 entries of 'moved' round to the printed values; M(6,6) is 327.63478." in said
     )
     assert all(reading in said for reading in READINGS)
 

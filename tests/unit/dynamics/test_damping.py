@@ -297,7 +297,7 @@ def test_a_linked_unknown_may_be_a_rayleigh_coefficient():
         ({"loss_table": [1.0, 2.0, 3.0]}, "loss_table: expected two rows"),
         ({"loss_table": ([1.0, 2.0], [1.0])}, "loss_table: relative: expected two or more"),
         ({"loss_table": ([1.0, 2.0], [1.0, 2.0, 3.0])}, "loss_table: 2 lines, but 3 factors"),
-        ({"loss_table": ([2.0, 1.0], [1.0, 1.0])}, "loss_table: line 1 Hz stands behind 2 Hz"),
+        ({"loss_table": ([2.0, 1.0], [1.0, 1.0])}, "loss_table: line 1 Hz follows 2 Hz"),
         (
             {"loss_table": ([1.0, 2.0], [1.0, -1.0])},
             "loss_table: relative: expected two or more finite numbers",

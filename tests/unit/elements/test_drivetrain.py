@@ -413,14 +413,14 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
         ),
         (Inertia("d", 1.5, 1.0), "inertia 'd': node 1.5; expected a whole number"),
         (Inertia("d", 1, -1.0), "inertia 'd': value -1.0; expected a number above 0"),
-        (Shaft("s", 1, 1, 5.0), "shaft 's': node 1 stands twice"),
+        (Shaft("s", 1, 1, 5.0), "shaft 's': node 1 occurs twice"),
         (
             Shaft("s", 1, 2),
             "shaft 's': G, outer_diameter, length missing; expected stiffness, or G",
         ),
         (
             Shaft("s", 1, 2, 5.0, rho=2.0),
-            "shaft 's': rho goes with the geometry; with a stiffness give inertia",
+            "shaft 's': rho requires the geometry; with a stiffness, give inertia",
         ),
         (Shaft("s", 1, 2, 5.0, n_elements=4), "shaft 's': 4 elements of a shaft without mass"),
         (
@@ -437,7 +437,7 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
         ),
         (
             Shaft("s", 1, 2, G=1.0, outer_diameter=0.1, length=1.0, inertia=1.0),
-            "inertia goes with a stiffness",
+            "inertia requires a stiffness",
         ),
         (
             GearPair(**GEAR, rigid=True),
@@ -453,9 +453,9 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
         ),
         (
             GearPair(**GEAR, ratio=2.0, mesh_stiffness=1.0),
-            "mesh_stiffness asks for radii, or teeth and module",
+            "mesh_stiffness requires radii, or teeth and module",
         ),
-        (GearPair(**GEAR, ratio=2.0, module=0.1, rigid=True), "module goes with teeth"),
+        (GearPair(**GEAR, ratio=2.0, module=0.1, rigid=True), "module requires teeth"),
         (GearPair(**GEAR, ratio=-2.0, rigid=True), "ratio -2.0; expected a number above 0"),
         (GearPair(**GEAR, teeth=(20,), rigid=True), "teeth (20,); expected two numbers"),
         (
@@ -470,7 +470,7 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
             GearPair(**GEAR, ratio=2.0, rigid=True, pressure_angle_deg=90),
             "pressure_angle_deg 90; expected 0 up to 60",
         ),
-        (GearPair(**GEAR, ratio=2.0, rigid=True, housing=2), "node 2 stands twice"),
+        (GearPair(**GEAR, ratio=2.0, rigid=True, housing=2), "node 2 occurs twice"),
         (Worm("w", 1, 2, 0.0), "worm 'w': ratio 0; expected a number other than 0"),
         (Belt("b", 1, 2, (0.1, -0.1)), "belt 'b': radii -0.1; expected a number above 0"),
         (Motor("m", 1, 0.1, rotor="lock"), "motor 'm': rotor 'lock'; did you mean 'locked'?"),
@@ -490,7 +490,7 @@ STAGE = {"name": "p", "sun": 1, "ring": 2, "carrier": 3, "teeth": (20, 80)}
             "expected more on the ring than on the sun",
         ),
         (Planetary(**STAGE, rigid=True, sun_mesh=1.0), "is rigid: sun_mesh would have no effect"),
-        (Planetary(**STAGE, rigid=True, planet_mass=1.0), "planet_mass asks for module"),
+        (Planetary(**STAGE, rigid=True, planet_mass=1.0), "planet_mass requires module"),
         (
             Planetary(**STAGE, sun_mesh=1.0, ring_mesh=1.0, module=0.1, planets=(5, 6)),
             "planets (5, 6); expected one node, or 3",
@@ -511,10 +511,10 @@ def test_bad_parts(part, message):
 @pytest.mark.parametrize(
     ("parts", "options", "message"),
     [
-        (ends(1), {"held": [2]}, "held names node 2, which no part has; valid: '1'"),
+        (ends(1), {"held": [2]}, "held contains node 2, which belongs to no part; valid: '1'"),
         (ends(1), {"held": 1}, "held 1; expected a list of nodes"),
         (ends(1), {"keep": ["a"]}, "keep 'a'; expected a whole number"),
-        (ends(1), {"held": [1]}, "every DOF of the model is held or tied"),
+        (ends(1), {"held": [1]}, "every DOF of the model is fixed or tied"),
         (
             [GearPair(**GEAR, ratio=2.0, rigid=True)],
             {},

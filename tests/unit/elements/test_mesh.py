@@ -210,7 +210,7 @@ def test_what_cannot_be_built_is_named(tmp_path, given, said, capfd):
 @pytest.mark.parametrize(
     ("old", "new", "line", "said"),
     [
-        (", ELSET=upper", "", 18, "*ELEMENT without ELSET beside others with one"),
+        (", ELSET=upper", "", 18, "*ELEMENT without ELSET, but others have one"),
         (
             "ELSET=upper",
             "ELSET=lower",
@@ -238,7 +238,7 @@ def test_decks_that_would_be_read_wrongly_are_refused(tmp_path, old, new, line, 
 
 def test_a_cell_in_two_groups_is_an_error(tmp_path):
     path = written(tmp_path, INP + "*ELSET, ELSET=both\n 1, 2\n", "deck.inp")
-    with pytest.raises(FormatError, match="stands twice: in group 'lower' and in 'both'"):
+    with pytest.raises(FormatError, match="occurs twice: in group 'lower' and in 'both'"):
         structure_from_mesh(path, {"lower": STEEL, "upper": STEEL, "both": STEEL}, unit="m")
     model = structure_from_mesh(
         path, {"lower": STEEL, "upper": STEEL}, unit="m", leave_out=["both"]
@@ -248,7 +248,7 @@ def test_a_cell_in_two_groups_is_an_error(tmp_path):
 
 def test_a_group_with_a_material_cannot_be_left_out(tmp_path):
     path = written(tmp_path, INP, "deck.inp")
-    with pytest.raises(FormatError, match="group 'upper' has a material and is left out"):
+    with pytest.raises(FormatError, match="group 'upper' has a material, but is omitted"):
         structure_from_mesh(path, {"lower": STEEL, "upper": STEEL}, unit="m", leave_out=["upper"])
 
 
@@ -303,7 +303,7 @@ def test_node_numbers_that_are_none_are_refused(tmp_path, old, new):
 
 def test_a_node_number_that_stands_twice_is_refused(tmp_path):
     text = INP.replace(" 108, 0., 1., 1.\n", " 108, 0., 1., 1.\n 108, 0., 1., 1.5\n")
-    with pytest.raises(FormatError, match="node 108 stands twice"):
+    with pytest.raises(FormatError, match="node 108 occurs twice"):
         read_mesh(written(tmp_path, text, "deck.inp"), unit="m")
 
 
@@ -313,9 +313,9 @@ def test_a_node_number_that_stands_twice_is_refused(tmp_path):
         ({"points": np.zeros(3)}, "positions: float64 of shape (3,); expected rows of 1 to 3"),
         ({"points": np.zeros((3, 4))}, "positions: float64 of shape (3, 4); expected rows of 1"),
         ({"points": np.array([["a", "b", "c"]] * 3)}, "positions: <U1 of shape (3, 3)"),
-        ({"point_sets": {"base": np.array([0, -1])}}, "set 'base' has a member that is not there"),
+        ({"point_sets": {"base": np.array([0, -1])}}, "set 'base' has a nonexistent member"),
         ({"point_sets": {"base": np.array([0.5])}}, "set 'base': float64 of shape (1,)"),
-        ({"cell_sets": {"top": [np.array([1])]}}, "group 'top' has a member that is not there"),
+        ({"cell_sets": {"top": [np.array([1])]}}, "group 'top' has a nonexistent member"),
         ({"physical": [np.array([7, 7])]}, "are not one for each cell"),
         ({"names": {"top": np.array([7])}}, "'top': expected its tag and dimension"),
     ],

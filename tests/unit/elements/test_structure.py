@@ -374,10 +374,13 @@ def free(*parts, **kw):
         (free(links=[RigidLink(10, [11])], grounded=["11:X"]), "DOF 11:X is held and tied"),
         (free(grounded=[12]), "grounded: no part uses node 12"),
         (free(grounded=[True]), "grounded True: expected a DOF such as '3:X', or a node number"),
-        (free(grounded=[10, 11]), "every DOF of the structure is held: nothing is left to move"),
+        (
+            free(grounded=[10, 11]),
+            "every DOF of the structure is fixed: the structure has no free DOF",
+        ),
         (
             free(links=[RigidLink(10, [11])], grounded=[10]),
-            "every DOF of the model is held or tied",
+            "every DOF of the model is fixed or tied",
         ),
         (
             free(equations=[Equation("11:X", {"55:X": 1.0})]),

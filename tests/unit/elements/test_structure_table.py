@@ -163,8 +163,12 @@ def test_solids_in_a_table():
             "model: nodes holds list; expected a table from node number to position",
         ),
         (("nodes", "a"), [0, 0, 0], "model.nodes: 'a'; expected a node number"),
-        (("nodes", "2"), [0, 0], "model.nodes: node 2 stands at [0, 0]; expected three numbers"),
-        (("nodes", "02"), [0, 0, 0], "model.nodes: node 2 stands twice"),
+        (
+            ("nodes", "2"),
+            [0, 0],
+            "model.nodes: node 2 has the position [0, 0]; expected three numbers",
+        ),
+        (("nodes", "02"), [0, 0, 0], "model.nodes: node 2 occurs twice"),
         (
             ("beam",),
             {"name": "b"},

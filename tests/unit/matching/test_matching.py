@@ -152,13 +152,13 @@ def test_table_of_labels_and_of_nodes_with_signs() -> None:
         (
             {"11:X": "12:Y"},
             {},
-            "DOF 12:Y stands twice: responses 11:X and 12:Y would be the same",
+            "DOF 12:Y occurs twice: responses 11:X and 12:Y would be the same",
             ("table", "11:X"),
         ),
         (
             {"12": "11", "11:-X": "11:Y"},
             {},
-            "DOF 11:Y stands twice: responses 11:X and 12:Y would be the same",
+            "DOF 11:Y occurs twice: responses 11:X and 12:Y would be the same",
             ("table", "11:-X"),
         ),
         (
@@ -452,7 +452,7 @@ def test_a_fourth_direction_at_a_node_is_refused() -> None:
 
 def test_two_sensors_in_one_direction_are_refused() -> None:
     frf = data(["1:X", "2:Y"], ["12:X"])
-    with pytest.raises(MatchError, match=r"DOF 11:X stands twice: responses 1:X and 2:Y"):
+    with pytest.raises(MatchError, match=r"DOF 11:X occurs twice: responses 1:X and 2:Y"):
         match(structure(), frf, table={"1": "11", "2": "11"}, directions={"1:X": A, "2:Y": A})
 
 
@@ -612,7 +612,7 @@ def test_a_model_in_millimetres_is_told_too() -> None:
     big = Model(block().groups, block().dofs, Geometry(range(11, 19), 1000 * CORNERS))
     with pytest.raises(MatchError, match=r"those of the model look like mm: .* models are in SI"):
         match(big, sensors(CORNERS, "X"), by="coordinates")
-    with pytest.raises(MatchError, match="DOF 11:X stands twice"):  # a stated unit is not doubted
+    with pytest.raises(MatchError, match="DOF 11:X occurs twice"):  # a stated unit is not doubted
         match(big, sensors(CORNERS, "X"), by="coordinates", unit="m")
 
 
@@ -656,7 +656,7 @@ def test_a_fit_to_the_nearest_nodes_recovers_a_small_motion() -> None:
     check_nodes(found)
     np.testing.assert_allclose(found.alignment.rotation, small, atol=1e-12)
     assert found.alignment.residual == pytest.approx(0, abs=1e-12)
-    assert "fitted to the nearest nodes, started as the positions stand" in str(found)
+    assert "fitted to the nearest nodes, started from the positions as given" in str(found)
 
 
 def test_a_fit_that_went_far_is_doubted() -> None:
@@ -796,7 +796,7 @@ def test_axes_of_the_same_node_in_model_and_test_are_compared() -> None:
     assert match(local, frf).model is local
     assert not match(local, frf).table[0].turned
     bare = Model(structure().groups, structure().dofs)
-    with pytest.warns(UpdynWarning, match="nodes 12 have directions of their own"):
+    with pytest.warns(UpdynWarning, match="nodes 12 have their own directions"):
         found = match(bare, frf)
     assert found.model is bare
     assert rows(found) == {"12:X": "12:X", "12:Y": "12:Y", "11:X": "11:X"}
@@ -806,7 +806,7 @@ def test_directions_of_the_measurement_hold_before_those_of_another_geometry() -
     """Labels of a file whose reader has turned them to the global system must not be turned twice."""
     model, axes = block(), np.tile(np.eye(3), (8, 1, 1))
     axes[0] = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    with pytest.warns(UpdynWarning, match="Directions of nodes 3 as the measurement itself says"):
+    with pytest.warns(UpdynWarning, match="Directions of nodes 3 are those of the measurement"):
         found = match(
             model, sensors(CORNERS), Geometry(NAMES, CORNERS, axes=axes), by="coordinates"
         )

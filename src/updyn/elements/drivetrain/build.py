@@ -280,7 +280,7 @@ def _check_nodes(nodes: Iterable[int], what: str, known: Iterable[int]) -> list[
     for node in checked:
         if node not in choices:
             raise ModelError(
-                f"drive train: {what} names node {node}, which no part has; "
+                f"drive train: {what} contains node {node}, which belongs to no part; "
                 f"{suggest(str(node), map(str, choices))}",
                 key=(what,),
             )

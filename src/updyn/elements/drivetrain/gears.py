@@ -429,7 +429,7 @@ def _mesh_deformation(
         k = check_positive_or_none(what, "torsional_stiffness", torsional)
         return (1.0 / ratio, sense), k, False
     if radii is None:
-        raise ModelError(f"{what}: mesh_stiffness asks for radii, or teeth and module")
+        raise ModelError(f"{what}: mesh_stiffness requires radii, or teeth and module")
     row = (cosine * radii[0], sense * cosine * radii[1])
     return row, check_positive(what, "mesh_stiffness", mesh), True
 
@@ -442,7 +442,7 @@ def _wheel_sizes(what: str, part: Any) -> tuple[float, tuple[float, float] | Non
             f"{what}: {' and '.join(given) or 'none'} given; expected one of ratio, teeth, radii"
         )
     if part.module is not None and part.teeth is None:
-        raise ModelError(f"{what}: module goes with teeth")
+        raise ModelError(f"{what}: module requires teeth")
     if part.ratio is not None:
         return check_positive(what, "ratio", part.ratio), None
     if part.radii is not None:
@@ -541,7 +541,7 @@ class Planetary(Part):
             return []
         if self.module is None:
             raise ModelError(
-                f"{what}: planet_mass asks for module, to know the radius at which it turns"
+                f"{what}: planet_mass requires module, for the radius of the planet axes"
             )
         arm = check_positive(what, "module", self.module) * (self.teeth[0] + self.teeth[1]) / 4.0
         return [lump_inertia(self._planets, carrier, self.n_planets * mass * arm**2)]

@@ -203,7 +203,7 @@ def relative_deformation(
         values.append(-housing_factor)
     for node in checked:
         if checked.count(node) > 1:
-            raise ModelError(f"{what}: node {node} stands twice; expected different nodes")
+            raise ModelError(f"{what}: node {node} occurs twice; expected different nodes")
     return tuple(checked), tuple(values)
 
 

@@ -151,7 +151,7 @@ class Shaft(Part):
         if _is_from_geometry(what, self, "stiffness", ("G", "outer_diameter", "length")):
             if self.inertia is not None:
                 raise ModelError(
-                    f"{what}: inertia goes with a stiffness; with the geometry give rho"
+                    f"{what}: inertia requires a stiffness; with the geometry, give rho"
                 )
             G = check_positive(what, "G", self.G)
             length = check_positive(what, "length", self.length)
@@ -161,7 +161,7 @@ class Shaft(Part):
                 rho = check_not_negative(what, "rho", self.rho)
             return G * section / length, rho * section * length
         if self.rho is not None:
-            raise ModelError(f"{what}: rho goes with the geometry; with a stiffness give inertia")
+            raise ModelError(f"{what}: rho requires the geometry; with a stiffness, give inertia")
         J = 0.0
         if self.inertia is not None:
             J = check_not_negative(what, "inertia", self.inertia)

@@ -88,7 +88,7 @@ def structure(
     left_out = np.zeros(len(dofs), dtype=np.bool_)
     left_out[dofs.match([dof for dof in held if dof not in tied]).index] = True
     if left_out.all():
-        raise ModelError("every DOF of the structure is held: nothing is left to move")
+        raise ModelError("every DOF of the structure is fixed: the structure has no free DOF")
     groups = _groups(elements, table, used, left_out)
     free = Model(groups, dofs[np.flatnonzero(~left_out)], geometry, title)
     out = constrain(free, ties, [dof for dof in held if dof in tied])
@@ -170,11 +170,11 @@ def _nodes_of_table(table: Any) -> dict[int, Any]:
             raise ModelError(f"model.nodes: {key!r}; expected a node number", key=("nodes",))
         if not isinstance(position, list | tuple) or len(position) != 3:
             raise ModelError(
-                f"model.nodes: node {text} stands at {position!r}; expected three numbers",
+                f"model.nodes: node {text} has the position {position!r}; expected three numbers",
                 key=("nodes",),
             )
         if int(text) in out:
-            raise ModelError(f"model.nodes: node {int(text)} stands twice", key=("nodes",))
+            raise ModelError(f"model.nodes: node {int(text)} occurs twice", key=("nodes",))
         out[int(text)] = position
     return out
 

@@ -168,7 +168,7 @@ def _full(
     position = rows * size + columns
     used = values.any(axis=0)
     if len(np.unique(position[used])) < int(used.sum()):
-        raise AssertionError("an entry of the element stands twice")
+        raise AssertionError("an entry of the element occurs twice")
     flat = np.zeros((count, size * size))
     flat[:, position[used]] = values[:, used]
     A = flat.reshape(count, size, size)

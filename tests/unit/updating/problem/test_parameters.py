@@ -296,7 +296,7 @@ def test_a_set_is_a_sequence(model):
 
 def test_an_unknown_stands_once(model):
     got = parameters(model, stiffness="all")
-    with raises("unknown 'gear1.stiffness' stands twice"):
+    with raises("unknown 'gear1.stiffness' occurs twice"):
         got + got[:1]
     with raises("there is nothing to update"):
         got[3:]
