@@ -213,7 +213,7 @@ def test_plain_sensitivity_needs_a_close_start(chain12, chain12_true, chain12_fr
     assert vector(near) == pytest.approx(truth_of(chain12_true, close, chosen), rel=1e-9)
     far = updyn.update(chain12, chain12_frf, unknowns, method="frf-sensitivity")
     assert far.status == "failed"
-    assert "would turn negative" in far.message
+    assert "would become negative" in far.message
     assert "halving=True" in far.remedy
     assert np.isfinite(vector(far)).all()
     halved = updyn.update(chain12, chain12_frf, unknowns, method="frf-sensitivity", halving=True)

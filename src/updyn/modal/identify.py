@@ -276,8 +276,8 @@ def _make_mode_set(
     unexplained = find_unexplained(measured, np.array(poles, dtype=np.complex128))
     if not columns:
         text = (
-            f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
-            " more than noise would"
+            f"modes: found none between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
+            " more than noise"
         )
         raise DataError("; ".join(filter(None, (text, describe_unexplained(unexplained)))))
     shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality, lean, added = zip(

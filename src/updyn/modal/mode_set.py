@@ -364,7 +364,7 @@ class ModeSet:
             low, high = check_band(band)
             keep = keep[(self.frequency[keep] >= low) & (self.frequency[keep] <= high)]
         if not keep.size:
-            raise DataError(f"modes: none is left of {self!r}")
+            raise DataError(f"modes: the selection contains no mode of {self!r}")
         parts = (self.loss_factor[keep], self.scaled[keep], self.quality[keep])
         return ModeSet(
             self.frequency[keep],

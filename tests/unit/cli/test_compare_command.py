@@ -73,10 +73,13 @@ def test_a_method_that_fails_says_why_on_screen_page_and_record(
     said = capsys.readouterr().out
     record = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
     page = (tmp_path / "compare.html").read_text(encoding="utf-8")
-    causes = ("3 of 7 DOFs were not measured, and the transformation", "misfit falls only along")
+    causes = (
+        "3 of 7 DOFs were not measured, and the transformation",
+        "misfit decreases only along",
+    )
     for row, cause in zip(record["rows"], causes, strict=True):
         assert row["status"] == "failed"
-        assert "would turn negative (from " in row["message"]
+        assert "would become negative (from " in row["message"]
         assert cause in row["message"]
         assert f"{row['method']} failed: {row['message']}" in said
         assert row["message"] in page

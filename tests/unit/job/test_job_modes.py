@@ -117,7 +117,11 @@ def test_a_comparison_gives_them_to_the_method_that_takes_them(folder: Path) -> 
     ("method", "test", "message"),
     [
         ("log", "", r":5: test.modes: method 'log' fits FRFs and takes no modes; leave them out"),
-        ("modal", "band = [0.5, 0.7]", r":6: modes: none is left of ModeSet\(6 modes"),
+        (
+            "modal",
+            "band = [0.5, 0.7]",
+            r":6: modes: the selection contains no mode of ModeSet\(6 modes",
+        ),
     ],
 )
 def test_what_is_refused(folder: Path, method: str, test: str, message: str) -> None:

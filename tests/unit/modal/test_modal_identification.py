@@ -208,7 +208,7 @@ def test_no_mode_in_noise() -> None:
     rng = np.random.default_rng(0)
     values = rng.standard_normal((200, 2, 1)) + 1j * rng.standard_normal((200, 2, 1))
     frf = updyn.FRF(np.linspace(1, 100, 200), values, ["1:X", "2:X"], ["1:X"], "accelerance")
-    with pytest.raises(DataError, match="none is found between 1 and 100 Hz"):
+    with pytest.raises(DataError, match="found none between 1 and 100 Hz"):
         identify_modes(frf)
 
 

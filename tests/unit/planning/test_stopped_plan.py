@@ -111,7 +111,7 @@ def test_another_plan_is_not_resumed(model, tmp_path, changed, said):
 
 
 def test_resuming_needs_a_checkpoint(model):
-    with pytest.raises(OptionError, match="name the checkpoint to go on from"):
+    with pytest.raises(OptionError, match="expected the path of a checkpoint"):
         planned(model, resume=True)
 
 

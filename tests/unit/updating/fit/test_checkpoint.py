@@ -158,7 +158,7 @@ def test_a_run_that_evaluates_nothing_leaves_no_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"updyn": "2"}, "updyn 1 wrote it, this is 2"),
+        ({"updyn": "2"}, "updyn 1 wrote the file, this is 2"),
         ({"model": "x"}, "the model differs"),
         ({"data": "x"}, "the data differ"),
         ({"unknowns": {"p": [2.0], "q": [1.0]}}, r"the unknowns differ \(p, q\)"),
@@ -177,9 +177,9 @@ def test_what_is_no_journal_is_refused(tmp_path, file):
         Checkpoint(tmp_path / "no" / "run.journal", HEAD)
     whole = file.read_bytes()
     for content, message in (
-        (b"", "is not the journal"),
-        (b"PK" + whole, "is not the journal"),
-        (whole[:60], "its head is damaged"),
+        (b"", "is not a checkpoint"),
+        (b"PK" + whole, "is not a checkpoint"),
+        (whole[:60], "its header is damaged"),
     ):
         file.write_bytes(content)
         with pytest.raises(FormatError, match=message):
@@ -192,7 +192,7 @@ def test_a_full_disk_does_not_end_the_run(file):
     journal._file.close()
     journal._file = open("/dev/full", "r+b", buffering=0)  # noqa: PTH123, SIM115
     with pytest.warns(
-        UpdynWarning, match="cannot be written .*; the run goes on, but cannot be resumed"
+        UpdynWarning, match="cannot be written .*; the run continues, but cannot be resumed"
     ):
         journal.store(b"7" * 16, (np.ones(3),))
     journal.store(b"8" * 16, (np.ones(3),))

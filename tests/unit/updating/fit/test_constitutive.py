@@ -239,5 +239,5 @@ def test_what_it_cannot_do_is_refused(chain12_true):
             OptionError, match="the weight of the measurement is above 0 and at most 1"
         ):
             updyn.update(chain12_true, frf, unknowns, method="constitutive", weight=weight)
-    with pytest.raises(OptionError, match="tier 'reduced' holds no fields of all DOFs"):
+    with pytest.raises(OptionError, match="tier 'reduced' does not compute the fields of all DOFs"):
         updyn.update(chain12_true, frf, unknowns, method="constitutive", tier="reduced")

@@ -242,9 +242,9 @@ def test_full_coordinates_are_asked_for(chain12, chain12_frf, name):
 @pytest.mark.parametrize("name", NAMES)
 def test_priors_are_refused_by_plain_iterations(chain12, full, name):
     unknowns = updyn.parameters(chain12, stiffness="all", prior_std={"stiffness": 0.3})
-    message = f"method '{name}', the plain iteration, knows no priors"
+    message = f"method '{name}', the plain iteration, does not support priors"
     if hasattr(METHODS[name], "SOLVERS"):
-        message = "solver .* is the plain iteration and knows no priors; use 'trust-region'"
+        message = "solver .* is the plain iteration and does not support priors; use 'trust-region'"
     with pytest.raises(OptionError, match=message):
         updyn.update(chain12, full, unknowns, method=name)
 
@@ -266,7 +266,7 @@ def test_the_plain_iteration_knows_no_bounds_and_says_so(chain12, chain12_true, 
     unknowns = updyn.parameters(chain12, **EVERY, bounds={"stiffness": (0.9, 1.1)})
     result = updyn.update(chain12, full, unknowns, method="complex-rfm")
     assert result.values["part1.stiffness"] == pytest.approx(0.8, rel=1e-9)
-    assert "knows no bounds" in result.remedy
+    assert "has no bounds" in result.remedy
     assert "noise biases the estimate" in result.remedy
 
 
@@ -361,7 +361,7 @@ def test_the_largest_number_of_steps_is_kept(one_unknown):
 def test_unknowns_without_bounds_are_a_divergence(one_unknown):
     problem, monitor = one_unknown
     with pytest.raises(
-        SolverError, match=r"grow beyond all bounds in step 11, .*condition number 1: .* diverged"
+        SolverError, match=r"grow without limit in step 11, .*condition number 1: .* diverged"
     ):
         PlainIteration(50, 0.0).run(problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor)
 
@@ -501,7 +501,7 @@ def test_a_factor_that_turns_negative_is_named_with_its_values(two_masses):
             problem, lambda _: local, lambda *_: np.array([-0.25, -0.5]), np.zeros(2), monitor
         )
     assert str(error.value) == (
-        "part2.mass would turn negative (from 1 to -0.5), with 1 more, in step 1, whose linear"
+        "part2.mass would become negative (from 1 to -0.5), with 1 more, in step 1, whose linear"
         " problem has condition number 1: the plain iteration has diverged."
     )
 
@@ -544,8 +544,8 @@ def test_the_reduced_method_says_how_far_its_reduced_model_is_off(chain12, chain
     assert 0 < first < 39
     assert result.status in ("failed", "max-iterations")
     said = (
-        "9 of 12 DOFs were not measured, and the transformation that stands for them is not exact:"
-        f" where the fit starts, it puts the FRFs off by {100 * np.median(errors):.2g} % (median of"
+        "9 of 12 DOFs were not measured, and the transformation that replaces them is not exact:"
+        f" at the start of the fit, the FRFs differ by {100 * np.median(errors):.2g} % (median of"
         f" all lines), and by less than 10 % only up to {data.freq[first - 1]:.4g} Hz."
     )
     assert said in result.message
@@ -575,7 +575,7 @@ def test_the_sensitivity_method_says_how_far_its_first_step_holds():
     assert share < 1.0
     problem = Problem.of([FRFPart.build(spring, data, unknowns)])
     said = make_method("frf-sensitivity", {}).describe_obstacle(problem)
-    assert f"falls only along the first 1/{1 / share:.0f} of the first step" in said
+    assert f"decreases only along the first 1/{1 / share:.0f} of the first step" in said
 
 
 def test_motion_that_was_not_measured_and_too_few_numbers_are_said(chain12, chain12_true):

@@ -249,7 +249,7 @@ def test_wide_prior_hardly_moves_what_the_data_know(chain12, chain12_frf, add_no
 
 def test_plain_iteration_refuses_priors(chain12, chain12_frf):
     unknowns = updyn.parameters(chain12, stiffness="all", prior_std={"stiffness": 0.3})
-    with pytest.raises(OptionError, match="knows no priors"):
+    with pytest.raises(OptionError, match="does not support priors"):
         updyn.update(chain12, chain12_frf, unknowns, method="equation-error", solver="gauss-newton")
 
 

@@ -159,7 +159,7 @@ def test_where_nothing_is_determined_tsvd_stays_at_the_start(problem):
     assert fit.regularisation.record["kept"] == 0
     assert (fit.x == 0.0).all()
     assert fit.regularisation.within.shape == (6, 0)
-    assert "had not settled" not in fit.regularisation.note
+    assert "had not converged" not in fit.regularisation.note
 
 
 def test_unknowns_with_a_prior_keep_theirs_and_adapt(chain6, linear):

@@ -200,7 +200,7 @@ def test_methods_of_the_plain_measurement_refuse_factors(case):
     for method in ("equation-error", "rfm"):
         with pytest.raises(
             OptionError,
-            match=f"method '{method}' takes the measurement as it is and knows no calib",
+            match=f"method '{method}' uses the measurement without calibration and supports no calib",
         ):
             updyn.update(model, frf, unknowns, method=method)
 

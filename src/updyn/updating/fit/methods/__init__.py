@@ -123,8 +123,8 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
     if sensors and not method.calibrates:
         *others, last = [repr(name) for name in methods_with("calibrates")]
         raise OptionError(
-            f"method {method.name!r} takes the measurement as it is and knows no calibration"
-            f" factors ({sensors[0]!r}); use {', '.join(others)} or {last}"
+            f"method {method.name!r} uses the measurement without calibration and supports no"
+            f" calibration factors ({sensors[0]!r}); use {', '.join(others)} or {last}"
         )
 
 

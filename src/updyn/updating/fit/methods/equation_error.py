@@ -81,8 +81,8 @@ class EquationErrorMethod(PublishedMethod):
         sigma = residual_std(local, problem.n_values, problem.n)
         record = {"kind": "spread of the equation error", "chi_square": 1.0, "inflation": 1.0}
         note = (
-            "The equation error is biased by noise in the measurement, and its standard deviations"
-            " do not show that; use maximum likelihood where the data are noisy."
+            "The equation error is biased by noise in the measurement; the standard deviations do"
+            " not include this bias. Use maximum likelihood for noisy data."
         )
         R = local.R / sigma if sigma > 0 else local.R
         return Fit(

@@ -34,10 +34,10 @@ _Vector = NDArray[np.float64]
 
 _NAME = "force-residual"
 _NOTE = (
-    "The measured motion stands in the equation: noise biases the estimate, and its standard"
-    " deviations do not show that. {}Use maximum likelihood where the data are noisy."
+    "The equation contains the measured motion, so noise biases the estimate; the standard"
+    " deviations do not include this bias. {}Use maximum likelihood for noisy data."
 )
-_UNBOUNDED = "The published iteration knows no bounds. "
+_UNBOUNDED = "The published iteration has no bounds. "
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +73,17 @@ class ForceResidualMethod(PublishedMethod):
     name: ClassVar[str] = _NAME
     reference: ClassVar[str] = "Farhat & Hemez 1993; Hemez, as in Bao, Wang & Cheng 2010"
     needs_exact: ClassVar[str] = (
-        "tier 'reduced' holds no motion of all DOFs, which 'force-residual' needs; use tier"
-        " 'sparse'"
+        "tier 'reduced' does not compute the motion of all DOFs, which 'force-residual' needs;"
+        " use tier 'sparse'"
     )
 
     def describe_obstacle(self, problem: Problem) -> str:
         """Return the number of DOFs whose motion is expanded with the model, as a sentence."""
         missing = describe_unmeasured(problem)
         if missing:
-            missing += ": their motion is expanded with the model as it is, right or wrong."
+            missing += (
+                ": their motion is expanded with the present model, whose errors it contains."
+            )
         return f"{missing} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(

@@ -377,6 +377,6 @@ def _note(residual: LogError | OutputErrorSet, loud: Sequence[Any]) -> str:
         return ""
     return (
         f"In {100.0 * share:.0f} % of the values the noise is above half of |H|: their logarithm is"
-        " biased, and the standard deviations do not show it; maximum-likelihood weighs them"
-        " rightly."
+        " biased, which the standard deviations do not include; maximum-likelihood weights them"
+        " correctly."
     )

@@ -225,7 +225,7 @@ def _apply_step(
     is_what = f"has condition number {size:.2g}" if size < _SINGULAR else "is singular"
     where = f"in step {number}, whose linear problem {is_what}: the plain iteration has diverged."
     if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
-        raise SolverError(f"The unknowns grow beyond all bounds {where}")
+        raise SolverError(f"The unknowns grow without limit {where}")
     negative = np.flatnonzero(parameters.is_factor & (values <= 0.0))
     if negative.size:
         raise SolverError(f"{describe_negative(parameters, before, values, negative)} {where}")
@@ -237,7 +237,7 @@ def describe_negative(
 ) -> str:
     """Return the beginning of a sentence on the factors that a step makes negative."""
     worst = int(negative[np.argmin(after[negative] / before[negative])])
-    text = f"{parameters[worst].name} would turn negative (from {before[worst]:.3g} to"
+    text = f"{parameters[worst].name} would become negative (from {before[worst]:.3g} to"
     text += f" {after[worst]:.3g})"
     if negative.size > 1:
         text += f", with {negative.size - 1} more,"
@@ -324,7 +324,7 @@ def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) ->
                 )
     if not priors and problem.coordinates.prior[1].any():
         raise OptionError(
-            f"method {method.name!r}, the plain iteration, knows no priors; leave prior_std out"
+            f"method {method.name!r}, the plain iteration, does not support priors; omit prior_std"
         )
 
 

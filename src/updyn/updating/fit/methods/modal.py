@@ -93,7 +93,7 @@ class ModalMethod(Method):
     needs: ClassVar[str] = "modes that can be told apart"
     fits_modes: ClassVar[bool] = True
     needs_exact: ClassVar[str] = (
-        "tier 'reduced' holds near the lines that were measured, and 'modal' computes modes; use"
+        "tier 'reduced' is accurate near the measured lines only, and 'modal' computes modes; use"
         " tier 'sparse'"
     )
     cannot: ClassVar[tuple[str, ...]] = (

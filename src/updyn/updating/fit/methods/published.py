@@ -70,7 +70,7 @@ class PublishedMethod(Method):
         """
         if self.is_plain and problem.coordinates.prior[1].any():
             raise OptionError(
-                f"solver {self.solver!r} is the plain iteration and knows no priors; use"
+                f"solver {self.solver!r} is the plain iteration and does not support priors; use"
                 f" {GUARDED!r}",
                 key=("solver",),
             )

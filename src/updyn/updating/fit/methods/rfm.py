@@ -37,10 +37,10 @@ _Complex = NDArray[np.complex128]
 _Vector = NDArray[np.float64]
 
 _NOTE = (
-    "The measured FRFs stand on both sides of its equation: noise biases the estimate, and its"
-    " standard deviations do not show that. {}Use maximum likelihood where the data are noisy."
+    "Both sides of its equation contain the measured FRFs, so noise biases the estimate; the"
+    " standard deviations do not include this bias. {}Use maximum likelihood for noisy data."
 )
-_UNBOUNDED = "The published iteration knows no bounds. "
+_UNBOUNDED = "The published iteration has no bounds. "
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,8 @@ class ResponseFunctionMethod(PublishedMethod):
     reference: ClassVar[str] = "Lin & Ewins 1990, 1994"
     needs: ClassVar[str] = "every DOF measured (or expand = true)"
     needs_exact: ClassVar[str] = (
-        "tier 'reduced' holds no motion of all DOFs, which 'rfm' multiplies with; use tier 'sparse'"
+        "tier 'reduced' does not compute the motion of all DOFs, which 'rfm' needs; use tier"
+        " 'sparse'"
     )
     cannot: ClassVar[tuple[str, ...]] = tuple(
         q for q in GROUP_QUANTITIES if q not in ("stiffness", "mass")
@@ -95,7 +96,7 @@ class ResponseFunctionMethod(PublishedMethod):
         """Return the number of DOFs whose motion is taken from the model, as a sentence."""
         missing = describe_unmeasured(problem)
         if missing:
-            missing += ": they take the motion of the model as it is."
+            missing += ": their motion is that of the present model."
         return f"{missing} {Method.describe_obstacle(self, problem)}".strip()
 
     def fit(
@@ -225,8 +226,8 @@ class ComplexResponseFunctionMethod(ResponseFunctionMethod):
     name: ClassVar[str] = "complex-rfm"
     label: ClassVar[str] = "response function equation, complex stiffnesses"
     needs_exact: ClassVar[str] = (
-        "tier 'reduced' holds no motion of all DOFs, which 'complex-rfm' multiplies with; use tier"
-        " 'sparse'"
+        "tier 'reduced' does not compute the motion of all DOFs, which 'complex-rfm' needs; use"
+        " tier 'sparse'"
     )
     reference: ClassVar[str] = "Lin & Zhu 2006"
     cannot: ClassVar[tuple[str, ...]] = tuple(
