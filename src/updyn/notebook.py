@@ -211,13 +211,13 @@ def curves(
     heights = [_on_axis(curve.y, log_y) for curve in shown]
     every = np.concatenate([h[np.isfinite(at)] for h in heights]) if heights else np.zeros(0)
     every = every[np.isfinite(every)]
-    here = at[np.isfinite(at)]
-    if not every.size or not here.size:
+    positions = at[np.isfinite(at)]
+    if not every.size or not positions.size:
         return ""
     low = float(every.min())
     if stems:
         low = 0.0
-    across = _Axis.of(float(here.min()), float(here.max()), _LEFT, _WIDTH - _RIGHT, log_x)
+    across = _Axis.of(float(positions.min()), float(positions.max()), _LEFT, _WIDTH - _RIGHT, log_x)
     up = _Axis.of(low, float(every.max()), _HEIGHT - _BELOW, _ABOVE, log_y)
     parts = [_frame(across, up, titles)]
     for number, (curve, height) in enumerate(zip(shown, heights, strict=True)):
@@ -322,7 +322,7 @@ def _legend(names: Sequence[str]) -> str:
     return f'<text x="{_WIDTH - _RIGHT}" y="14" text-anchor="end">{"".join(spans)}</text>'
 
 
-def _path(x: _Real, y: _Real, _foot: _Real) -> str:
+def _path(x: _Real, y: _Real, _floor: _Real) -> str:
     """Return a curve; of many points only the minimum and maximum of each bin, to keep peaks."""
     if len(x) > 2 * _STEPS:
         edges = np.linspace(0, len(x), _STEPS + 1).round().astype(np.intp)
@@ -342,10 +342,10 @@ def _path(x: _Real, y: _Real, _foot: _Real) -> str:
     return "".join(parts)
 
 
-def _stems(x: _Real, y: _Real, foot: _Real) -> str:
+def _stems(x: _Real, y: _Real, floor: _Real) -> str:
     known = np.isfinite(x) & np.isfinite(y)
     stems = zip(x[known].tolist(), y[known].tolist(), strict=True)
-    return "".join(f"M{px:.1f} {float(foot):.1f}V{py:.1f}" for px, py in stems)
+    return "".join(f"M{px:.1f} {float(floor):.1f}V{py:.1f}" for px, py in stems)
 
 
 def _svg(parts: Sequence[str], height: float) -> str:

@@ -87,7 +87,7 @@ def _describe_unplaced(model: Model) -> list[str]:
 def _group_table(model: Model) -> str:
     """Return a table with a row for each group of a model."""
     rows = []
-    moved = _rigid_translations(model)
+    translations = _rigid_translations(model)
     for name, group in model.groups.items():
         loss_factor = "-"
         if group.stiffness is not None:
@@ -96,7 +96,7 @@ def _group_table(model: Model) -> str:
             [
                 name,
                 str(_count_dofs(group)),
-                _rigid_mass(group.mass, model.dofs, moved),
+                _rigid_mass(group.mass, model.dofs, translations),
                 _format_largest(group.stiffness),
                 loss_factor,
                 _format_largest(group.viscous),
@@ -156,8 +156,8 @@ def describe_modes(found: ModeSet) -> str:
             _format_known(found.quality[k], ".4f"),
         ]
         rows.append(row)
-    sure = ("phase collinearity", "quality")
-    header = ("mode", "frequency (Hz)", "std", "loss factor", "std", "scale", *sure)
+    quality_columns = ("phase collinearity", "quality")
+    header = ("mode", "frequency (Hz)", "std", "loss factor", "std", "scale", *quality_columns)
     texts = [
         f"Modes: {len(found)} from {found.frequency[0]:g} to {found.frequency[-1]:g} Hz",
         f"{len(found.dofs)} DOFs: {_format_dofs(found.dofs)}"
@@ -268,11 +268,11 @@ def _count_dofs(group: Group) -> int:
     return len(np.unique(np.concatenate(used)))
 
 
-def _rigid_mass(mass: Matrix | None, dofs: DofSet, moved: NDArray[np.float64]) -> str:
+def _rigid_mass(mass: Matrix | None, dofs: DofSet, translations: NDArray[np.float64]) -> str:
     """Return the largest mass in rigid translation, or inertia about an axis, as text."""
     if mass is None:
         return "-"
-    translation = float(np.diag(moved.T @ (mass @ moved)).max())
+    translation = float(np.diag(translations.T @ (mass @ translations)).max())
     if translation > 0:
         return f"{translation:.4g} kg"
     turned = np.stack([dofs.axes == axis for axis in range(3, 6)], axis=1).astype(np.float64)
@@ -287,15 +287,15 @@ def _rigid_translations(model: Model) -> NDArray[np.float64]:
     """
     dofs, geometry = model.dofs, model.geometry
     axes = dofs.axes.astype(np.intp)
-    moved = np.vstack([np.eye(3), np.zeros((3, 3))])[axes]
+    translations = np.vstack([np.eye(3), np.zeros((3, 3))])[axes]
     placed = _find_placed(model)
-    moved[~placed] = 0.0
+    translations[~placed] = 0.0
     if geometry is not None and geometry.axes is not None:
         turned = np.flatnonzero(placed & (axes < 3))
         order = np.argsort(geometry.nodes)
         at = order[np.searchsorted(geometry.nodes, dofs.nodes[turned], sorter=order)]
-        moved[turned] = geometry.axes[at, axes[turned]]
-    return moved
+        translations[turned] = geometry.axes[at, axes[turned]]
+    return translations
 
 
 def _find_placed(model: Model) -> NDArray[np.bool_]:

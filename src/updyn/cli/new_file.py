@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from updyn.errors import FormatError, InputError
-from updyn.io.leftovers import new_name, sweep
+from updyn.io.leftovers import new_name, remove_leftovers
 
 __all__ = ["check_free", "write_new"]
 
@@ -24,7 +24,7 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
     # The names of companion files are known only after writing.
     with _staging_folder(target) as folder:
         staged = folder / target.name
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 write(staged)
@@ -32,7 +32,7 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
                 text = str(error).replace(str(staged), str(target))
                 text = text.replace(str(staged.parent), str(target.parent))
                 raise FormatError(text) from error
-        for one in told:
+        for one in caught:
             text = str(one.message).replace(str(staged), str(target))
             warnings.warn(text, one.category, stacklevel=2)
         made = sorted(folder.iterdir())
@@ -47,7 +47,7 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
 @contextmanager
 def _staging_folder(target: Path) -> Iterator[Path]:
     """Create a temporary folder next to a file, removed at the end; remove abandoned ones."""
-    sweep(target, _UNFINISHED)
+    remove_leftovers(target, _UNFINISHED)
     folder = target.with_name(new_name(target, _UNFINISHED))
     try:
         folder.mkdir(0o700)

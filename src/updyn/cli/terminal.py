@@ -128,7 +128,7 @@ def wrap_text(text: str, width: int) -> str:
 @contextmanager
 def warnings_as_notes() -> Iterator[None]:
     """Show each `UpdynWarning` once, as a short note; leave other warnings as they are."""
-    seen: set[str] = set()
+    printed: set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("always", UpdynWarning)
         others = warnings.showwarning
@@ -136,8 +136,8 @@ def warnings_as_notes() -> Iterator[None]:
         def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
             if not issubclass(category, UpdynWarning):
                 others(message, category, *where, **more)
-            elif str(message) not in seen:
-                seen.add(str(message))
+            elif str(message) not in printed:
+                printed.add(str(message))
                 print_note(f"note: {message}", "yellow")
 
         warnings.showwarning = show

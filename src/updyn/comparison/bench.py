@@ -351,8 +351,13 @@ class Bench:
         self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
     ) -> UpdateResult:
         """Fit with few lines, without a search for causes, as only the values are used."""
-        own, fit_options = self._find_method_options(name), self._select_fit_options(name)
-        options = RunOptions(name, own, callback=counter, seek_causes=False, **fit_options)
+        method_options, fit_options = (
+            self._find_method_options(name),
+            self._select_fit_options(name),
+        )
+        options = RunOptions(
+            name, method_options, callback=counter, seek_causes=False, **fit_options
+        )
         return run(tests, self._make_selection(name, unknowns), options)[0]
 
     def _make_selection(self, name: str, unknowns: ParameterSet) -> Selection:

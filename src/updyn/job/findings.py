@@ -26,14 +26,14 @@ def job_findings(test: PreparedTest, unknowns: ParameterSet) -> tuple[Finding, .
     tuple of Finding
         The findings, most likely first.
     """
-    own = [p for p in unknowns if not p.is_channel]
-    if not own or isinstance(test.data, ModeSet):
+    model_unknowns = [p for p in unknowns if not p.is_channel]
+    if not model_unknowns or isinstance(test.data, ModeSet):
         return ()
     job = test.job
     return diagnose(
         test.model,
         test.frf,
-        ParameterSet(tuple(own)),
+        ParameterSet(tuple(model_unknowns)),
         noise=job.noise,
         tier=job.method.tier,
         backend=job.method.backend,

@@ -139,11 +139,11 @@ def _pick_modes(
         with key_path("modes", "pick" if table.poles is None else "poles"):
             found, number = identify_with_picks(frf, None, table.damping, poles)
     refined = [k for k, n in enumerate(number) if n >= 0]
-    own = np.array([k for k, n in enumerate(number) if n < 0], dtype=np.intp)
+    automatic = np.array([k for k, n in enumerate(number) if n < 0], dtype=np.intp)
     if table.pick is not None:
-        nearest = {_find_nearest(found.frequency[own], f) for f in at}
-        own = own[np.isin(found.frequency[own], list(nearest))]
-    kept = sorted([*own.tolist(), *refined])
+        nearest = {_find_nearest(found.frequency[automatic], f) for f in at}
+        automatic = automatic[np.isin(found.frequency[automatic], list(nearest))]
+    kept = sorted([*automatic.tolist(), *refined])
     if say is not None:
         for k in refined:
             say(_describe_refinement(found, k, poles[number[k]]))

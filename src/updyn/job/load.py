@@ -89,15 +89,15 @@ def load_job(
         document.setdefault("test", {} if "records" in document else NO_TEST)
     if of_test:
         document = NO_UPDATE | ({"test": {}} if "records" in document else {}) | document
-    tables, wrong = _take_further_tables(document, lines)
+    tables, complaints = _take_further_tables(document, lines)
     jobs = []
-    for one, own in _split_tests(document, lines):
+    for one, own_lines in _split_tests(document, lines):
         try:
-            jobs.append(Job.model_validate(one).with_source(path, own, tables))
+            jobs.append(Job.model_validate(one).with_source(path, own_lines, tables))
         except ValidationError as error:
-            wrong += _collect_complaints(error, own, Job)
-    if wrong:
-        raise _merge_complaints(sorted(set(wrong)), path)
+            complaints += _collect_complaints(error, own_lines, Job)
+    if complaints:
+        raise _merge_complaints(sorted(set(complaints)), path)
     job = jobs[0].with_others(tuple(jobs[1:]))
     with job.located():
         _check_model(job.model)
@@ -195,14 +195,14 @@ def _take_further_tables(
     if names:
         names = [name for name in JOB_TABLES if name in names]
     tables: dict[str, Table] = {}
-    wrong: list[_Complaint] = []
+    complaints: list[_Complaint] = []
     for name in names:
         schema = JOB_TABLES[name].schema
         try:
             tables[name] = schema.model_validate(document.pop(name))
         except ValidationError as error:
-            wrong += _collect_complaints(error, lines, schema, (name,))
-    return tables, wrong
+            complaints += _collect_complaints(error, lines, schema, (name,))
+    return tables, complaints
 
 
 def _split_tests(
@@ -215,11 +215,11 @@ def _split_tests(
         return
     common = {place: line for place, line in lines.items() if place[:1] != ("test",)}
     for number, test in enumerate(tests):
-        own = dict(common)
+        own_lines = dict(common)
         for place, line in lines.items():
             if place[:2] == ("test", number):
-                own[("test", *place[2:])] = line
-        yield document | {"test": test}, own
+                own_lines[("test", *place[2:])] = line
+        yield document | {"test": test}, own_lines
 
 
 # -- checks beyond those of a single value ---------------------------------------------------------
@@ -227,7 +227,7 @@ def _check_test_names(job: Job) -> None:
     """Check that several tests have distinct names that are valid folder names."""
     if len(job.parts) == 1:
         return
-    seen: set[str] = set()
+    names: set[str] = set()
     for part in job.parts:
         name = part.test.name
         with part.located(), key_path("test"):
@@ -239,9 +239,9 @@ def _check_test_names(job: Job) -> None:
                     " name of a folder",
                     key=("name",),
                 )
-            if name.casefold() in seen:
+            if name.casefold() in names:
                 raise JobError(f"test.name = {name!r}: another test has that name", key=("name",))
-        seen.add(name.casefold())
+        names.add(name.casefold())
 
 
 def _check_tests(job: Job) -> None:

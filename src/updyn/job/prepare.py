@@ -120,10 +120,10 @@ def _prepare_test(
         return PreparedTest(job, matching.model, matching.data, fitted, matching)
     matching = replace(matching, data=_apply_repairs(job, matching.model, matching.data))
     _check_table(matching.model, matching.frf.freq)
-    own = _remove_validation_set(job, matching.frf)
-    _check_method(job, own)
+    fitted_frf = _remove_validation_set(job, matching.frf)
+    _check_method(job, fitted_frf)
     return PreparedTest(
-        job, matching.model, matching.frf, own, matching, _read_matched_modes(job, matching)
+        job, matching.model, matching.frf, fitted_frf, matching, _read_matched_modes(job, matching)
     )
 
 
@@ -389,18 +389,18 @@ def relabel_modes(matching: Matching, modes: ModeSet) -> ModeSet:
 
 
 def _select_entries(
-    stated: Mapping[str, T], data: FRF | ModeSet, others: Sequence[FRF | ModeSet]
+    entries: Mapping[str, T], data: FRF | ModeSet, others: Sequence[FRF | ModeSet]
 ) -> dict[str, T]:
     """Return the sensor entries without those of sensors that only other tests have."""
-    elsewhere: set[str] = set()
+    other_names: set[str] = set()
     for other in others:
-        elsewhere |= _list_sensors(other)
-    elsewhere -= _list_sensors(data)
+        other_names |= _list_sensors(other)
+    other_names -= _list_sensors(data)
     unsigned = str.maketrans("", "", "+-")
     return {
         label: value
-        for label, value in stated.items()
-        if label.translate(unsigned) not in elsewhere
+        for label, value in entries.items()
+        if label.translate(unsigned) not in other_names
     }
 
 
@@ -425,5 +425,5 @@ def _reword_match_error(job: Job, error: MatchError) -> JobError:
             f'\nGive each its label in the model under [match.table] ("{error.lost[0]}" = "..."),'
             " or keep only those that are, with responses and references in [test]"
         )
-    own = error.key and job.place("match") is not None
-    return JobError(text, key=("match", *error.key) if own else ("test", "file"))
+    in_match = error.key and job.place("match") is not None
+    return JobError(text, key=("match", *error.key) if in_match else ("test", "file"))

@@ -145,14 +145,14 @@ def read_inputs(model_file: Path, frf_file: Path, options: dict[str, Any]) -> In
     try:
         return _add_counterparts(Inputs(*inputs, match(model, frf)))
     except MatchError as error:
-        lost, trouble, options = tuple(error.lost), str(error), error.proposal
+        unmatched, match_error, options = tuple(error.lost), str(error), error.proposal
     if model.geometry is not None and frf.geometry is not None:
         try:
             matching, options = _match_by_coordinates(model, frf, options)
-            return _add_counterparts(Inputs(*inputs, matching, (), trouble, options))
+            return _add_counterparts(Inputs(*inputs, matching, (), match_error, options))
         except InputError as error:
-            trouble += f"\nBy coordinates: {error}"
-    return Inputs(*inputs, None, lost, trouble)
+            match_error += f"\nBy coordinates: {error}"
+    return Inputs(*inputs, None, unmatched, match_error)
 
 
 def _add_counterparts(inputs: Inputs) -> Inputs:

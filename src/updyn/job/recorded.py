@@ -115,10 +115,10 @@ def _read_setup(job: Document, table: RecordsTable, setup: SetupTable) -> Record
 
 
 def _reader_options(setup: SetupTable) -> dict[str, Any]:
-    stated = dict(setup.reader or {})
+    options = dict(setup.reader or {})
     if setup.format is not None:
-        stated["format"] = setup.format
-    return stated
+        options["format"] = setup.format
+    return options
 
 
 def _list_channels(channels: Mapping[str, str] | tuple[str, ...] | None) -> tuple[str, ...]:

@@ -131,9 +131,9 @@ class RecordsTable(SetupTable):
             return (SetupTable.model_construct(**common),)
         whole = []
         for setup in self.setup:
-            own = {name: getattr(setup, name) for name in SetupTable.model_fields}
-            own |= {name: common[name] for name in own if own[name] is None}
-            whole.append(SetupTable.model_construct(**own))
+            values = {name: getattr(setup, name) for name in SetupTable.model_fields}
+            values |= {name: common[name] for name in values if values[name] is None}
+            whole.append(SetupTable.model_construct(**values))
         return tuple(whole)
 
     def place(self, number: int, key: str) -> tuple[str | int, ...]:

@@ -353,10 +353,10 @@ def _run_further_tables(
 
 def _write_files(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
     """Write the update, and the job as run in the folder `out`, into `folder`."""
-    for own, one in _pair_with_folders(result, folder):
-        own.mkdir(exist_ok=True)
-        write_model(one.model, own / "model.h5")
-        write_result(one, own / "run.nc")
+    for target, one in _pair_with_folders(result, folder):
+        target.mkdir(exist_ok=True)
+        write_model(one.model, target / "model.h5")
+        write_result(one, target / "run.nc")
     if job.output.properties is not None and job.model.file is not None:
         source = job.beside(job.model.file)
         target = folder / job.output.properties
@@ -394,6 +394,6 @@ def _write_reports(
 
     shown = {name: found for name, found in further.items() if name in list_shown_objects()}
     write_report(result, folder / "report.html", **shown)
-    for own, one in _pair_with_folders(result, folder):
-        if own != folder:
-            write_report(one, own / "report.html")
+    for target, one in _pair_with_folders(result, folder):
+        if target != folder:
+            write_report(one, target / "report.html")

@@ -373,13 +373,13 @@ class TestTable(Table):
     @property
     def of_frfs(self) -> list[str]:
         """Keys that the table gives and that apply only to FRFs."""
-        own = [*self.reader_options, "repeats", "averages", "exclude", "repair"]
-        return [key for key in own if getattr(self, key) is not None]
+        keys = [*self.reader_options, "repeats", "averages", "exclude", "repair"]
+        return [key for key in keys if getattr(self, key) is not None]
 
     @property
     def reader_options(self) -> dict[str, Any]:
         """Keyword arguments for the reader; only those that the job gives."""
-        stated = {
+        options = {
             "format": self.format,
             "quantity": self.quantity,
             "duplicates": self.duplicates,
@@ -393,7 +393,7 @@ class TestTable(Table):
             "responses": self.responses,
             "references": self.references,
         }
-        return {k: v for k, v in stated.items() if v is not None}
+        return {k: v for k, v in options.items() if v is not None}
 
 
 #: ``[test]`` of a job that has no measurement yet, and the tables that replace model and unknowns

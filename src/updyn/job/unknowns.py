@@ -45,11 +45,11 @@ def _choose_model_unknowns(job: Job, model: Model) -> ParameterSet:
     for number, table in enumerate(job.parameter):
         # Masses added by a test are known; they are unknowns only if a table names them, not by
         # "all" and "*".
-        own = _matches_groups(model, table.groups or ()) and _matches_groups(
+        without_masses = _matches_groups(model, table.groups or ()) and _matches_groups(
             model, table.drives or (), GROUP_QUANTITIES
         )
         with key_path("parameter", number):
-            items = _choose_from_table(job, model if own else loaded, table)
+            items = _choose_from_table(job, model if without_masses else loaded, table)
         for p in items:
             if p.name in chosen:
                 first = job.place("parameter", chosen[p.name][0])
@@ -150,10 +150,10 @@ def _choose_from_table(job: Job, model: Model, table: ParameterTable) -> Sequenc
         # may move the start of a loss factor onto a bound
         items = parameters(model, **chosen, bounds={table.quantity: bounds})
     elif table.start is not None:
-        stated: dict[str, Any] = {"start": table.start}
+        changes: dict[str, Any] = {"start": table.start}
         if bounds is not None:
-            stated |= {"lower": bounds[0], "upper": bounds[1]}
-        items = [replace(p, **stated) for p in items]
+            changes |= {"lower": bounds[0], "upper": bounds[1]}
+        items = [replace(p, **changes) for p in items]
     common: dict[str, Any] = {
         "prior_std": table.prior_std,
         "nominal": table.nominal,

@@ -142,22 +142,22 @@ def _commit(staging: Path, folder: Path, run: str, command: str, names: Collecti
     written += sorted(set(found) - {*names, PLAN})
     digests = {name: file_digest(staging / name) for name in written}
     old = Manifest.read(folder)
-    gone = [name for name in dict.fromkeys(names) if name not in digests]
-    kept = {name: entry for name, entry in old.entries.items() if name not in gone}
+    absent = [name for name in dict.fromkeys(names) if name not in digests]
+    kept = {name: entry for name, entry in old.entries.items() if name not in absent}
     new = {name: Entry(digest, run, command) for name, digest in digests.items()}
     Manifest(MappingProxyType({**kept, **new})).write(staging)
 
-    wrong = {name: why for name in written if (why := old.find_obstacle(folder, name))}
-    if wrong:
-        _set_aside(staging, folder, run, new, wrong)
+    obstacles = {name: why for name in written if (why := old.find_obstacle(folder, name))}
+    if obstacles:
+        _set_aside(staging, folder, run, new, obstacles)
     digests = {MANIFEST: file_digest(staging / MANIFEST), **digests}
-    before = {name: _compute_digest(folder / name) for name in (*digests, *gone)}
+    before = {name: _compute_digest(folder / name) for name in (*digests, *absent)}
     plan = _Plan(
         {name: [before[name], digest] for name, digest in digests.items()},
         {
-            name: was
-            for name in gone
-            if (was := before[name]) and not old.find_obstacle(folder, name)
+            name: digest
+            for name in absent
+            if (digest := before[name]) and not old.find_obstacle(folder, name)
         },
     )
     write_json(asdict(plan), staging / PLAN)
@@ -168,14 +168,14 @@ def _commit(staging: Path, folder: Path, run: str, command: str, names: Collecti
 
 
 def _set_aside(
-    staging: Path, folder: Path, run: str, new: dict[str, Entry], wrong: dict[str, str]
+    staging: Path, folder: Path, run: str, new: dict[str, Entry], obstacles: dict[str, str]
 ) -> None:
     """Move a set that cannot replace the old one to a separate folder, and raise an error."""
     aside = folder / f"results-{run}"
     Manifest(MappingProxyType(new)).write(staging)
     staging.rename(aside)
     (aside / PLAN).unlink()
-    reasons = ", ".join(f"{name!r} {why}" for name, why in wrong.items())
+    reasons = ", ".join(f"{name!r} {why}" for name, why in obstacles.items())
     raise InputError(f"in {str(folder)!r} {reasons}; the results are in {str(aside)!r} instead")
 
 
@@ -261,7 +261,7 @@ def _recover(folder: Path) -> None:
         else:
             plan = _read_plan(path)
             _check_user_files(path, folder, plan)
-            removed = {name: was for name, was in plan.removed.items() if is_output(name)}
+            removed = {name: digest for name, digest in plan.removed.items() if is_output(name)}
             _complete_switch(path, folder, _Plan(plan.moved, removed))
 
 
@@ -311,12 +311,12 @@ def _check_user_files(finished: Path, folder: Path, plan: _Plan) -> None:
     The plan may be forged: its digests of old files are accepted only for the fixed names of
     outputs (`is_output`) and for the manifest.
     """
-    wrong: dict[str, str] = {}
+    obstacles: dict[str, str] = {}
     for name, (before, after) in plan.moved.items():
         if (finished / name).is_file():
             known = (before, after) if is_output(name) or name == MANIFEST else (after,)
-            wrong[name] = find_obstacle(folder, name, [d for d in known if d])
-    reasons = ", ".join(f"{name!r} {why}" for name, why in wrong.items() if why)
+            obstacles[name] = find_obstacle(folder, name, [d for d in known if d])
+    reasons = ", ".join(f"{name!r} {why}" for name, why in obstacles.items() if why)
     if reasons:
         raise InputError(
             f"in {str(folder)!r} {reasons}, and new results are in {str(finished)!r}; move the file"

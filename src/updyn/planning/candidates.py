@@ -63,9 +63,9 @@ def check_count(count: int, candidates: DofSet, key: str) -> None:
     if not whole or count < 1:
         raise OptionError(f"{key} = {count!r}: expected a whole number of at least 1", key=(key,))
     if count > len(candidates):
-        there = "candidate" if len(candidates) == 1 else "candidates"
+        noun = "candidate" if len(candidates) == 1 else "candidates"
         raise OptionError(
-            f"{key} = {count}: found {len(candidates)} {there}; name more, or"
+            f"{key} = {count}: found {len(candidates)} {noun}; name more, or"
             f" select at most {len(candidates)}",
             key=(key,),
         )

@@ -182,9 +182,11 @@ def _sample_dofs(dofs: DofSet) -> NDArray[np.intp]:
     """Return indices of evenly spaced DOFs, of translations and of rotations."""
     is_turned = dofs.axes >= 3
     found = []
-    for own in (np.flatnonzero(~is_turned), np.flatnonzero(is_turned)):
-        if own.size:
-            found.append(own[np.linspace(0, own.size - 1, min(_SAMPLE, own.size)).astype(int)])
+    for indices in (np.flatnonzero(~is_turned), np.flatnonzero(is_turned)):
+        if indices.size:
+            found.append(
+                indices[np.linspace(0, indices.size - 1, min(_SAMPLE, indices.size)).astype(int)]
+            )
     return np.sort(np.concatenate(found))
 
 

@@ -309,8 +309,8 @@ def _levels(
         size = level_values(one.values[:, i, j], level)
         look = {**looks[name], **_single_line_marker(len(one.freq))}
         axes.plot(one.freq, size, label=name, **look)
-    own = unit(measured.quantity, str(measured.responses[i]), str(measured.references[j]))
-    level_axis(axes, measured.quantity, own, level)
+    unit_name = unit(measured.quantity, str(measured.responses[i]), str(measured.references[j]))
+    level_axis(axes, measured.quantity, unit_name, level)
 
 
 def _measured_look(n_lines: int) -> dict[str, Any]:

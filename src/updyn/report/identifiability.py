@@ -120,12 +120,12 @@ def singular_values(ident: Identifiability) -> Figure | None:
     if (values > 0).any():
         foot = max(float(values[values > 0].min()) / 10.0, 1e-18)
     determined = np.arange(values.size) < ident.rank
-    lost = "undetermined: lost in the noise, or exactly"
+    name = "undetermined: lost in the noise, or exactly"
     traces = []
     if determined.any():
         traces.append(_singular_trace("determined", values, determined, foot, "@after", "circle"))
     if not determined.all():
-        traces.append(_singular_trace(lost, values, ~determined, foot, "@before", "x"))
+        traces.append(_singular_trace(name, values, ~determined, foot, "@before", "x"))
     axis: dict[str, Any] = {
         "title": {"text": "combination number, best determined first"},
         "range": [0.4, values.size + 0.6],

@@ -410,10 +410,10 @@ def _list_counterparts(content: PageContent) -> list[str]:
 
 def _reduction_error(table: ModalTable) -> float | None:
     """Return the largest off-diagonal entry of the updated model's orthogonality matrix."""
-    own = table.own_orthogonality
-    if own is None or len(own) < 2:
+    orthogonality = table.own_orthogonality
+    if orthogonality is None or len(orthogonality) < 2:
         return None
-    size = np.abs(own)
+    size = np.abs(orthogonality)
     np.fill_diagonal(size, 0.0)
     return float(size.max())
 

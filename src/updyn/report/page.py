@@ -122,12 +122,12 @@ def assemble(
     figures: dict[str, Figure] = {}
     embedded: dict[str, Any] = {}
     for section in select_sections(content):
-        own = section.figures(content)
-        text = section.render(content, own, folds=folds)
+        section_figures = section.figures(content)
+        text = section.render(content, section_figures, folds=folds)
         if text:
             sections.append(section)
             bodies.append(text)
-            figures |= own
+            figures |= section_figures
             embedded |= section.embedded_data(content)
     return render_template(
         "updyn.report/page.html",

@@ -140,12 +140,12 @@ def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
     return list(responses), list(references)
 
 
-def _choose_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
+def _choose_geometry(geometry: Geometry, data: FRF | ModeSet) -> Geometry:
     """Return the geometry of the model, with the lines of the test geometry if it has any."""
     test = getattr(data, "geometry", None)
-    if test is None or not len(test.lines) or not np.isin(test.lines, own.nodes).all():
-        return own
-    return Geometry(own.nodes, own.xyz, test.lines, own.axes)
+    if test is None or not len(test.lines) or not np.isin(test.lines, geometry.nodes).all():
+        return geometry
+    return Geometry(geometry.nodes, geometry.xyz, test.lines, geometry.axes)
 
 
 def colour_by_std(result: UpdateResult) -> Colouring | None:
@@ -264,11 +264,11 @@ class _ModalShapes:
             rows.append(ModeRow(f"{number}: {_row_text(row)}", tuple(members)))
         layers = []
         for name, (role, style) in self.looks.items():
-            moved, at = (measured, 1) if name == "test" else (body, 0)
+            layer_body, at = (measured, 1) if name == "test" else (body, 0)
             dofs = self.test.dofs if name == "test" else self.models[name].dofs
             shapes = np.array(found[name]).reshape(-1, len(dofs)).T
-            entries = entries_of(moved, geometry, dofs)
-            layers.append(Layer(name, role, style, at, motions(moved, entries, shapes)))
+            entries = entries_of(layer_body, geometry, dofs)
+            layers.append(Layer(name, role, style, at, motions(layer_body, entries, shapes)))
         return ModeShapes(layers, rows)
 
     def _align_row(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:

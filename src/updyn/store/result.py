@@ -429,7 +429,7 @@ class _Modes:
     def load(self, data: xr.Dataset, name: str, path: Path) -> ModalTable | None:
         if name not in data.variables:  # not compared, or an old file
             return None
-        fields: dict[str, Any] = {of: self._set(data, of, path) for of in self._SETS}
+        fields: dict[str, Any] = {of: self._load_modes(data, of, path) for of in self._SETS}
         for table in self._TABLES:
             if f"modes_{table}" in data.variables:
                 fields[table] = _join_parts(variable(data, f"modes_{table}", path))
@@ -439,7 +439,7 @@ class _Modes:
         except InputError as error:
             raise FormatError(f"{name}: not a valid record of a run ({error})", path) from error
 
-    def _set(self, data: xr.Dataset, of: str, path: Path) -> Modes | None:
+    def _load_modes(self, data: xr.Dataset, of: str, path: Path) -> Modes | None:
         if f"modes_{of}" not in data.variables:
             return None
         columns = (
@@ -529,8 +529,8 @@ def _take_rows(data: xr.Dataset, name: str, path: Path) -> list[dict[str, float]
     if f"{name}_given" in data.variables:
         given = data[f"{name}_given"].values.reshape(table.shape).astype(np.bool_)
     rows = []
-    for numbers, there in zip(table, given, strict=True):
-        rows.append(dict(zip(names[there], numbers[there].tolist(), strict=True)))
+    for numbers, is_given in zip(table, given, strict=True):
+        rows.append(dict(zip(names[is_given], numbers[is_given].tolist(), strict=True)))
     return rows
 
 

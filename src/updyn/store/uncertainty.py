@@ -102,9 +102,9 @@ def write_uncertainty(found: Draws | Profiles, path: str | Path) -> None:
     (20, 12)
     """
     if isinstance(found, Draws):
-        data = _of_draws(found)
+        data = _store_draws(found)
     elif isinstance(found, Profiles):
-        data = _of_profiles(found)
+        data = _store_profiles(found)
     else:
         raise OptionError(f"expected draws or profiles, found {type(found).__name__}")
     write_dataset(data, path, "uncertainty")
@@ -149,14 +149,14 @@ def read_uncertainty(
     data, _ = read_dataset(path, "uncertainty", "draws or profiles")
     with guard_reader(path, "uncertainty"):
         if Text(("profile", *KINDS)).load(data, "kind", path) == "profile":
-            return _to_profiles(data, path)
+            return _load_profiles(data, path)
         draws = Draws(**take_fields(data, _DRAWS, path))
     if result is None:
         return draws
     return draws.of(result)
 
 
-def _of_draws(found: Draws) -> xr.Dataset:
+def _store_draws(found: Draws) -> xr.Dataset:
     import xarray as xr
 
     data = xr.Dataset()
@@ -164,7 +164,7 @@ def _of_draws(found: Draws) -> xr.Dataset:
     return data
 
 
-def _of_profiles(found: Profiles) -> xr.Dataset:
+def _store_profiles(found: Profiles) -> xr.Dataset:
     import xarray as xr
 
     listed = list(found.values())
@@ -197,7 +197,7 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
     return data
 
 
-def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
+def _load_profiles(data: xr.Dataset, path: Path) -> Profiles:
     values = variable(data, "value", path)
     drop = variable(data, "drop", path)
     others = variable(data, "others", path)
@@ -210,13 +210,13 @@ def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
     )
     found = []
     for i, (name, estimate, ranges, (lower_end, upper_end)) in enumerate(rows):
-        there = np.isfinite(values[i])
+        is_stored = np.isfinite(values[i])
         one = Profile(
             str(name),
             float(estimate),
-            values[i, there],
-            drop[i, there],
-            others[i, there],
+            values[i, is_stored],
+            drop[i, is_stored],
+            others[i, is_stored],
             tuple(Interval(*numbers) for numbers in ranges),
             lower_end,
             upper_end,

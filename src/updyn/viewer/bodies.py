@@ -55,8 +55,8 @@ def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
         raise InputError("viewer: the model has no geometry; expected positions of its nodes")
     lines, line_group = geometry.line_ends, groups_of_lines(model)
     faces, face_group = _triangles(geometry.face_corners, groups_of_faces(model))
-    seen = _is_visible(lines, line_group, faces, face_group)
-    lines, line_group = lines[seen], line_group[seen]
+    is_visible = _is_visible(lines, line_group, faces, face_group)
+    lines, line_group = lines[is_visible], line_group[is_visible]
     drawn = {*line_group.tolist(), *face_group.tolist()}
     bare = [number for number in range(len(model.groups)) if number not in drawn]
     points, point_group = _make_squares(model, np.array(bare, dtype=np.intp))
@@ -193,9 +193,9 @@ def _add_discs(body: Body, rotations: list[tuple[int, NDArray[np.float64]]]) -> 
         rim = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), up)
         rims.append(body.xyz[node] + radius * rim)
         owners += [int(body.nodes[node])] * _RIM
-        own = len(body.nodes) + number * _RIM + np.arange(_RIM)
-        lines += np.column_stack([own, np.roll(own, -1)]).tolist()
-        lines += [[node, int(end)] for end in own[::_SPOKE_EVERY]]
+        rim_nodes = len(body.nodes) + number * _RIM + np.arange(_RIM)
+        lines += np.column_stack([rim_nodes, np.roll(rim_nodes, -1)]).tolist()
+        lines += [[node, int(end)] for end in rim_nodes[::_SPOKE_EVERY]]
     more = np.array(lines, dtype=np.intp)
     return Body(
         body.name,
@@ -236,7 +236,7 @@ def entries_of(body: Body, geometry: Geometry, dofs: Iterable[str | Dof]) -> Ent
     rims: dict[int, list[int]] = {}
     for at, node in enumerate(body.nodes[body.real :].tolist(), body.real):
         rims.setdefault(node, []).append(at)
-    dof_of, moved, vectors = [], [], []
+    dof_of, node_of, vectors = [], [], []
     every = DofSet(dofs)
     table = zip(every.nodes.tolist(), every.axes.tolist(), every.signs.tolist(), strict=True)
     for number, (node, axis, sign) in enumerate(table):
@@ -245,15 +245,15 @@ def entries_of(body: Body, geometry: Geometry, dofs: Iterable[str | Dof]) -> Ent
         direction = sign * _axes(geometry, rows[node])[axis % 3]
         if axis < 3:
             dof_of.append(number)
-            moved.append(real[node])
+            node_of.append(real[node])
             vectors.append(direction)
         for at in rims.get(node, ()) if axis >= 3 else ():
             dof_of.append(number)
-            moved.append(at)
+            node_of.append(at)
             vectors.append(np.cross(direction, body.xyz[at] - body.xyz[real[node]]))
     return Entries(
         np.array(dof_of, dtype=np.intp),
-        np.array(moved, dtype=np.intp),
+        np.array(node_of, dtype=np.intp),
         np.array(vectors, dtype=np.float64).reshape(-1, 3),
     )
 

@@ -54,8 +54,8 @@ def by_size(
 
     def describe_sizes(sizes: NDArray[np.float64]) -> tuple[list[int], list[str]]:
         looks = [_describe_size(name, unit, size, edges) for size in sizes.tolist()]
-        said = [f"{group}{text}" for group, (_, text) in zip(groups, looks, strict=True)]
-        return [step for step, _ in looks], said
+        texts = [f"{group}{text}" for group, (_, text) in zip(groups, looks, strict=True)]
+        return [step for step, _ in looks], texts
 
     of_group, texts = describe_sizes(sizes)
     return Colouring(name, unit, steps, of_group, texts, [describe_sizes(row) for row in rows])

@@ -77,7 +77,7 @@ def frf_chart(
     many = len(curves) > len(colours)
     series: list[dict[str, Any]] = []
     for number, (name, (freq, values)) in enumerate(curves.items()):
-        own = STATES.get(name, colours[number % len(colours)])
+        token_name = STATES.get(name, colours[number % len(colours)])
         look = _LOOKS.get(name, {"width": 0.8 if many else 1.6})
         series.append(
             {
@@ -86,8 +86,8 @@ def frf_chart(
                 "data": _make_points(freq, np.abs(values), scale, points),
                 "showSymbol": False,
                 "silent": many,
-                "lineStyle": {**look, **colour(own)},
-                "itemStyle": colour(own),
+                "lineStyle": {**look, **colour(token_name)},
+                "itemStyle": colour(token_name),
             }
         )
     areas = [_mark_area(low, high, "held-band") for low, high in excluded]

@@ -155,11 +155,13 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        own = _find_test(document, test)
+        test_table = _find_test(document, test)
         several = _has_several_tests(document)
         if several:
             _move_to_tests(document, "validation")
-        table = own if several or "validation" in own else _get_table(document, "method")
+        table = (
+            test_table if several or "validation" in test_table else _get_table(document, "method")
+        )
         if responses:
             _set_key(table, "validation", list(responses))
         else:
@@ -428,14 +430,14 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
                 _set_key(table, "bounds", bounds)
                 return
             if is_own:
-                own = tomlkit.table()
-                own["groups"] = [group]
-                own.update(
+                new_table = tomlkit.table()
+                new_table["groups"] = [group]
+                new_table.update(
                     {k: v for k, v in table.unwrap().items() if k not in ("groups", "bounds")}
                 )
-                own["bounds"] = bounds
+                new_table["bounds"] = bounds
                 table["groups"] = [each for each in groups if each in present and each != group]
-                _append(tables, own)
+                _append(tables, new_table)
                 return
         raise InputError(
             f"no [[parameter]] of the job chooses {name!r}; change the text of the job"

@@ -83,8 +83,8 @@ class Guard:
         if headers.get("host") not in self._hosts:
             return 421, "This server answers under the address that it printed, and no other."
         origin = headers.get("origin")
-        own = {f"http://{host}" for host in self._hosts}
-        if origin not in own and (origin is not None or scope["type"] == "websocket"):
+        origins = {f"http://{host}" for host in self._hosts}
+        if origin not in origins and (origin is not None or scope["type"] == "websocket"):
             return 403, "A page of another address has asked."
         if not self._has_token(scope, headers):
             return 401, "The secret is missing: open the address that updyn serve printed."
@@ -162,14 +162,14 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reaso
 async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]) -> None:
     """Send a short answer."""
     body = f"{text}\n".encode() if text else b""
-    own = {
+    all_headers = {
         "content-type": "text/plain; charset=utf-8",
         "content-length": str(len(body)),
         "content-security-policy": "default-src 'none'",
         **_RULES,
         **headers,
     }
-    encoded = [(name.encode(), value.encode("latin-1")) for name, value in own.items()]
+    encoded = [(name.encode(), value.encode("latin-1")) for name, value in all_headers.items()]
     await send({"type": "http.response.start", "status": status, "headers": encoded})
     await send({"type": "http.response.body", "body": body})
 

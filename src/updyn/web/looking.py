@@ -499,10 +499,10 @@ def compute_curve(
         At the lines of the band, or at evenly spaced ones among them.
     """
     ready = _load_and_prepare(path, text)
-    own = ready.tests[test]
-    data: FRF = own.frf
+    prepared_test = ready.tests[test]
+    data: FRF = prepared_test.frf
     freq = data.freq[:: max(1, len(data.freq) // _MOST_LINES)]
-    model = _apply_values(ready, own.model, values)
+    model = _apply_values(ready, prepared_test.model, values)
     shown = model_response(
         model,
         freq,
@@ -538,10 +538,10 @@ def render_structure(path: Path, text: str, n_modes: int = 0) -> str:
         HTML.
     """
     ready = _load_and_prepare(path, text)
-    own = ready.tests[0]
-    data = own.data
+    prepared_test = ready.tests[0]
+    data = prepared_test.data
     sensors, forces = ([], []) if not isinstance(data, FRF) else (data.responses, data.references)
-    model = _apply_values(ready, own.model, {})
+    model = _apply_values(ready, prepared_test.model, {})
     shown_modes = modes(model, min(n_modes, model.n_dofs)) if n_modes else None
     scene = model_scene(model, shown_modes, responses=list(sensors), references=list(forces))
     shown = page(scene)
@@ -555,7 +555,7 @@ FORWARD = """document.addEventListener("updyn-pick", ({ detail }) => {
 });"""
 
 
-def propose_job(model: Path, measurement: Path, job: Path, stated: dict[str, object]) -> str:
+def propose_job(model: Path, measurement: Path, job: Path, options: dict[str, object]) -> str:
     """Return a commented job for a model and a measurement.
 
     Parameters
@@ -570,5 +570,5 @@ def propose_job(model: Path, measurement: Path, job: Path, stated: dict[str, obj
     str
         TOML.
     """
-    inputs = read_inputs(model, measurement, stated)
+    inputs = read_inputs(model, measurement, options)
     return job_text(inputs, job, f"{inputs.model.n_dofs} DOFs", f"{len(inputs.frf.freq)} lines")

@@ -127,8 +127,8 @@ class Workspace:
         suffixes = "|".join(map(re.escape, (work.suffix, TASKS.find("run").suffix)))
         stem = re.escape(self.open_document.path.stem)
         named = re.compile(rf"{stem}(({suffixes})(-\d+)?)?")
-        own = [path for path in found if named.fullmatch(path.parent.name)]
-        return pages, self.project.name_of(own[0]) if own else ""
+        named_pages = [path for path in found if named.fullmatch(path.parent.name)]
+        return pages, self.project.name_of(named_pages[0]) if named_pages else ""
 
     @property
     def open_document(self) -> JobDocument:
@@ -308,8 +308,8 @@ class Workspace:
             If the name is not a plain one, or the file exists.
         """
         self.project.plain_name(name)  # no folder: the files that the job names are relative to it
-        own = self.project.name_of(self.open_document.path.with_name(name))
-        self.open_document.save_as(self.project.new_job(own))
+        full_name = self.project.name_of(self.open_document.path.with_name(name))
+        self.open_document.save_as(self.project.new_job(full_name))
 
     def view(self) -> JobView:
         """Return the content of the present job, which is read once."""
@@ -342,7 +342,7 @@ class Workspace:
         document = self.open_document
         return self._desk.ask(function, document.path, document.text, *arguments)
 
-    def create(self, model: str, measurement: str, name: str, stated: dict[str, object]) -> None:
+    def create(self, model: str, measurement: str, name: str, options: dict[str, object]) -> None:
         """Write a commented job for a model and a measurement, and open it.
 
         Parameters
@@ -364,7 +364,7 @@ class Workspace:
             self.project.inside(measurement),
         )
         path = self.project.new_job(name)
-        text = self._desk.ask(propose_job, *inputs, path, stated)
+        text = self._desk.ask(propose_job, *inputs, path, options)
         write_bytes(path, text.encode())
         self.open_job(path)
 

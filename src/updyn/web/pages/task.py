@@ -148,7 +148,7 @@ def _show_form(workspace: Workspace, task: str) -> None:
     with ui.row().classes("items-center"):
         for field in TASKS.find(task).fields:
             shown[field.key] = _show_entry(workspace, task, field)
-    with ui.row().classes("items-center") as trouble:
+    with ui.row().classes("items-center") as error_row:
         reason = ui.label().classes("text-negative whitespace-pre-wrap").mark("form")
         reason.props("role=alert")
         discard = ui.button("Discard entries", on_click=lambda: workspace.form(task).discard())
@@ -163,7 +163,7 @@ def _show_form(workspace: Workspace, task: str) -> None:
                 entry.set_options([*entry.options, text])
             entry.set_value(text)
         form = workspace.form(task)
-        trouble.set_visibility(bool(form.reason))
+        error_row.set_visibility(bool(form.reason))
         reason.set_text(f"Not in the job yet: {form.reason}")
 
     update()
