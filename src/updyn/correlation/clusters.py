@@ -154,12 +154,12 @@ class PairedModes:
     subspaces: tuple[Subspace, ...]
 
     @property
-    def computed(self) -> _Indices:
+    def computed_modes(self) -> _Indices:
         """Computed modes in a pair or a subspace."""
         return np.unique(np.concatenate([self.pairs.first, *(s.computed for s in self.subspaces)]))
 
     def renumber(self, kept: NDArray[np.bool_]) -> PairedModes:
-        """Return the pairs for a subset of the computed modes that contains all of `computed`."""
+        """Return the pairs for a subset of the computed modes, which contains `computed_modes`."""
         number = np.cumsum(kept) - 1
         subspaces = [replace(s, computed=number[s.computed]) for s in self.subspaces]
         return PairedModes(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))

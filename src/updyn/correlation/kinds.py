@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, overload
 
 from updyn.correlation.frfs import Correlation, correlate_frfs
-from updyn.correlation.modes import ModeCorrelation, ModeShapes, correlate_modes
+from updyn.correlation.modes import ModeCorrelation, ModesLike, correlate_modes
 from updyn.errors import DataError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
@@ -19,7 +19,7 @@ _OPTIONS = ("band", "gate", "least_mac", "close", "dofs")
 def correlate(computed: Model | FRF, measured: FRF) -> Correlation: ...
 @overload
 def correlate(
-    computed: Model | ModeShapes, measured: ModeShapes, **options: Any
+    computed: Model | ModesLike, measured: ModesLike, **options: Any
 ) -> ModeCorrelation: ...
 def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | ModeCorrelation:
     """Compare a model, computed FRFs or computed modes with measured FRFs or modes.
@@ -63,7 +63,7 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     >>> found.frac.shape  # responses, references
     (5, 2)
     """
-    if isinstance(measured, ModeShapes):
+    if isinstance(measured, ModesLike):
         for name in options:
             if name not in _OPTIONS:
                 raise DataError(f"correlate: option {name!r}; {suggest(name, _OPTIONS)}")

@@ -41,7 +41,7 @@ __all__ = [
     "GATE",
     "LEAST_MAC",
     "ModeCorrelation",
-    "ModeShapes",
+    "ModesLike",
     "correlate_modes",
     "model_modes",
 ]
@@ -65,7 +65,7 @@ _MOST = 400
 
 
 @runtime_checkable
-class ModeShapes(Protocol):
+class ModesLike(Protocol):
     """Modes at signed DOFs, computed (`updyn.dynamics.modes.Modes`) or measured (`ModeSet`)."""
 
     @property
@@ -297,8 +297,8 @@ def _format_mode(of: Modes, at: int) -> list[str]:
 
 
 def correlate_modes(
-    computed: Model | ModeShapes,
-    measured: ModeShapes,
+    computed: Model | ModesLike,
+    measured: ModesLike,
     *,
     band: tuple[float, float] | None = None,
     gate: float = GATE,
@@ -360,7 +360,7 @@ def correlate_modes(
     has its subspace MAC: the squared cosine of the largest of these angles. Modes that are close in
     one of the two sets only are compared in the same way, and `Subspace.close` states the set.
     """
-    if not isinstance(measured, ModeShapes):
+    if not isinstance(measured, ModesLike):
         raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")
     numbers = is_number(gate) and is_number(least_mac)
     if not numbers or not gate > 0 or not 0 <= least_mac <= 1:
@@ -396,14 +396,14 @@ def correlate_modes(
         a = at_sensors.select(move)
         matched = _pair_modes(a, b, rule)
         listed = (a.frequency >= low) & (a.frequency <= high)
-        listed[matched.computed] = True
+        listed[matched.computed_modes] = True
         if not listed.any():
             raise DataError(
                 f"correlate: the model has no mode from {low:g} to {high:g} Hz that moves at the"
                 " DOFs of the measured modes, and none that is paired with one of them"
             )
         a, matched = a.select(listed), matched.renumber(listed)
-    elif isinstance(computed, ModeShapes):
+    elif isinstance(computed, ModesLike):
         a = _reduce_to_dofs(computed, at)
         matched = _pair_modes(a, b, rule)
     else:
@@ -464,7 +464,7 @@ def _compute_damped(model: Model, undamped: Modes) -> Modes:
         return undamped
 
 
-def _reduce_to_dofs(of: ModeShapes, dofs: DofSet) -> Modes:
+def _reduce_to_dofs(of: ModesLike, dofs: DofSet) -> Modes:
     """Return modes at a subset of their DOFs, with the signs of these labels."""
     match = of.dofs.match(dofs, "DOF of the measured modes")
     shapes = np.asarray(of.shapes[match.index] * match.sign[:, None])

@@ -37,6 +37,7 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.frf import FRF
 from updyn.linalg.solver import Factorised
 from updyn.model import Model
+from updyn.updating.fit.acceptance import Acceptance
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     are_distinct,
@@ -47,7 +48,6 @@ from updyn.updating.fit.answers import (
     is_within_uncertainty,
     select_as_likely,
 )
-from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.method import Fit, Method, Rival, descend
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.models import Models
@@ -820,8 +820,8 @@ def _faintest_level(frf: FRF) -> float:
 
 def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost: float) -> bool:
     """Return whether the residual at x looks like noise; False if modes are among the data."""
-    belief = Belief(problem, all(noise.size_known for noise in noises))
-    return not problem.modal and belief.is_answer(x, cost)
+    acceptance = Acceptance(problem, all(noise.size_known for noise in noises))
+    return not problem.modal and acceptance.is_answer(x, cost)
 
 
 def _log_error_cost(problem: Problem, x: _Vector) -> float:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.fit.belief import SAME, Belief
+from updyn.updating.fit.acceptance import SAME, Acceptance
 from updyn.updating.fit.method import Starts, descend
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import resolve
@@ -132,7 +132,7 @@ class Search:
 
         `problem` is that of `thin_problem`. The points are within the bounds.
         """
-        belief = Belief(problem, all(noise.size_known for noise in noises))
+        acceptance = Acceptance(problem, all(noise.size_known for noise in noises))
         agreed, data_fault = False, False
         ends: list[Outcome] = []
         with suppress(Stopped):  # return the best so far
@@ -142,23 +142,23 @@ class Search:
                     len(ends),
                 )
                 starts = self._draw_starts(problem, number)
-                agreed = self._run_tries(problem, thinned, starts, belief, monitor, ends)
+                agreed = self._run_tries(problem, thinned, starts, acceptance, monitor, ends)
                 data_fault = not agreed and not monitor.stopped and monitor.has_data_fault()
                 if (
                     agreed
                     and thinned is not problem
-                    and not belief.is_plausible(min(ends, key=_cost))
+                    and not acceptance.is_plausible(min(ends, key=_cost))
                 ):
-                    agreed = self._repeat_on_all_lines(problem, belief, monitor, ends)
+                    agreed = self._repeat_on_all_lines(problem, acceptance, monitor, ends)
                 if agreed or data_fault or monitor.stopped:
                     break
-                self._refine_best(problem, thinned, first_new, belief, monitor, ends)
-                if ends and belief.is_plausible(min(ends, key=_cost)):
+                self._refine_best(problem, thinned, first_new, acceptance, monitor, ends)
+                if ends and acceptance.is_plausible(min(ends, key=_cost)):
                     break
         home = problem.coordinates.start
         found = [end.x for end in _select_distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
-        exact = agreed and belief.is_exact(min(ends, key=_cost))
+        exact = agreed and acceptance.is_exact(min(ends, key=_cost))
         return Starts(points, agreed, exact, data_fault)
 
     def _run_tries(
@@ -166,7 +166,7 @@ class Search:
         problem: Problem,
         thinned: Problem,
         starts: Iterator[_Vector],
-        belief: Belief,
+        acceptance: Acceptance,
         monitor: Monitor,
         ends: list[Outcome],
     ) -> bool:
@@ -177,20 +177,24 @@ class Search:
                 outcome = self._try_from(problem, thinned, start, monitor)
                 if outcome is not None:
                     ends.append(outcome)
-                believed = belief.is_accepted(ends)
-                if monitor.stopped or believed or self._has_data_fault(belief, monitor, ends):
-                    return believed
+                is_accepted = acceptance.is_accepted(ends)
+                if (
+                    monitor.stopped
+                    or is_accepted
+                    or self._has_data_fault(acceptance, monitor, ends)
+                ):
+                    return is_accepted
         return False
 
     @staticmethod
-    def _has_data_fault(belief: Belief, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
+    def _has_data_fault(acceptance: Acceptance, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
         """Return whether the first tries found no answer because of a fault of the data."""
-        if len(ends) < _TRIES_BEFORE_DOUBT or belief.is_plausible(min(ends, key=_cost)):
+        if len(ends) < _TRIES_BEFORE_DOUBT or acceptance.is_plausible(min(ends, key=_cost)):
             return False
         return monitor.has_data_fault()
 
     def _repeat_on_all_lines(
-        self, problem: Problem, belief: Belief, monitor: Monitor, ends: list[Outcome]
+        self, problem: Problem, acceptance: Acceptance, monitor: Monitor, ends: list[Outcome]
     ) -> bool:
         """Repeat the first tries on all lines; return whether the best end is accepted.
 
@@ -199,7 +203,7 @@ class Search:
         """
         new_ends: list[Outcome] = []
         agreed = self._run_tries(
-            problem, problem, self._draw_starts(problem), belief, monitor, new_ends
+            problem, problem, self._draw_starts(problem), acceptance, monitor, new_ends
         )
         ends += new_ends
         return agreed and min(map(_cost, new_ends)) <= min(map(_cost, ends)) * (1.0 + SAME)
@@ -209,7 +213,7 @@ class Search:
         problem: Problem,
         thinned: Problem,
         first_new: int,
-        belief: Belief,
+        acceptance: Acceptance,
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
@@ -224,7 +228,7 @@ class Search:
             return
         self._continue_best(problem, monitor, best, ends)
         self._search_nearby(
-            problem, thinned, min(ends[first_new:], key=_cost), belief, monitor, ends
+            problem, thinned, min(ends[first_new:], key=_cost), acceptance, monitor, ends
         )
 
     def _continue_best(
@@ -243,7 +247,7 @@ class Search:
         problem: Problem,
         thinned: Problem,
         best: Outcome,
-        belief: Belief,
+        acceptance: Acceptance,
         monitor: Monitor,
         ends: list[Outcome],
     ) -> None:
@@ -255,7 +259,7 @@ class Search:
         """
         number = last = 0
         while number - last < _HOPS_A_TRY * self.starts and not (
-            monitor.stopped or belief.is_plausible(best)
+            monitor.stopped or acceptance.is_plausible(best)
         ):
             end = self._try_nearby(problem, thinned, best.x, number, monitor)
             number += 1
@@ -397,7 +401,7 @@ class Search:
         """
         best: Outcome | None = None
         try:
-            if not Belief(problem).is_noise(x):
+            if not Acceptance(problem).is_noise(x):
                 return x
             best = self._descend(problem, x, monitor)
             for _ in range(_ROUNDS):

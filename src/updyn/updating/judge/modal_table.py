@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.correlation import cross_orthogonality
-from updyn.correlation.modes import BY_FREQUENCY, ModeCorrelation, ModeShapes, correlate_modes
+from updyn.correlation.modes import BY_FREQUENCY, ModeCorrelation, ModesLike, correlate_modes
 from updyn.dynamics.guyan import reduced_mass
 from updyn.dynamics.modes import Modes
 from updyn.errors import UpdynError, UpdynWarning
@@ -230,7 +230,7 @@ def _format_value(entry: ModeEntry | None, name: str, form: str, unit: str = "")
 def compare_modes(
     start: Model,
     updated: Model | None,
-    test: ModeShapes,
+    test: ModesLike,
     band: tuple[float, float] | None = None,
 ) -> ModalTable:
     """Compare the modes of a test with those of the model before and after an update.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.fit.belief import Belief
+from updyn.updating.fit.acceptance import Acceptance
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import Search, _select_distinct, _select_some_lines, thin_problem
 from updyn.updating.fit.trust_region import Outcome
@@ -150,7 +150,7 @@ def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noi
         part = FRFPart.build(chain12, data, clean.coordinates.parameters)
         rough = thin_problem(Problem.of([part]), [Stated(relative, floor)])
         cost = make_log_error(rough).local(rough, truth).cost
-        assert cost == pytest.approx(Belief(rough).expected_cost(), rel=0.3)
+        assert cost == pytest.approx(Acceptance(rough).expected_cost(), rel=0.3)
 
 
 def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
@@ -166,7 +166,9 @@ def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
         Problem.of([FRFPart.build(chain12, data.select(lines=freq[1:]), unknowns)]),
         [Stated(0.0, 0.1)],
     )
-    assert Belief(rough).expected_cost() == pytest.approx(Belief(without).expected_cost(), rel=0.1)
+    assert Acceptance(rough).expected_cost() == pytest.approx(
+        Acceptance(without).expected_cost(), rel=0.1
+    )
 
 
 def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
@@ -221,16 +223,18 @@ def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise
     elsewhere, answer = rough.coordinates.start, rough.coordinates.start + 0.1
     seen = []
 
-    def made(self, problem, thinned, starts, belief, monitor, ends):
+    def made(self, problem, thinned, starts, acceptance, monitor, ends):
         seen.append(thinned is problem)
         ends.append(end(2.0, elsewhere) if thinned is not problem else end(1.0, answer))
         return True
 
     monkeypatch.setattr(Search, "_run_tries", made)
-    monkeypatch.setattr(Belief, "is_exact", lambda self, end: False)
+    monkeypatch.setattr(Acceptance, "is_exact", lambda self, end: False)
     for enough, tries, expected in ((1.5, [False, True], answer), (3.0, [False], elsewhere)):
         seen.clear()
-        monkeypatch.setattr(Belief, "is_plausible", lambda self, end, e=enough: end.local.cost < e)
+        monkeypatch.setattr(
+            Acceptance, "is_plausible", lambda self, end, e=enough: end.local.cost < e
+        )
         found = Search().run(rough, [Stated(0.01, 0.0)], Monitor(rough))
         assert seen == tries
         assert np.array_equal(found.points[0], np.clip(expected, *rough.coordinates.bounds))
@@ -246,7 +250,7 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
     best, other, answer = home, home + 0.1, home + 0.2
     rounds, begun = [], []
 
-    def made(self, problem, thinned, starts, belief, monitor, ends):
+    def made(self, problem, thinned, starts, acceptance, monitor, ends):
         ends.append(rounds.pop(0))
         return False
 
@@ -256,8 +260,8 @@ def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
 
     monkeypatch.setattr(Search, "_run_tries", made)
     monkeypatch.setattr(Search, "_try_nearby", try_nearby)
-    monkeypatch.setattr(Belief, "is_plausible", lambda self, end: end.local.cost < 2.0)
-    monkeypatch.setattr(Belief, "is_exact", lambda self, end: False)
+    monkeypatch.setattr(Acceptance, "is_plausible", lambda self, end: end.local.cost < 2.0)
+    monkeypatch.setattr(Acceptance, "is_exact", lambda self, end: False)
     rounds += [end(3.0, best), end(3.0, best), end(4.0, other)]
     found = Search(starts=2).run(rough, [Stated(0.01, 0.0)], Monitor(rough))
     assert np.array_equal(found.points[0], answer)

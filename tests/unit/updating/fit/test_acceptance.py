@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.fit.belief import Belief
+from updyn.updating.fit.acceptance import Acceptance
 from updyn.updating.fit.search import thin_problem
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.noise import Stated
@@ -32,17 +32,17 @@ def end_at(problem, x):
 
 def test_an_end_that_noise_explains_is_believed_when_found_twice(searched):
     rough = searched(0.05)
-    belief, end = Belief(rough, noise_known=True), end_at(rough, rough.coordinates.start)
-    assert end.local.cost == pytest.approx(belief.expected_cost(), rel=0.1)
-    assert belief.is_plausible(end)
-    assert [belief.is_accepted([end] * n) for n in (0, 1, 2)] == [False, False, True]
+    acceptance, end = Acceptance(rough, noise_known=True), end_at(rough, rough.coordinates.start)
+    assert end.local.cost == pytest.approx(acceptance.expected_cost(), rel=0.1)
+    assert acceptance.is_plausible(end)
+    assert [acceptance.is_accepted([end] * n) for n in (0, 1, 2)] == [False, False, True]
 
 
 def test_where_the_noise_is_known_more_misfit_is_believed_when_found_six_times(searched):
     """25 times the misfit that the stated noise explains, not serially correlated all the same."""
     rough = searched(0.01)
     end = end_at(rough, rough.coordinates.start)
-    known, not_known = Belief(rough, noise_known=True), Belief(rough)
+    known, not_known = Acceptance(rough, noise_known=True), Acceptance(rough)
     assert end.local.cost == pytest.approx(25.0 * known.expected_cost(), rel=0.1)
     assert not known.is_plausible(end)
     assert not_known.is_plausible(end)
@@ -52,11 +52,11 @@ def test_where_the_noise_is_known_more_misfit_is_believed_when_found_six_times(s
 
 def test_away_from_the_answer_the_misfit_is_correlated_and_takes_more(searched):
     rough = searched(0.05)
-    belief = Belief(rough)
+    acceptance = Acceptance(rough)
     near, far = (end_at(rough, rough.coordinates.start + by) for by in (0.02, 1.0))
-    assert not belief.is_noise(near.x)
-    assert [belief.is_accepted([near] * n) for n in (2, 3)] == [False, True]
-    assert [belief.is_accepted([far] * n) for n in (3, 5, 6)] == [False, False, True]
+    assert not acceptance.is_noise(near.x)
+    assert [acceptance.is_accepted([near] * n) for n in (2, 3)] == [False, True]
+    assert [acceptance.is_accepted([far] * n) for n in (3, 5, 6)] == [False, False, True]
 
 
 def test_exact_data_are_believed_at_once(chain12):
@@ -65,18 +65,18 @@ def test_exact_data_are_believed_at_once(chain12):
     rough = thin_problem(Problem.of([FRFPart.build(chain12, clean, unknowns)]), [Stated(0.01, 0.0)])
     end = end_at(rough, rough.coordinates.start)
     other = replace(end, x=end.x + 1.0, local=end_at(rough, end.x + 1.0).local)
-    assert Belief(rough).is_accepted([other, end])
+    assert Acceptance(rough).is_accepted([other, end])
 
 
 def test_only_the_ends_of_the_best_basin_count(searched):
     rough = searched(0.05)
     best, other = (end_at(rough, rough.coordinates.start + by) for by in (0.0, 0.1))
-    assert not Belief(rough).is_accepted([other, other, other, other, other, other, best])
+    assert not Acceptance(rough).is_accepted([other, other, other, other, other, other, best])
 
 
 def test_an_answer_leaves_noise_no_larger_than_what_is_known_of_it(searched):
     rough = searched(0.01)
-    known, not_known = Belief(rough, noise_known=True), Belief(rough)
+    known, not_known = Acceptance(rough, noise_known=True), Acceptance(rough)
     x = rough.coordinates.start
     noise = known.expected_cost()
     assert not_known.is_answer(x, 25.0 * noise)

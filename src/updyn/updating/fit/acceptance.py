@@ -1,4 +1,4 @@
-"""Decision on whether the end of a try of a search may be the answer."""
+"""Criteria to accept the end of a try of a search as the answer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import make_log_error
 
-__all__ = ["SAME", "Belief"]
+__all__ = ["SAME", "Acceptance"]
 
 _Vector = NDArray[np.float64]
 
@@ -34,8 +34,8 @@ _TWICE, _THRICE, _OFTEN = 2, 3, 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
-    """Judges the ends of tries.
+class Acceptance:
+    """Criteria to accept the end of a try as the answer.
 
     Parameters
     ----------
