@@ -291,11 +291,11 @@ def _collect_draws(
             f"{n_failed} of {len(found)} refits failed: {reasons}; they are not among the draws."
         )
     if not reliable:
-        messages.append("The draws are not to be relied on.")
+        messages.append("The draws are not reliable.")
     bounded = [name for name in restored.names if name in restored.first.at_bound]
     if bounded:
         messages.append(
-            f"On a bound the bootstrap says little: use a profile for {', '.join(bounded)}."
+            f"The bootstrap is not consistent on a bound: use a profile for {', '.join(bounded)}."
         )
     if errs := describe_excess(options, "the furthest draws"):
         messages.append(errs)

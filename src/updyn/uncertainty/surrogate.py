@@ -198,7 +198,8 @@ def describe_excess(options: Mapping[str, Any], where: str) -> str:
     if not options.get("error", 0.0) > options.get("accuracy", np.inf):
         return ""
     return (
-        f"The reduced model errs by {options['error']:.1g} at {where}, not {options['accuracy']:g}."
+        f"The error of the reduced model is {options['error']:.1g} at {where}, above the accuracy"
+        f" of {options['accuracy']:g}."
     )
 
 

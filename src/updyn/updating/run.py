@@ -552,7 +552,9 @@ def _fit_lines(
             found = _fit_from_start(perturbed, lines, strategy, noises, monitor, reduced)
         except SolverError:
             raise error from None  # no unknown affects the singularity
-        text = f"{error}. The fit starts 0.1 % beside the unknowns' start, where it is not"
+        text = (
+            f"{error}. The fit starts 0.1 % from the start of the unknowns, where it can be solved"
+        )
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return found
 

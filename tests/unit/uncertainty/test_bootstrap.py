@@ -124,7 +124,7 @@ def test_refits_that_fail_are_counted(fit, monkeypatch) -> None:
         False,
     )
     assert "5 of 20 refits failed: not solved: singular at 3 Hz (5)" in found.message
-    assert "not to be relied on" in found.summary()
+    assert "not reliable" in found.summary()
 
 
 def test_draws_do_not_depend_on_workers_nor_on_their_number(fit, drawn) -> None:

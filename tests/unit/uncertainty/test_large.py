@@ -89,7 +89,10 @@ def test_a_reduced_model_that_is_not_good_enough_is_told(result, monkeypatch) ->
     monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
     found = updyn.bootstrap(result, 3)
     assert not found.converged
-    assert "The reduced model errs by 0.01 at the furthest draws, not 1e-05" in found.message
+    assert (
+        "The error of the reduced model is 0.01 at the furthest draws, above the accuracy of 1e-05"
+        in found.message
+    )
 
 
 def test_a_profile_is_made_in_a_reduced_model(result, whole) -> None:
@@ -122,7 +125,10 @@ def test_parts_are_exchanged_by_their_own_stiffness(result) -> None:
 def test_a_profile_of_a_reduced_model_that_is_not_good_enough_is_told(result, monkeypatch) -> None:
     monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
     found = updyn.profile(result, ["near.stiffness"])
-    assert "The reduced model errs by 0.01 at the furthest points, not 1e-05" in found.message
+    assert (
+        "The error of the reduced model is 0.01 at the furthest points, above the accuracy of 1e-05"
+        in found.message
+    )
 
 
 @pytest.mark.parametrize("freq", [np.linspace(0.5, 6.0, 40), [2.0]])

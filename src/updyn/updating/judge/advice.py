@@ -54,8 +54,8 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
         if analysis.report.collinearity > 15.0:
             weakest = names[int(np.argmax(np.diag(analysis.covariance)))]
             return (
-                "Some unknowns are hard to tell apart (collinearity index"
-                f" {analysis.report.collinearity:.3g}; above 15 they trade against each other under"
+                "Some unknowns are hard to distinguish (collinearity index"
+                f" {analysis.report.collinearity:.3g}; above 15 they compensate each other under"
                 f" noise); {weakest} is the least certain."
             )
         return ""
@@ -63,7 +63,7 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
     without_effect = np.flatnonzero(np.linalg.norm(analysis.null_space, axis=1) > 1 - 1e-6)
     if without_effect.size:
         parts.append(
-            f"The data do not see {_join_names([names[i] for i in without_effect])} at all."
+            f"The data do not depend on {_join_names([names[i] for i in without_effect])}."
         )
     if not problem.parts:
         return " ".join([*parts, ADVICE])

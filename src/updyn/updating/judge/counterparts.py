@@ -193,7 +193,7 @@ def find_counterparts(
     """
     if model.n_dofs > largest:
         return _unknown_counterparts(
-            f"Whether model and test have modes in common was not looked for: the model has"
+            f"Whether model and test have modes in common was not checked: the model has"
             f" {model.n_dofs:,} DOFs, more than {largest:,}."
         )
     given = modes if modes is not None else data
@@ -566,8 +566,8 @@ def _compose_statement(found: Counterparts, other: Counterparts | None) -> str:
     sensors = format_count(found.n_sensors, "sensor")
     if not found.known:
         return (
-            f"{head}; whether that is more than shapes of another structure would have is not"
-            f" known: {n} {one if n == 1 else more} at {sensors} do not tell."
+            f"{head}; {n} {one if n == 1 else more} at {sensors} are too few to decide whether that"
+            " is more than for another structure."
         )
     if found.n_paired and found.few:
         return (

@@ -22,8 +22,8 @@ _FINE, _SMALL = 1e-6, 0.1
 
 #: Remedy for rounding errors.
 REMEDY = (
-    "Leave out such channels and lines; or condense the model, coarsen its mesh, merge what is far"
-    " stiffer."
+    "Leave out such channels and lines; or condense the model, coarsen its mesh, or merge parts"
+    " that are far stiffer than the others."
 )
 
 
@@ -56,9 +56,9 @@ class Rounding:
             f" of test {self.test!r}" if self.test else ""
         )
         return (
-            f"The model's own answer for {at} is only certain to {100 * self.share:.2g} % at"
-            f" {self.freq:.4g} Hz: rounding in double precision is seen where stiffnesses differ"
-            " much in size, or where a motion all but cancels. No fit can go below that."
+            f"The model's response for {at} is only accurate to {100 * self.share:.2g} % at"
+            f" {self.freq:.4g} Hz: rounding in double precision is significant if stiffnesses"
+            " differ much in size, or if a motion nearly cancels. No fit can be more accurate."
         )
 
 

@@ -83,7 +83,7 @@ def select_columns(
         state.waiting.remove(i)
     for i in state.waiting:
         requested = format_count(len(state.order), "unknown")
-        state.left_out[i] = f"asked for: {requested}; what is kept is determined better"
+        state.left_out[i] = f"requested: {requested}; the selected ones are determined better"
     return state.order, state.left_out
 
 
@@ -117,7 +117,7 @@ class _Pivoting:
             known = "not at all"
             if self.size[i] > 0.0:
                 known = f"only to ±{1.0 / self.size[i]:.2g}"
-            return f"the data hardly react to it: even alone it would be known {known}"
+            return f"it hardly affects the data: even alone it would be known {known}"
         length = float(np.linalg.norm(self.rest[:, i]))
         gamma = collinearity_index(
             np.linalg.svd(normalise_columns(self.R[:, [*self.order, i]]), compute_uv=False)
@@ -129,7 +129,8 @@ class _Pivoting:
             )
         if length * WIDEST <= 1.0:
             return (
-                f"beside {self.name_explanations(i)} it would be known only to ±{1.0 / length:.2g}"
+                f"together with {self.name_explanations(i)} it would be known only to"
+                f" ±{1.0 / length:.2g}"
             )
         return ""
 
@@ -331,8 +332,7 @@ def select_jointly(
     order, reasons = select_columns(R, given.names, count, max_collinearity)
     if not order:
         raise ParameterError(
-            f"select: of {format_count(len(given), 'unknown')} the data see none;"
-            " nothing would be left to fit"
+            f"select: of {format_count(len(given), 'unknown')} none affects the data"
         )
     selected = [given[i] for i in sorted(order)]
     left_out = dict(before.left_out)
@@ -556,7 +556,7 @@ def _describe_unmerged(
     for number, members in enumerate(clusters):
         cluster_of |= dict.fromkeys(members, number)
     without_effect = np.flatnonzero(~np.isfinite(np.diag(cosine)))
-    out = [f"the data do not see {given.names[i]}" for i in without_effect]
+    out = [f"the data do not depend on {given.names[i]}" for i in without_effect]
     reported: set[tuple[int, int]] = set()
     for i, j in combinations(range(len(given)), 2):
         # One remark for each pair of clusters or unknowns is sufficient.
@@ -570,9 +570,9 @@ def _describe_unmerged(
         elif _common_quantity(a) is None or _common_quantity(a) != _common_quantity(b):
             why = "not of one quantity"
         elif a.start != b.start:
-            why = "they start differently; give them one start to have them joined"
+            why = "their starts differ; give them one start to join them"
         else:
-            why = "not collinear with all of the others, or without bounds in common"
+            why = "not collinear with all others, or without common bounds"
         out.append(f"{a.name} and {b.name} are not joined (cosine {cosine[i, j]:+.4f}): {why}")
     return out
 

@@ -190,8 +190,9 @@ def _describe_noise_estimate(fit: Fit) -> str:
             " intervals are those of Student's distribution."
         )
     return (
-        f" The data leave {spare} numbers to estimate the noise from: its level alone was, over all"
-        " ratios of relative noise and floor, and intervals are those of Student's distribution."
+        f" Only {spare} degrees of freedom remain for the noise: only its level was estimated,"
+        " over all ratios of relative noise and floor, and intervals are those of Student's"
+        " distribution."
     )
 
 

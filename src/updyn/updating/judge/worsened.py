@@ -58,8 +58,8 @@ def _compare_row(row: ModalRow) -> list[WorsenedMode]:
         error_before, error_after = abs(before), abs(after)
         if error_after > SMALL and error_after > HARM * error_before:
             statement = (
-                f"the natural frequency {hertz:.4g} Hz was {error_before:.2g} % off and is"
-                f" {error_after:.2g} %"
+                f"the error of the natural frequency {hertz:.4g} Hz rose from"
+                f" {error_before:.2g} % to {error_after:.2g} %"
             )
             found.append(WorsenedMode(hertz, statement, error_after))
     first, last = row.start.mac, row.updated.mac

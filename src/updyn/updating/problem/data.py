@@ -190,8 +190,8 @@ def _warn_of_axes(model: Model, frf: FRF) -> None:
         if cosine < _ALONG:
             angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
             text = (
-                f"{dof} points {angle:.3g} degrees away from the model's; `updyn.match` takes it as"
-                " it points"
+                f"{dof} points {angle:.3g} degrees away from the model's direction;"
+                " `updyn.match` uses the measured direction"
             )
             warnings.warn(text, UpdynWarning, stacklevel=4)
             return

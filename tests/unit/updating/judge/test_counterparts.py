@@ -214,7 +214,7 @@ def test_modes_that_cannot_be_compared_are_not_known_and_no_error():
     start = model(*parts(np.random.default_rng(2)))
     lacking = updyn.ModeSet([10.0], [[1.0]], ["99:Z"])
     single = updyn.ModeSet([30.0], np.eye(6)[:, :1], [f"{i + 1}:Z" for i in SENSORS])
-    for modes_of_test, said in ((lacking, "99:Z is not among"), (single, "do not tell")):
+    for modes_of_test, said in ((lacking, "99:Z is not among"), (single, "are too few to decide")):
         found = find_counterparts(start, modes_of_test)
         assert not found.known
         assert said in found.statement

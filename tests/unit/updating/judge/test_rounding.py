@@ -87,7 +87,7 @@ def test_a_fit_says_so_instead_of_blaming_the_model():
     result = updyn.update(
         start, measured(), updyn.parameters(start, stiffness=["soft"], loss_factor=["soft"])
     )
-    assert "only certain to" in result.message
+    assert "only accurate to" in result.message
     assert "cannot explain" not in result.message
     assert "Leave out such channels" in result.remedy
     assert result.adequacy is None

@@ -86,12 +86,12 @@ def test_what_the_noise_hides_is_left_out_with_its_reason():
     A = np.diag([100.0, 20.0, 0.5, 0.0])
     order, left_out = select_columns(A, names(4))
     assert order == [0, 1]
-    assert left_out[2] == "the data hardly react to it: even alone it would be known only to ±2"
-    assert left_out[3] == "the data hardly react to it: even alone it would be known not at all"
+    assert left_out[2] == "it hardly affects the data: even alone it would be known only to ±2"
+    assert left_out[3] == "it hardly affects the data: even alone it would be known not at all"
     A = np.array([[100.0, 99.5], [0.0, 0.9]])
     order, left_out = select_columns(A, names(2), None, 1e6)
     assert order == [0]
-    assert left_out == {1: "beside p0 it would be known only to ±1.1"}
+    assert left_out == {1: "together with p0 it would be known only to ±1.1"}
     assert select_columns(A, names(2), 2)[0] == [0, 1]
 
 
@@ -125,7 +125,9 @@ def test_the_number_may_be_the_rank_or_stated(series, measured):
     assert len(updyn.select(series, measured, unknowns, "rank").parameters) == 3
     one = updyn.select(series, measured, unknowns, 1)
     assert len(one.parameters) == len(one.order) == 1
-    assert set(one.left_out.values()) == {"asked for: 1 unknown; what is kept is determined better"}
+    assert set(one.left_out.values()) == {
+        "requested: 1 unknown; the selected ones are determined better"
+    }
 
 
 def test_of_springs_in_series_both_are_joined(series, measured):
@@ -226,7 +228,7 @@ def test_unlike_quantities_and_starts_are_told_and_not_joined(series, measured):
     )
     apart = updyn.parameters(series, stiffness=["b", "c"]).with_start({"c.stiffness": 1.1})
     (said,) = updyn.cluster(series, measured, apart).remarks
-    assert said.endswith("they start differently; give them one start to have them joined")
+    assert said.endswith("their starts differ; give them one start to join them")
 
 
 def test_joined_loss_factors_share_one_value(series, measured):
@@ -247,9 +249,11 @@ def test_what_the_data_do_not_see_is_told():
     model = updyn.Model.from_groups(groups, ["1:X", "2:X"])
     data = updyn.response(model, [3.0, 5.0, 9.0], ["1:X"], ["1:X"])
     unknowns = updyn.parameters(model, stiffness="all")
-    assert updyn.cluster(model, data, unknowns).remarks == ("the data do not see there.stiffness",)
+    assert updyn.cluster(model, data, unknowns).remarks == (
+        "the data do not depend on there.stiffness",
+    )
     assert updyn.select(model, data, unknowns).parameters.names == ["here.stiffness"]
-    with pytest.raises(ParameterError, match="of 1 unknown the data see none"):
+    with pytest.raises(ParameterError, match="of 1 unknown none affects the data"):
         updyn.select(model, data, updyn.parameters(model, stiffness="there"))
 
 

@@ -58,14 +58,17 @@ def test_a_shape_that_agrees_less_is_named():
 def test_more_than_three_percent_is_not_plausible(off, holds):
     found = judge_modes(verdict(), [table([2.0, 0.0, 0.0], [off, 0.0, 0.0])])
     assert found.plausible.holds is holds
-    assert f"the natural frequency 10 Hz was 2 % off and is {off:.2g} %" in found.plausible.why
+    assert (
+        f"the error of the natural frequency 10 Hz rose from 2 % to {off:.2g} %"
+        in found.plausible.why
+    )
 
 
 def test_where_held_out_data_speak_against_an_answer_the_mode_is_named_beside_that():
     unpredicted = dataclasses.replace(verdict(), validated=Claim(False, "Not predicted."))
     found = judge_modes(unpredicted, [table([2.0, 0.0, 0.0], [5.0, 0.0, 0.0])])
     assert found.plausible.holds is True
-    assert "the natural frequency 10 Hz was 2 % off and is 5 %" in found.plausible.why
+    assert "the error of the natural frequency 10 Hz rose from 2 % to 5 %" in found.plausible.why
 
 
 def test_an_answer_that_is_not_plausible_stays_so():

@@ -105,7 +105,7 @@ def test_intervals_of_fits_cover(chain12, chain12_true, clean):
         (lambda f: f.select(responses=f.responses[1:]), r"responses of repeat 2: lacks 2:\+?X"),
         (
             lambda f: f.select(responses=f.responses[::-1]),
-            r"responses of repeat 2 stand in another order",
+            r"responses of repeat 2 are in another order",
         ),
         (
             lambda f: f.select(references=["2:-X", "12:X"]),

@@ -127,5 +127,5 @@ def _check_labels(wanted: DofSet, found: DofSet, what: str, number: int) -> None
             f"average: {what} of repeat {number}: {' and '.join(parts)}; select what all have"
         )
     raise DataError(
-        f"average: {what} of repeat {number} stand in another order; `select` brings them into one"
+        f"average: {what} of repeat {number} are in another order; `select` brings them into one"
     )
