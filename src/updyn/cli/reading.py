@@ -50,7 +50,7 @@ class FileKind:
         unreadable file only the messages of such kinds are shown.
     other : str
         Text of an `InputError` that identifies other content.
-    is_beside : bool
+    allows_others : bool
         Whether files may contain other kinds in addition; it is then not the result if one of these
         is present but damaged.
     is_tried : bool
@@ -62,7 +62,7 @@ class FileKind:
     describe: Callable[[Any], str]
     recognises: Callable[[Path], bool] = lambda path: False
     other: str = ""
-    is_beside: bool = False
+    allows_others: bool = False
     is_tried: bool = True
 
 
@@ -115,13 +115,13 @@ FILE_KINDS: Registry[FileKind] = Registry(
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
         "uncertainty": "updyn.cli.uncertainty:UNCERTAINTY",
         "records": FileKind(
-            "time records", read_records, describe_records, _is_of_records, is_beside=True
+            "time records", read_records, describe_records, _is_of_records, allows_others=True
         ),
         "modes": FileKind(
-            "modes", read_modes, describe_modes, _make_format_test("read_modes"), is_beside=True
+            "modes", read_modes, describe_modes, _make_format_test("read_modes"), allows_others=True
         ),
         "geometry": FileKind(
-            "a geometry", read_geometry, describe_geometry, _is_of_geometry, is_beside=True
+            "a geometry", read_geometry, describe_geometry, _is_of_geometry, allows_others=True
         ),
         "plant": "updyn.control.files.description:PLANT",
     },
@@ -165,7 +165,7 @@ def read_anything(
         options = {}
     reasons: dict[str, InputError] = {}
     for kind in kinds:
-        if FILE_KINDS[kind].is_beside and _find_damaged_kinds(path, reasons):
+        if FILE_KINDS[kind].allows_others and _find_damaged_kinds(path, reasons):
             continue
         if not (FILE_KINDS[kind].is_tried or FILE_KINDS[kind].recognises(path)):
             continue

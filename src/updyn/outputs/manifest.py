@@ -60,7 +60,7 @@ _DEEPEST = 1
 FORMAT, SCHEMA = "updyn manifest", 1
 _ABOUT = (
     "Files that updyn wrote into this folder, and may replace while their SHA-256 digest is the"
-    " same. Keep this file beside them."
+    " same. Keep this file in the same folder."
 )
 
 

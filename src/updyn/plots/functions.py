@@ -145,7 +145,7 @@ def _units(frfs: Sequence[FRF]) -> str:
 def _check_quantity(other: FRF, first: FRF) -> None:
     if other.quantity != first.quantity:
         raise DataError(
-            f"plots: {other.quantity} beside {first.quantity}; convert one of them, for instance"
+            f"plots: found {other.quantity} and {first.quantity}; convert one of them, for instance"
             f" frf.converted({first.quantity!r})"
         )
 
@@ -207,7 +207,9 @@ def overlay(
     if isinstance(measured, Correlation):
         computed, measured = (measured.computed, *computed), measured.measured
     if not computed:
-        raise DataError("plots.overlay: expected at least one computed FRF beside the measured one")
+        raise DataError(
+            "plots.overlay: expected at least one computed FRF in addition to the measured one"
+        )
     named = _name_frfs(computed, labels)
     fitted: dict[str, FRF] = {}
     for name, one in named.items():

@@ -439,9 +439,7 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
                 table["groups"] = [each for each in groups if each in present and each != group]
                 _append(tables, new_table)
                 return
-        raise InputError(
-            f"no [[parameter]] of the job chooses {name!r}; change the text of the job"
-        )
+        raise InputError(f"no [[parameter]] of the job chooses {name!r}; edit the text of the job")
 
     return edit
 
@@ -506,7 +504,7 @@ def _get_table(outer: MutableMapping[str, Any], name: str) -> Table:
         outer[name] = tomlkit.table()
     found = outer[name]
     if not isinstance(found, MutableMapping):
-        raise InputError(f"{name} of the job is no table; change the text of the job")
+        raise InputError(f"{name} of the job is not a table; edit the text of the job")
     return cast(Table, found)
 
 
@@ -518,7 +516,7 @@ def _get_parameter_tables(document: TOMLDocument) -> AoT:
     found = document["parameter"]
     if not isinstance(found, AoT):
         raise InputError(
-            "parameter of the job is no tables [[parameter]]; change the text of the job"
+            "parameter of the job is not an array of tables [[parameter]]; edit the text of the job"
         )
     return found
 

@@ -117,7 +117,9 @@ def test_several_frfs_are_told_apart_and_have_one_quantity(data):
     assert len(shown.axes) == 2
     named = dataclasses.replace(one, source="b.uff"), dataclasses.replace(one, source="a.uff")
     assert next(iter(labelled(plots.frf(*named).axes[0]))) == "b.uff: 4:Z / 12:Z"
-    with pytest.raises(DataError, match=r"receptance beside accelerance; convert.*'accelerance'"):
+    with pytest.raises(
+        DataError, match=r"found receptance and accelerance; convert.*'accelerance'"
+    ):
         plots.frf(one, one.converted("receptance"))
     with pytest.raises(OptionError, match="labels: expected 2"):
         plots.frf(one, one, labels=["Monday"])

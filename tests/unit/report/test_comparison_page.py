@@ -95,7 +95,7 @@ def test_a_panel_for_each_method_that_gave_an_answer(found, figures, text):
     panels = [name for name in figures if name.startswith("panel")]
     assert len(panels) == 3
     for row in found:
-        assert (f"{row.method} gave no answer" in text) == (row.status == "failed")
+        assert (f"{row.method} gave no result" in text) == (row.status == "failed")
     assert figures["panel-0"]["data"][2]["y"] == figures["pair"]["data"][2]["y"]
 
 

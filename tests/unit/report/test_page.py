@@ -325,7 +325,7 @@ def test_a_model_that_cannot_be_solved_is_reported_not_raised():
         )
     )
     assert "The updated model could not be computed and is not drawn" in page.words
-    assert "There is no agreement to show." in page.words
+    assert "No agreement is available." in page.words
 
 
 def test_written_whole_or_not_at_all(tmp_path):
