@@ -26,15 +26,13 @@ from updyn.dynamics.reduction import Reduction
 MAKING = (
     "build",
     "compress",
-    "settle",
+    "enrich_until_accurate",
     "enrich",
     "enrich_around",
-    "enrich_beside",
+    "enrich_with_nearby_factor",
     "certify",
     "errors",
     "extend",
-    "lacking",
-    "definite",
 )
 
 

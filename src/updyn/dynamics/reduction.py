@@ -684,7 +684,7 @@ class Reduction:
         Parameters
         ----------
         definite : Factorised
-            The result of `definite` for the other state.
+            The result of `Shifted.factor_definite` for the other state.
         state, freq
             As in `certify`.
         level : ndarray of float, shape (n_f,)

@@ -75,7 +75,7 @@ def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: 
     `stable` are stable poles of the diagram, `trials` other trial poles. Before any mode is known,
     a window full of modes looks like correlated noise. Stable poles of the diagram, and poles
     within their widths, are tested as in white noise; ripples among them are removed when all
-    neighbours are fitted (`settle`).
+    neighbours are fitted (`fit_all_windows`).
     """
     none = np.zeros(0, dtype=np.complex128)
     fitted, weights = fit_with_unknown_noise(window, none, Weights.of(np.abs(window.Y) ** 2))

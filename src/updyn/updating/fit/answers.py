@@ -122,16 +122,19 @@ def choose_answer(problem: Problem, answers: Sequence[Answer]) -> Answer:
     return min(equal, key=negative_log_posterior)
 
 
-def find_rivals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
+def find_rivals(
+    chosen: Answer, others: Sequence[Answer], tolerance: float = AS_WELL
+) -> list[Answer]:
     """Return the other answers that fit equally well and contradict the chosen one.
 
     An answer that ran out of steps counts, because it fits equally well already. An answer with
-    larger standard deviations counts even if these include the chosen one. `less` is the accepted
-    decrease of the log-likelihood.
+    larger standard deviations counts even if these include the chosen one. `tolerance` is the
+    accepted decrease of the log-likelihood.
     """
     found: list[Answer] = []
     for other in sorted(
-        select_as_likely(chosen, others, less), key=lambda answer: answer.negative_log_likelihood
+        select_as_likely(chosen, others, tolerance),
+        key=lambda answer: answer.negative_log_likelihood,
     ):
         if contradicts(other, chosen) and all(are_distinct(known, other) for known in found):
             found.append(other)
@@ -176,13 +179,13 @@ def is_same(found: Answer, answer: Answer) -> bool:
 
 
 def select_as_likely(
-    chosen: Answer, others: Sequence[Answer], less: float = AS_WELL
+    chosen: Answer, others: Sequence[Answer], tolerance: float = AS_WELL
 ) -> list[Answer]:
-    """Return the other answers whose log-likelihoods are lower by no more than `less`."""
+    """Return the other answers whose log-likelihoods are lower by no more than `tolerance`."""
     return [
         other
         for other in others
-        if other.negative_log_likelihood <= chosen.negative_log_likelihood + less
+        if other.negative_log_likelihood <= chosen.negative_log_likelihood + tolerance
     ]
 
 

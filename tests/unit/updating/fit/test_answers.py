@@ -267,11 +267,11 @@ def test_the_open_directions_of_a_worse_fit_hide_no_better_one():
     assert are_distinct(answer, fold)
     assert are_distinct(fold, answer)
     assert not is_same(answer, fold)
-    assert find_rivals(fold, [answer], less=15.0) == [answer]
+    assert find_rivals(fold, [answer], tolerance=15.0) == [answer]
     assert not is_better(near, fold)
     assert not are_distinct(near, fold)
     assert is_same(near, fold)
-    assert find_rivals(fold, [near], less=15.0) == []
+    assert find_rivals(fold, [near], tolerance=15.0) == []
     # One that fits better where the worse one ended is the same, more exactly.
     again = answer_at(np.array([0.02, 0.0]))
     assert is_better(again, fold)
