@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, Dof
-from updyn.updating.judge.causes.rigid_motion import AS_LIKELY, RANK, RigidMotion, RowMask
+from updyn.updating.judge.causes.rigid_motion import (
+    AS_LIKELY,
+    RANK,
+    RigidMotion,
+    RowMask,
+    pseudo_inverse,
+)
 
 __all__ = ["Explanation", "explain_sensors"]
 
@@ -165,14 +171,14 @@ class _Sensor:
     @classmethod
     def of(cls, motion: RigidMotion, rows: RowMask, i: int) -> _Sensor:
         R, std = motion.shapes[rows], motion.standard_deviation(rows)
-        inverses = [np.linalg.pinv(R / s[:, None], rcond=RANK) / s for s in std[rows].T]
+        inverses = [pseudo_inverse(R / s[:, None]) / s for s in std[rows].T]
         values = motion.values[rows].T
         amplitudes = np.stack([one @ v for one, v in zip(inverses, values, strict=True)], axis=1)
         spread = [
             np.linalg.norm(motion.shapes[i] @ one * s)
             for one, s in zip(inverses, std[rows].T, strict=True)
         ]
-        determined = np.linalg.pinv(R, rcond=RANK) @ R
+        determined = pseudo_inverse(R) @ R
         own = np.hypot(std[i], spread)
         return cls(motion, rows, motion.values[i], own, amplitudes, determined)
 

@@ -16,7 +16,7 @@ from updyn.updating.judge.causes.labels import list_unsigned_labels
 from updyn.updating.judge.causes.rigid_shapes import RigidShapes
 from updyn.updating.problem.noise.neighbours import estimate_scatter
 
-__all__ = ["AS_LIKELY", "RANK", "RigidMotion", "RowMask"]
+__all__ = ["AS_LIKELY", "RANK", "RigidMotion", "RowMask", "pseudo_inverse"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -107,7 +107,7 @@ class RigidMotion:
         if data.variance is not None:
             variance = np.maximum(variance, data.variance)
         X = np.stack([np.ones(len(freq)), (freq / freq[-1]) ** 2], axis=1)
-        lines = np.linalg.pinv(X)
+        lines = np.linalg.lstsq(X, np.eye(len(freq)), rcond=None)[0]
         fitted = np.tensordot(lines, data.values, axes=1)
         curved = (data.values - np.tensordot(X, fitted, axes=1)) * sign
         noise = np.tensordot(lines[0] ** 2, variance, axes=1)
@@ -182,7 +182,7 @@ class RigidMotion:
         rows = self.leave_out(wrong)
         level = self._level(rows)[i]
         R = self.shapes[rows]
-        motion = self.shapes[i] @ np.linalg.pinv(R, rcond=RANK) @ self.values[rows]
+        motion = self.shapes[i] @ pseudo_inverse(R) @ self.values[rows]
         return float(np.max(np.abs(self.values[i] - motion) / level))
 
     def _level(self, rows: RowMask) -> _Real:
@@ -208,7 +208,7 @@ class RigidMotion:
         level = self._level(rows)
         local = np.zeros(level.shape)
         for j, scale in enumerate(level.T):
-            fit = np.linalg.pinv(self.shapes[rows] / scale[rows, None], rcond=RANK)
+            fit = pseudo_inverse(self.shapes[rows] / scale[rows, None])
             moved = self.around @ (fit @ (self.values[rows, j] / scale[rows]))
             local[:, j] = np.linalg.norm(moved, axis=1)
         usual = (_USUAL * local) ** 2 + (_POSITION * level) ** 2
@@ -226,8 +226,20 @@ class RigidMotion:
         return np.maximum(out - self.white, 0.0)
 
 
+def pseudo_inverse(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pseudo-inverse of rigid-body shapes at sensors, shape (r, n)."""
+    U, s, Vt = _decompose(R)
+    return np.asarray((Vt.T / s) @ U.T)
+
+
 def _outside(R: _Real) -> _Real:
     """Return the projection onto the complement of the columns of R, shape (n, n)."""
-    U, s, _ = np.linalg.svd(R, full_matrices=False)
-    Q = U[:, s > RANK * s[0]] if len(s) and s[0] > 0.0 else U[:, :0]
-    return np.asarray(np.eye(len(R)) - Q @ Q.T)
+    U = _decompose(R)[0]
+    return np.asarray(np.eye(len(R)) - U @ U.T)
+
+
+def _decompose(R: _Real) -> tuple[_Real, _Real, _Real]:
+    """Return the singular value decomposition without zero singular values."""
+    U, s, Vt = np.linalg.svd(R, full_matrices=False)
+    kept = s > RANK * s.max(initial=0.0)
+    return U[:, kept], s[kept], Vt[kept]
