@@ -70,7 +70,7 @@ def analyse_identifiability(
     advice : str
         Advice stored in the report.
     equal_rows : ndarray of float, shape (k, n), optional
-        Reduced Jacobian of the same null space with rows of equal size (`Levelled`).
+        Reduced Jacobian of the same null space with rows of equal size (`NormalisedDerivatives`).
 
     Returns
     -------
