@@ -562,7 +562,7 @@ def propose_job(model: Path, measurement: Path, job: Path, options: dict[str, ob
     ----------
     model, measurement, job : Path
         The files; that of the job is not written.
-    stated : dict of str to object
+    options : dict of str to object
         Values missing in the files: ``quantity``, ``scale``, ``unit``; None if not stated.
 
     Returns

@@ -349,7 +349,7 @@ class Workspace:
         ----------
         model, measurement, name : str
             The files, in the project; that of the job does not exist yet.
-        stated : dict of str to object
+        options : dict of str to object
             What the files leave open: ``quantity``, ``scale``, ``unit``.
 
         Raises

@@ -34,7 +34,7 @@ def add_frame(
         The shared state.
     places : mapping of str to str
         Names of the pages by address.
-    here : str
+    current : str
         Address of this page.
     fill : callable
         Builds the content.
