@@ -37,7 +37,8 @@ from updyn.updating.problem.parameters import Parameter, ParameterSet, check_fin
 from updyn.updating.problem.problem import FRFPart
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import RunOptions, run
+from updyn.updating.run import run
+from updyn.updating.setup import RunOptions
 from updyn.updating.update import update, update_jointly
 
 if TYPE_CHECKING:

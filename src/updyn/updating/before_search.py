@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from updyn.errors import UpdynWarning
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.updating.fit.monitor import Monitor
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.problem.data import Test
@@ -84,7 +85,9 @@ class ModeComparison:
                     f"{name}{one.statement} {one.remedy or REMEDY}", UpdynWarning, stacklevel=4
                 )
 
-    def wrap_fault_detector(self, detect_data_fault: Callable[[], bool]) -> Callable[[], bool]:
+    def wrap_fault_detector(
+        self, detect_data_fault: Callable[[Monitor], bool]
+    ) -> Callable[[Monitor], bool]:
         """Return the function that decides whether to end a search after its first tries.
 
         `detect_data_fault` searches for a fault of the data that explains them.
@@ -92,49 +95,24 @@ class ModeComparison:
         if not self.few:
             return detect_data_fault
 
-        def without_counterparts() -> bool:
-            detect_data_fault()  # for its findings, which are part of the result
+        def without_counterparts(monitor: Monitor) -> bool:
+            detect_data_fault(monitor)  # for its findings, which are part of the result
             return True
 
         return without_counterparts
 
-    def adjust_result(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
-        """Return the entries of a result that the comparison of modes changes.
+    @property
+    def claim(self) -> Claim:
+        """The claim that the models have modes of their tests, before the search."""
+        claims = [one.claim for one in self.found]
+        statement = " ".join(dict.fromkeys(claim.why for claim in claims))
+        if not all(claim.asked for claim in claims):
+            return Claim(None, statement, asked=False)
+        return Claim(any(claim.holds for claim in claims), statement)
 
-        `common` holds ``status``, ``message``, ``remedy``, ``trust`` and ``findings`` of the
-        result, `models` the updated model of each test.
-        """
-        status, trust = common["status"], common["trust"]
-        claim = _claim_resembles(self.found)
-        changed: dict[str, Any] = {"trust": trust and replace(trust, resembles=claim)}
-        if not self.few or status in ("stopped", "failed"):
-            return changed
-        after = [
+    def compare(self, models: Sequence[Model]) -> list[Counterparts]:
+        """Return the counterparts of the modes of each test in other models."""
+        return [
             find_counterparts(model, test.data, modes_of_test)
             for model, test, modes_of_test in zip(models, self.tests, self.modes, strict=True)
         ]
-        if not all(one.few for one in after):
-            updated = Claim(True, f"Of the updated model: {after[0].statement}")
-            return {"trust": trust and replace(trust, resembles=updated)}
-        after_it = f"{after[0].n_paired} of {after[0].n_measured} have one"
-        statement = (
-            f"{self.found[0].statement} The search ended after its first tries, none of which"
-            f" explains the data; in the updated model {after_it}."
-        )
-        if any(finding.grave for finding in common["findings"]):
-            return changed | {"message": f"{common['message']} {statement}"}
-        beginning = common["message"].partition(". ")[0].removesuffix(".")
-        changed |= {"message": f"{beginning}. {statement}", "remedy": self.remedy}
-        if status == "converged":
-            beginning = "The fit converged, but its result is not credible"
-            changed |= {"status": "not-credible", "message": f"{beginning}. {statement}"}
-        return changed
-
-
-def _claim_resembles(found: Sequence[Counterparts]) -> Claim:
-    """Return the claim that the models have modes of their tests, before the search."""
-    claims = [one.claim for one in found]
-    statement = " ".join(dict.fromkeys(claim.why for claim in claims))
-    if not all(claim.asked for claim in claims):
-        return Claim(None, statement, asked=False)
-    return Claim(any(claim.holds for claim in claims), statement)

@@ -27,7 +27,8 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.tests import build_problem
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.run import RunOptions, run
+from updyn.updating.run import run
+from updyn.updating.setup import RunOptions
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -451,7 +451,7 @@ def test_data_of_zeros_are_refused(chain12, data, unknowns):
 def test_noise_stated_as_large_as_the_data_leaves_plausibility_open(chain12, data, unknowns):
     found = updyn.update(chain12, data, unknowns, noise={"relative": 0.5}, starts=0)
     assert found.trust.plausible.holds is None
-    assert "clear of the noise" in found.trust.plausible.why
+    assert "is clear of the stated or measured noise" in found.trust.plausible.why
     assert "times larger than the residual" in found.adequacy.verdict
 
 

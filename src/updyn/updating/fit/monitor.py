@@ -69,11 +69,11 @@ class Monitor:
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; a return value of
         True stops the fit.
+    detect_data_fault : callable, optional
+        Examines the data and returns whether a fault of the data makes a search pointless.
 
     Attributes
     ----------
-    detect_data_fault : callable, optional
-        Examines the data and returns whether a fault of the data makes a search pointless.
     history : list of Iteration
         All steps so far.
     timing_s : dict of str to float
@@ -82,7 +82,7 @@ class Monitor:
 
     problem: Problem
     callback: Callable[[Progress], bool | None] | None = None
-    detect_data_fault: Callable[[], bool] | None = field(default=None, init=False)
+    detect_data_fault: Callable[[Monitor], bool] | None = None
     history: list[Iteration] = field(default_factory=list, init=False)
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
     _stage: str = field(default="", init=False)
@@ -106,7 +106,7 @@ class Monitor:
         The data are examined at the first call, so a search that succeeds at once does not need it.
         """
         if self._data_fault is None:
-            self._data_fault = self.detect_data_fault is not None and self.detect_data_fault()
+            self._data_fault = self.detect_data_fault is not None and self.detect_data_fault(self)
         return self._data_fault
 
     def store_outcome(self, outcome: Outcome) -> None:

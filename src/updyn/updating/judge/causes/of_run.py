@@ -63,17 +63,14 @@ class CauseSearch:
         Data of each test.
     noises : sequence of NoiseModel
         Noise of each test.
-    monitor : Monitor
-        Monitor of the run.
     """
 
     exact: Problem
     splits: Sequence[Split]
     noises: Sequence[NoiseModel]
-    monitor: Monitor
     _overruling: dict[int, list[Finding]] = field(default_factory=dict, init=False)
 
-    def detect_data_fault(self) -> bool:
+    def detect_data_fault(self, monitor: Monitor) -> bool:
         """Return whether a fault explains the residual of a fit from the start.
 
         The search for another answer then ends, because that answer would not be that of the
@@ -84,9 +81,9 @@ class CauseSearch:
         Stopped
             If the user stops the run.
         """
-        with self.monitor.stage(CAUSES):
+        with monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):
-                whole = self._whole_part(i)
+                whole = self._whole_part(monitor.problem.parts[i], i)
                 if find_obstacle(whole, noise):
                     continue
                 with suppress(SolverError):
@@ -95,19 +92,19 @@ class CauseSearch:
                         self._overruling[i] = found
         return bool(self._overruling)
 
-    def search_after_fit(self, found: Judgement) -> Causes:
+    def search_after_fit(self, found: Judgement, monitor: Monitor) -> Causes:
         """Return the causes of the residual of a fit, from a search if it is not noise."""
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
         out: list[Finding] = []
         was_searched, not_searched = False, ""
-        with self.monitor.stage(CAUSES), suppress(Stopped):
+        with monitor.stage(CAUSES), suppress(Stopped):
             for i, noise in enumerate(self.noises):
-                whole = self._whole_part(i)
+                whole = self._whole_part(monitor.problem.parts[i], i)
                 if i in self._overruling:
                     out += self._overruling[i]
                     was_searched = True
-                elif not self._is_explained(i, found):
+                elif not self._is_explained(monitor.problem.parts[i], i, found):
                     reason = find_obstacle(whole, noise)
                     if not reason:
                         try:
@@ -120,16 +117,16 @@ class CauseSearch:
                     out += find_data_faults(whole, noise)
         return Causes(tuple(out), was_searched, not_searched, bool(self._overruling))
 
-    def _whole_part(self, i: int) -> FRFPart:
+    def _whole_part(self, part: FRFPart, i: int) -> FRFPart:
         """Return the part of a test with its whole model and all of its data."""
-        part, exact = self.monitor.problem.parts[i], self.exact.parts[i]
+        exact = self.exact.parts[i]
         whole = replace(part, solver=exact.solver, variants=exact.variants)
         return whole.with_data(self.splits[i].whole)
 
-    def _is_explained(self, i: int, found: Judgement) -> bool:
+    def _is_explained(self, part: FRFPart, i: int, found: Judgement) -> bool:
         """Return whether a fit leaves noise, predicts held-out data, and stays near its start."""
         adequacy = found.adequacy[i]
         noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
         predicted = claim_validated([found.correlation[i]]).holds is not False
         x: NDArray[np.float64] = found.fit.x
-        return noisy and predicted and not is_far_from_start(self.monitor.problem.parts[i], x)
+        return noisy and predicted and not is_far_from_start(part, x)

@@ -63,7 +63,9 @@ def explain_sensors(
 
     One list for all sensors if the same fault explains them, else one for each.
     """
-    found = {(i,): _explain_one(motion, i, wrong) for i in wrong}
+    found: dict[tuple[int, ...], list[Explanation]] = {
+        (i,): _explain_one(motion, i, wrong) for i in wrong
+    }
     common = set.intersection(*({one.place for one in each} for each in found.values())) - {""}
     joint = [one for one in found[wrong[0],] if one.place in common]
     return {tuple(wrong): joint} if joint else found

@@ -1,0 +1,109 @@
+"""Fit of a run: choice of the lines, search and fit."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from updyn.errors import SolverError, UpdynWarning
+from updyn.frf import ROUNDING
+from updyn.updating.assembly import Assembly
+from updyn.updating.fit.method import Fit
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.reducing import FINEST
+from updyn.updating.problem.lines import restrict_to_lines
+from updyn.updating.problem.modal import check_any_pair
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.session import Stopped
+
+__all__ = ["Fitted", "fit_tests"]
+
+#: Relative change of each unknown at the start if the model is singular there.
+_ASIDE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A fit, and the problem on the fitted lines with the models at its end."""
+
+    problem: Problem
+    fit: Fit
+
+
+def fit_tests(assembly: Assembly, monitor: Monitor) -> Fitted:
+    """Choose the lines and fit.
+
+    If the model is singular at the start, because a line is a natural frequency of an undamped
+    model, the fit starts from slightly changed unknowns.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at its start or near it, at one of the lines.
+    """
+    try:
+        return _fit_from_start(assembly, monitor)
+    except SolverError as error:
+        changed = replace(assembly, problem=_perturb_start(assembly.problem))
+        if assembly.reduced is not None:
+            assembly.reduced.restart(_perturb_start(assembly.reduced.exact))
+        try:
+            fitted = _fit_from_start(changed, monitor)
+        except SolverError:
+            raise error from None  # no unknown affects the singularity
+        text = (
+            f"{error}. The fit starts 0.1 % from the start of the unknowns, where it can be solved"
+        )
+        warnings.warn(text, UpdynWarning, stacklevel=3)
+        return fitted
+
+
+def _perturb_start(problem: Problem) -> Problem:
+    """Return the problem with a slightly changed start, each unknown by a different amount.
+
+    Stiffnesses increase and masses decrease, which changes natural frequencies; damping increases.
+    """
+    coordinates = problem.coordinates
+    x, (lower, upper) = coordinates.start, coordinates.bounds
+    share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
+    is_mass = np.array([p.quantity == "mass" for p in coordinates.parameters])
+    step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
+    step = np.where((x + step < lower) | (x + step > upper), -step, step)
+    return problem.with_coordinates(coordinates.with_start(x + step))
+
+
+def _fit_from_start(assembly: Assembly, monitor: Monitor) -> Fitted:
+    """Choose the lines and fit from the start; raise `SolverError` if it cannot be solved there."""
+    setup, reduced = assembly.setup, assembly.reduced
+    problem, x = assembly.problem, assembly.problem.coordinates.start
+    try:
+        with monitor.stage("start"):
+            if reduced is not None:
+                reduced.begin()
+                problem = reduced.with_reduced_models(problem)
+            problem = _on_chosen_lines(assembly, problem)
+            monitor.problem = problem
+            for part in problem.parts:
+                part.responses(x)
+            if problem.modal and not problem.parts:
+                check_any_pair(problem.modal, x)
+        try:
+            if reduced is not None:
+                return Fitted(*reduced.fit(problem, setup.driver, setup.noises, monitor))
+            starts = setup.driver.search(problem, setup.noises, monitor)
+            return Fitted(problem, setup.driver.fit_best(problem, setup.noises, monitor, starts))
+        except SolverError as error:
+            return Fitted(problem, Fit.without_jacobian(x, "failed", str(error)))
+    except Stopped:
+        return Fitted(problem, Fit.without_jacobian(x, "stopped"))
+
+
+def _on_chosen_lines(assembly: Assembly, problem: Problem) -> Problem:
+    """Return the problem on the chosen lines, without channels whose values are rounding."""
+    lines = [test.lines for test in assembly.setup.frf_tests]
+    finest = ROUNDING if assembly.reduced is None else FINEST
+    x = problem.coordinates.start
+    parts = map(restrict_to_lines, problem.parts, lines)
+    return problem.with_parts([part.without_rounding(x, finest) for part in parts])

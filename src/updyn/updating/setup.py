@@ -1,0 +1,242 @@
+"""Checked input of a run: options, tests with their data split, and noise models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from updyn.dynamics.fields import ACCURACY
+from updyn.engines import Engine
+from updyn.errors import OptionError
+from updyn.frf import FRF
+from updyn.group import is_number
+from updyn.modal import ModeSet
+from updyn.positions import warn_of_labels
+from updyn.updating.before_search import ModeComparison
+from updyn.updating.fit.method import Method
+from updyn.updating.fit.methods import check_channels, check_modes, make_method
+from updyn.updating.fit.monitor import Progress
+from updyn.updating.fit.regularisation import add_regularisation
+from updyn.updating.problem.data import (
+    ModalSplit,
+    Split,
+    Test,
+    check_measured,
+    check_tests,
+    list_validation,
+    split_data,
+    split_modes,
+)
+from updyn.updating.problem.noise import NoiseModel, choose_noise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.selection import Selection
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+__all__ = ["RunOptions", "Setup", "prepare_setup"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Options of the run of an update; most are the arguments of `updyn.update` of the same name.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    method_options : mapping of str to object
+        Options of the method.
+    engine : None, int, dask.distributed Client or Engine
+        Engine that evaluates lines and tries of the search.
+    callback : callable or None
+        Called with a `Progress` after every step and between blocks of lines.
+    title : str
+        Title of the update.
+    tier : {"dense", "sparse", "reduced"} or None
+        How the model is solved.
+    backend : str or None
+        Sparse factorisation.
+    accuracy : float
+        Accuracy of the reduced tier.
+    checkpoint : path or None
+        File that receives every evaluation.
+    resume : bool
+        Whether to continue the run in `checkpoint`.
+    regularise : None, str or float
+        Regularisation of the unknowns.
+    seek_causes : bool
+        Whether to search for causes of the residual after the fit.
+    """
+
+    method: str = "maximum-likelihood"
+    method_options: Mapping[str, Any] = field(default_factory=dict)
+    engine: int | Client | Engine | None = None
+    callback: Callable[[Progress], bool | None] | None = None
+    title: str = ""
+    tier: str | None = None
+    backend: str | None = None
+    accuracy: float = ACCURACY
+    checkpoint: str | Path | None = None
+    resume: bool = False
+    regularise: str | float | None = None
+    seek_causes: bool = True
+
+    def check(self) -> None:
+        """Check the types of options that are first used during the run.
+
+        Raises
+        ------
+        OptionError
+            If an option has another type than expected.
+        """
+        if self.callback is not None and not callable(self.callback):
+            raise OptionError(f"callback = {self.callback!r}: expected a function, or None")
+        if not isinstance(self.title, str):
+            raise OptionError(f"title = {self.title!r}: expected a text", key=("title",))
+        if self.checkpoint is not None and not isinstance(self.checkpoint, str | Path):
+            raise OptionError(
+                f"checkpoint = {self.checkpoint!r}: expected the path of a file",
+                key=("checkpoint",),
+            )
+        if not is_number(self.accuracy):
+            raise OptionError(
+                f"accuracy = {self.accuracy!r}: expected a number, such as {ACCURACY:g}",
+                key=("accuracy",),
+            )
+
+    def check_without_lines(self) -> None:
+        """Refuse options of the line-by-line solution for an update to modes.
+
+        Raises
+        ------
+        OptionError
+            If there is such an option.
+        """
+        for key in ("tier", "backend"):
+            if getattr(self, key) is not None:
+                raise OptionError(f"{key}: modes are computed by one way; leave it out", key=(key,))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """Checked input of a run.
+
+    Attributes
+    ----------
+    tests : tuple of Test
+        The tests, with the models at the start of the unknowns.
+    selection : Selection
+        The unknowns, and how they were selected.
+    options : RunOptions
+        Options of the run.
+    method : Method
+        The method.
+    driver : Method
+        The method with its regularisation.
+    splits : tuple of Split
+        Fitted and held-out data of each test with FRFs.
+    modal_splits : tuple of ModalSplit
+        Fitted and held-out data of each test with modes.
+    noises : tuple of NoiseModel
+        Noise of each test with FRFs.
+    before : ModeComparison
+        Modes that models and tests have in common.
+    """
+
+    tests: tuple[Test, ...]
+    selection: Selection
+    options: RunOptions
+    method: Method
+    driver: Method
+    splits: tuple[Split, ...]
+    modal_splits: tuple[ModalSplit, ...]
+    noises: tuple[NoiseModel, ...]
+    before: ModeComparison
+
+    @property
+    def unknowns(self) -> ParameterSet:
+        """The unknowns."""
+        return self.selection.parameters
+
+    @property
+    def frf_tests(self) -> list[Test]:
+        """Tests with FRFs."""
+        return [test for test in self.tests if isinstance(test.data, FRF)]
+
+    @property
+    def modal_tests(self) -> list[Test]:
+        """Tests with modes."""
+        return [test for test in self.tests if isinstance(test.data, ModeSet)]
+
+    @property
+    def all_splits(self) -> tuple[Split | ModalSplit, ...]:
+        """Data of the parts of the problem; those of modes last."""
+        return (*self.splits, *self.modal_splits)
+
+    @property
+    def positions(self) -> list[int]:
+        """Position of each test among the parts of the problem."""
+        is_modal = [isinstance(test.data, ModeSet) for test in self.tests]
+        order = sorted(range(len(is_modal)), key=is_modal.__getitem__)
+        return [order.index(i) for i in range(len(self.tests))]
+
+
+def prepare_setup(
+    tests: Sequence[Test], parameters: ParameterSet | Selection, options: RunOptions
+) -> Setup:
+    """Check tests, unknowns and options, and split the data of each test.
+
+    Raises
+    ------
+    InputError
+        If models, data, unknowns or options do not fit together.
+    """
+    options.check()
+    if isinstance(options.regularise, np.generic):  # plain type, for the record and the fingerprint
+        options = replace(options, regularise=options.regularise.item())
+    method = make_method(options.method, options.method_options)
+    driver = add_regularisation(method, options.method, options.regularise)
+    selection = Selection.of(parameters)
+    tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
+    check_tests(tests, selection.parameters)
+    for test in tests:
+        if isinstance(test.data, FRF):
+            warn_of_labels(test.model, test.data)
+    check_channels(selection.parameters, method)
+    tests = list(map(_with_listed_validation, tests))
+    frf_tests = [test for test in tests if isinstance(test.data, FRF)]
+    splits = [split_data(test.frf, test.validation) for test in frf_tests]
+    for test, split in zip(frf_tests, splits, strict=True):
+        check_measured(split.fitted, test.name)
+    pairs = zip(frf_tests, splits, strict=True)
+    noises = [choose_noise(test.noise, split.fitted) for test, split in pairs]
+    check_modes(tests, method)
+    if not frf_tests:
+        options.check_without_lines()
+    before = ModeComparison.of(tests, selection.parameters, options.method_options)
+    modal_splits = [
+        split_modes(test.data, test.validation) for test in tests if isinstance(test.data, ModeSet)
+    ]
+    return Setup(
+        tuple(tests),
+        selection,
+        options,
+        method,
+        driver,
+        tuple(splits),
+        tuple(modal_splits),
+        tuple(noises),
+        before,
+    )
+
+
+def _with_listed_validation(test: Test) -> Test:
+    """Return a test whose held-out data are listed once, for the fit and for the fingerprint."""
+    if test.validation is None:
+        return test
+    return replace(test, validation=list_validation(test.validation))
