@@ -23,7 +23,7 @@ import models
 import numpy as np
 
 import updyn
-import updyn.updating.run as run_module
+import updyn.updating.judged as judged_module
 from updyn.updating.judge import assessment
 from updyn.updating.judge.causes.of_run import CauseSearch
 from updyn.updating.problem.problem import Problem
@@ -126,7 +126,7 @@ def main() -> None:
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     clock = Clock()
-    clock.time(run_module, "judge_fit", "judge")
+    clock.time(judged_module, "judge_fit", "judge")
     clock.time(CauseSearch, "search_after_fit", "causes")
     for name, function in PARTS.items():
         clock.time(assessment, function, name)

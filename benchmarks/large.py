@@ -25,7 +25,7 @@ import models
 import numpy as np
 
 import updyn
-import updyn.updating.run as run_module
+import updyn.updating.assembly as assembly_module
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import LineSolver
 from updyn.updating.fit import reducing
@@ -166,7 +166,7 @@ def main() -> None:
     frf = measurement(model, given.size, sensors, given.truth, given.seed, given.backend)
     wanted = changes(model)
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
-    run_module.Reducing = Kept
+    assembly_module.Reducing = Kept
     progress.begun, begun = time.perf_counter(), time.process_time()
     with busy(given.busy):
         result = updyn.update(
