@@ -392,7 +392,13 @@ def _find_likeliest(
         ranked = list(filter(is_worth_reporting, compared))
     if not _is_likely(ranked):
         return []
-    return [one for one in ranked if is_as_likely(one, ranked[0])]
+    return _put_special_cases_first([one for one in ranked if is_as_likely(one, ranked[0])])
+
+
+def _put_special_cases_first(likely: Sequence[RankedFault]) -> list[RankedFault]:
+    """Return equally likely faults in their order, but special cases of others first."""
+    special = {case for one in likely for case in one.fault.special_cases}
+    return sorted(likely, key=lambda one: (one.fault.kind, one.fault.channels) not in special)
 
 
 def _find_imitation(part: FRFPart, found: RankedFault) -> list[_Real]:

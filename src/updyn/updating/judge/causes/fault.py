@@ -258,6 +258,11 @@ class Fault(ABC):
         """
         return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
 
+    @property
+    def special_cases(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Kind and channels of the faults that are special cases of this one."""
+        return ()
+
     def count_parameters(self, frf: FRF) -> int:
         """Return how many numbers of the fault the data determine."""
         return int(self.has_free_size)

@@ -277,6 +277,11 @@ class LossOverFrequency(IrreparableFault):
         loss = losses.pop() if len(losses) == 1 else 0.0
         return replace(self, loss=loss, lines=_list_lines_above_zero(part))
 
+    @property
+    def special_cases(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Viscous damping: exponent 1 or -1 with a constant storage modulus."""
+        return tuple((one.kind, one.channels) for one in self.viscous)
+
     def list_similar_faults(self, part: FRFPart) -> Iterable[Fault]:
         """Return the other variant, and viscous damping of the groups with such a loss factor."""
         quantity = "stiffness_damping" if self.value > 0.0 else "mass_damping"

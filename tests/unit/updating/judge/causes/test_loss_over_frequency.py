@@ -210,3 +210,18 @@ def test_a_course_that_is_given_is_not_doubted(chain12, unknowns):
 @pytest.mark.parametrize(("exponent", "possible"), [(0.0, False), (1.5, True), (-1.51, False)])
 def test_no_loss_factor_is_much_steeper_than_that_of_a_dashpot(exponent, possible):
     assert cause(exponent).is_plausible() is possible
+
+
+@pytest.mark.parametrize("rate", [1e-3, 2e-3])
+def test_viscous_damping_is_named_before_its_general_form(chain12, chain12_true, add_noise, rate):
+    """The loss factor of viscous damping is proportional to frequency."""
+    undamped = chain12_true.scaled({name: {"loss_factor": 0.0} for name in chain12_true.groups})
+    true = undamped.with_damping({name: {"stiffness_damping": rate} for name in undamped.groups})
+    unknowns = updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+    (found,) = updyn.diagnose(
+        chain12, measured(true, add_noise, np.linspace(0.6, 22.0, 100)), unknowns
+    )
+    assert (found.kind, found.channels) == ("missing-viscous", ("all.stiffness_damping",))
+    assert found.value == pytest.approx(rate, rel=0.05)
+    assert "loss-over-frequency:all.loss_factor" in found.also
+    assert 'quantity = "stiffness_damping"' in found.remedy
