@@ -58,10 +58,10 @@ _MOST = 24
 
 
 def clip_outliers(values: _Complex) -> _Complex:
-    """Return values clipped to three times their typical size, to limit the effect of outliers.
+    """Return values clipped to three times their typical size along the first axis.
 
-    The values along the first axis have equal variance; NaN marks missing values. The typical size
-    is the median magnitude, which is 1.18 standard deviations of each part of a Gaussian value.
+    The typical size is the median magnitude, which is 1.18 standard deviations of each part of a
+    Gaussian value. NaN marks missing values.
     """
     size = np.abs(values)
     is_missing = np.isnan(size)
@@ -76,24 +76,12 @@ def clip_outliers(values: _Complex) -> _Complex:
 
 
 def serial_correlation_p_values(values: _Complex) -> _Real:
-    """Return one-sided p-values of serial correlation against independent noise, shape (n,).
+    """Return one-sided p-values of serial correlation in each column, shape (n,); NaN is missing.
 
-    Parameters
-    ----------
-    values : ndarray of complex, shape (m, n)
-        Columns of circular values at neighbouring lines, of equal variance within a column; NaN
-        marks missing values. The p-value of a column with too few values is 1.
-
-    Notes
-    -----
-    The statistic is r = e^H T e / e^H e. T is a Toeplitz matrix with 0 on the diagonal and 3/4,
-    1/2, 1/4 on the next three diagonals, so r is a weighted sum of autocorrelations and does not
-    depend on the scale of the noise. For Gaussian noise, P(r > r0) is the probability that a sum of
-    exponential variables with the eigenvalues of T - r0 as weights is positive. Its tail is
-    computed by the saddlepoint approximation of Lugannani and Rice in the form of
-    Barndorff-Nielsen, accurate to 1 % even far out (Butler, Saddlepoint Approximations, 2007,
-    sections 1.2 and 3.1). The test is one-sided because a window may cause negative correlation
-    between neighbouring lines.
+    The statistic is r = e^H T e / e^H e with the Toeplitz matrix T of the weights 3/4, 1/2, 1/4.
+    P(r > r0) by the saddlepoint approximation of Lugannani and Rice in the form of
+    Barndorff-Nielsen (Butler, Saddlepoint Approximations, 2007, sections 1.2 and 3.1). One-sided,
+    because a window may cause negative correlation between neighbouring lines.
     """
     out = np.ones(values.shape[1])
     is_measured = np.isfinite(values)
@@ -147,9 +135,8 @@ def _quadratic_form(diagonals: _Real, e: _Complex) -> _Real:
 def _toeplitz_eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
     """Return the eigenvalues of T in ascending order, and their multiplicities.
 
-    The eigenvalues of a long Toeplitz matrix are distributed like the values of its symbol, 2 sum
-    of t_d cos(d theta), at equal steps of theta (Szegő's theorem; Gray, Toeplitz and Circulant
-    Matrices, 2006, theorem 4.1).
+    Those of a long Toeplitz matrix are distributed like its symbol, 2 sum of t_d cos(d theta), at
+    equal steps of theta (Szegő; Gray, Toeplitz and Circulant Matrices, 2006, theorem 4.1).
     """
     m = diagonals.shape[1]
     if m <= _LONG or gaps:
@@ -161,10 +148,7 @@ def _toeplitz_eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real
 
 
 def _tail_probability(eigenvalues: _Real, multiplicities: _Real, r: _Real) -> _Real:
-    """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r.
-
-    `multiplicities` holds the multiplicities of the eigenvalues.
-    """
+    """Return P(sum_j (eigenvalue_j - r) E_j > 0) for each r, with unit exponentials E_j."""
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
     a = eigenvalues[None, :] - inside[:, None]
@@ -187,11 +171,10 @@ def _tail_probability(eigenvalues: _Real, multiplicities: _Real, r: _Real) -> _R
 
 
 def adjust_p_values(p: _Real) -> _Real:
-    """Return p-values adjusted for multiple tests, of the same shape.
+    """Return p-values adjusted for multiple tests.
 
-    Among the adjusted p-values below q, the expected share of false alarms is at most q. For pure
-    noise, the probability of any alarm is at most q (Benjamini & Hochberg, J. R. Stat. Soc. B 57
-    (1995) 289).
+    At most a share q of the adjusted p-values below q are false alarms (Benjamini & Hochberg, J. R.
+    Stat. Soc. B 57 (1995) 289).
     """
     order = np.argsort(p, axis=None)
     n = len(order)
@@ -203,12 +186,9 @@ def adjust_p_values(p: _Real) -> _Real:
 
 
 def divide_into_bands(level: _Real) -> list[slice]:
-    """Divide the lines into contiguous bands, one for each resonance of the model.
+    """Divide the lines into contiguous bands at the minima of the model's mean ln |H|.
 
-    `level`, shape (n_f,), is the mean logarithm of the model's |H| at the lines; it does not depend
-    on the data, so the significance level of the tests is kept. Bands are divided at the minima
-    between peaks. A band of fewer than eight lines is merged with the neighbour on the side of the
-    higher minimum. A band of more than a quarter of all lines is divided at its lowest level.
+    `level` must not depend on the data, so that the significance level of the tests is kept.
     """
     n = len(level)
     inner = level[1:-1]
@@ -253,25 +233,11 @@ _SMOOTH = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """A channel and band in which the model does not explain the data.
+    """A channel and band (`low` to `high` in Hz) in which the model does not explain the data.
 
-    Attributes
-    ----------
-    response, reference : str
-        The channel.
-    low, high : float
-        Limits of the band in Hz.
-    near : float
-        Frequency of the largest misfit in the band, in Hz.
-    misfit : float
-        Rms misfit divided by the standard deviation of the noise.
-    correlation_length : float
-        Correlation length in lines; 1 for noise.
-    chi_square_p, whiteness_p : float
-        p-values of the size and of the serial correlation under the hypothesis of noise, adjusted
-        for the number of tests.
-    kind : {"structure", "excess"}
-        Serially correlated, or only larger than the noise.
+    `near` is the frequency of the largest misfit in Hz; `misfit` is the rms over the standard
+    deviation of the noise; `correlation_length` is in lines (1 for noise); p-values are adjusted
+    for the number of tests; `kind` is "structure" (serially correlated) or "excess" (only larger).
     """
 
     response: str
@@ -290,23 +256,10 @@ class Misfit:
 class Suspect:
     """A model error that would explain the residual.
 
-    Attributes
-    ----------
-    group, quantity : str
-        The quantity in error: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
-        group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
-    explains : float
-        Share of the residual beyond the noise that was removed by a short fit with this quantity as
-        an additional unknown. Errors that the channels cannot distinguish have nearly the same
-        share.
-    change : float
-        Change found by that fit, of the logarithm of a factor or of a loss factor.
-    energy : float
-        Share of this matrix in the energy of the error in the constitutive relations, at the lines
-        with the largest misfit.
-    confirmed : bool
-        Whether such a fit was made. It is omitted for large models: `explains` and `change` are
-        then first-order estimates, and the sign of a change is more reliable than its size.
+    `explains` is the share of the residual beyond the noise that a short fit with this quantity as
+    an additional unknown removes; `change` is of the logarithm of a factor, or of a loss factor;
+    `energy` is the share in the error in the constitutive relations. If not `confirmed` (large
+    models), no fit was made, and `explains` and `change` are first-order estimates.
     """
 
     group: str
@@ -324,15 +277,7 @@ class Suspect:
 
 @dataclass(frozen=True, slots=True)
 class NoisySensor:
-    """A sensor with more noise than most sensors.
-
-    Attributes
-    ----------
-    response : str
-        The sensor.
-    times : float
-        Its rms misfit divided by the lower median over the sensors.
-    """
+    """A sensor whose rms misfit is `times` the lower median over the sensors."""
 
     response: str
     times: float
@@ -351,33 +296,28 @@ class Adequacy:
     verdict : str
         The outcome in one or two sentences.
     absolute : bool
-        Whether the size of the noise is known independently of the residual. If it was estimated
-        from the residual, the size of a misfit is compared with the rest of the data. The test of
-        serial correlation does not use the size.
+        Whether the size of the noise is known independently of the residual.
     chi_square : float
         Reduced chi-square of the residual; near 1 by construction if not `absolute`.
     p_value : float
-        Smallest p-value, adjusted for the number of tests; a deviation from noise was found if it
-        is at most `level`.
+        Smallest adjusted p-value; a deviation was found if it is at most `level`.
     level : float
-        Significance level: largest accepted share of false alarms among fits to pure noise.
+        Largest accepted share of false alarms among fits to pure noise.
     responses, references : tuple of str
         Labels of the channels.
     bands : ndarray of float, shape (n_b, 2)
         First and last line of each band, in Hz.
     misfit, correlation_length : ndarray of float, shape (n_i, n_j, n_b)
-        By channel and band: rms misfit over noise, and correlation length in lines. NaN without
-        data.
+        Rms misfit over noise, and correlation length in lines; NaN without data.
     chi_square_p, whiteness_p : ndarray of float, shape (n_i, n_j, n_b)
         Adjusted p-values; 1 if not tested.
     worst : tuple of Misfit
-        Channels and bands with a significant misfit, the largest first; empty without any.
+        Channels and bands with a significant misfit, the largest first.
     explained_by : tuple of Suspect
-        Model errors that would explain the residual, the best first; empty without any.
+        Model errors that would explain the residual, the best first.
     noisy : tuple of NoisySensor
-        Sensors with more noise than most, the noisiest first. Given for ``"excess"`` if the noise
-        of each sensor by itself explains the residual, and for ``"noise"`` if the noise was
-        estimated for each sensor because the sensors differ.
+        The noisiest first. Given for ``"excess"`` if the noise of each sensor by itself explains
+        the residual, and for ``"noise"`` if the noise was estimated sensor by sensor.
     lone : tuple of float
         Frequencies in Hz of isolated lines that hold most of the excess misfit.
     """
@@ -420,49 +360,14 @@ def assess_residual(
     relative: float = 1.0,
     whitened_H: _Complex | None = None,
 ) -> Adequacy:
-    """Test a residual against noise.
+    """Test a residual in standard deviations, shape (n_f, n_i, n_j), against noise.
 
-    Parameters
-    ----------
-    whitened : ndarray of complex, shape (n_f, n_i, n_j)
-        Measured minus computed FRF, divided by the standard deviation of the real (and of the
-        imaginary) part; NaN for values that were not fitted.
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        FRF of the model, whose resonances determine the bands.
-    freq : ndarray of float, shape (n_f,)
-        Frequency lines in Hz.
-    responses, references : sequence of str
-        Labels.
-    n_unknowns : int
-        Number of unknowns fitted to these data.
-    absolute : bool
-        Whether the size of the noise is known independently of this residual.
-    averages : int, optional
-        Number of averages from which the noise was estimated at each line; None if it is known
-        exactly.
-    level : float
-        Largest accepted share of false alarms among fits to pure noise.
-    relative : float
-        Rms misfit over the rms of the data, which distinguishes a residual from rounding.
-    whitened_H : ndarray of complex, shape (n_f, n_i, n_j), optional
-        H divided by the standard deviations. Without it, no sensor is reported as noisy.
-
-    Returns
-    -------
-    Adequacy
-
-    Notes
-    -----
-    Size: the sum of squares of a channel in a band is tested against the chi-square distribution
-    with two degrees of freedom per value, or against the F distribution if the size of the noise is
-    an estimate. An estimate from n averages has n - 1 times as many degrees of freedom, limited to
-    those of sixteen lines, because smoothing correlates the errors of the estimate. An estimate
-    from this residual is tested by the ratio to all other values. The fit reduces the residual
-    below the noise; this is counted for all values together and not by band, so the tests are
-    conservative. Serial correlation: `serial_correlation_p_values`. Channels over all bands, bands
-    over all channels, and all data together are tested too; their p-values of correlation are
-    combined by Stouffer's sum of normal scores (1949). Each of these families is adjusted by the
-    method of Benjamini & Hochberg (1995) at its share of `level`.
+    NaN marks values that were not fitted. Size: sums of squares by channel and band against the
+    chi-square distribution, or against F if the noise is an estimate from `averages`. Serial
+    correlation: `serial_correlation_p_values`. Channels, bands and all data are tested too,
+    combined by Stouffer (1949); each family is adjusted (Benjamini & Hochberg, 1995) at its share
+    of `level`. The reduction of the residual by the fit is counted for all values together, so the
+    tests are conservative.
     """
     is_measured = np.isfinite(whitened)
     n_values = int(is_measured.sum())
@@ -536,9 +441,8 @@ def assess_residual(
 def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
     """Return the sentence on known noise that is larger than the residual; empty if consistent.
 
-    A small chi-square of few values may be due to chance. The probability of one as small, with the
-    degrees of freedom divided by the correlation length of the residual, must be at most the level
-    of the tests.
+    The probability of a chi-square as small, with the degrees of freedom divided by the correlation
+    length of the residual, must be at most the level of the tests.
     """
     if not found.absolute or found.chi_square >= _OVERSTATED:
         return ""
@@ -556,11 +460,9 @@ def _describe_overstated_noise(found: Adequacy, freedom: int) -> str:
 def can_be_sensor_noise(H: _Complex, whitened_H: _Complex, whitened: _Complex, freq: _Real) -> bool:
     """Return whether the residual of the sensors can be noise rather than a sensor error.
 
-    If the lines are so far apart that the response is not smooth along them, serial correlation
-    cannot distinguish noise from sensor errors. The same holds if the misfit exceeds about a third
-    of the response. A wrong gain, phase or delay leaves a residual proportional to H and f H at any
-    line spacing, so the part found by regression must be as small as in noise (F test). The
-    arguments are those of `assess_residual`.
+    Serial correlation cannot show this if lines are so far apart that the response is not smooth. A
+    wrong gain, phase or delay leaves a residual proportional to H and f H at any line spacing, so
+    the regression on both must explain no more than in noise (F test).
     """
     level = LEVEL / H.shape[1]
     for i in range(H.shape[1]):
@@ -606,10 +508,7 @@ def has_unequal_noise(found: Adequacy) -> bool:
 
 
 def add_noisy_sensors(found: Adequacy, std: _Real) -> Adequacy:
-    """Return the assessment with noisy sensors, for noise estimated sensor by sensor.
-
-    `std`, shape (n_i,), holds the standard deviations of the sensors in one unit.
-    """
+    """Return the assessment with noisy sensors, from their standard deviations in one unit."""
     noisy = _find_noisy_sensors(std, found.responses)
     return replace(found, noisy=noisy, verdict=_describe_outcome(replace(found, noisy=noisy)))
 
@@ -617,8 +516,7 @@ def add_noisy_sensors(found: Adequacy, std: _Real) -> Adequacy:
 def add_suspects(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     """Return the assessment with suspected model errors, the best first, named in its verdict.
 
-    A residual explained by a model error is classed as structure, even if the lines are too far
-    apart for serial correlation.
+    A residual explained by a model error is classed as structure, even without serial correlation.
     """
     if not suspects or found.adequate:
         return found
@@ -709,24 +607,9 @@ def _test_families(
 ) -> tuple[_Real, _Real, _Real]:
     """Test each channel in each band, channels, bands, and all data together.
 
-    Parameters
-    ----------
-    square, count, white : ndarray of float, shape (n_i, n_j, n_b)
-        Sum of squares, number of real values and p-value of serial correlation, by channel and
-        band.
-    size : _SizeTest
-        Reference for the sums of squares.
-
-    Returns
-    -------
-    places : ndarray of float, shape (2, n_i, n_j, n_b)
-        Adjusted p-values; index 0 of the first axis is the size, index 1 the serial correlation,
-        here and below.
-    least : ndarray of float, shape (2,)
-        Smallest adjusted p-value of all families.
-    contributing_p : ndarray of float, shape (2, n_i, n_j, n_b)
-        Unadjusted p-values of the channels and bands that contribute to the smallest one; inf
-        elsewhere.
+    Returns adjusted p-values of size and of serial correlation, shape (2, n_i, n_j, n_b); the
+    smallest of all families, shape (2,); and the unadjusted p-values that contribute to it, inf
+    elsewhere.
     """
     shape = square.shape
     n_bands = shape[2]
@@ -761,10 +644,7 @@ def _test_families(
 def _explain_by_sensor_noise(
     found: Adequacy, square: _Real, count: _Real, serial_p_values: _Real, n_unknowns: int
 ) -> tuple[NoisySensor, ...]:
-    """Return the noisy sensors; none if the residual deviates from noise in other ways too.
-
-    The test is repeated with the residual of each sensor divided by its own rms value.
-    """
+    """Return the noisy sensors; none if the residual deviates from noise in other ways too."""
     sums, numbers = square.sum(axis=(1, 2)), count.sum(axis=(1, 2))
     has_residual = sums > 0.0
     if has_residual.sum() < 2:

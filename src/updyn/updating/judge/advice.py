@@ -31,24 +31,7 @@ _NOISY = 1e-3
 
 
 def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
-    """Return sentences on the undetermined combinations and on measurements that determine them.
-
-    Parameters
-    ----------
-    analysis : Analysis
-        Identifiability at x.
-    problem : Problem
-        Model, data and unknowns.
-    x : ndarray of float, shape (n,)
-        Point in the optimiser's coordinates.
-    noise : float
-        Typical noise of the data relative to |H|.
-
-    Returns
-    -------
-    str
-        Empty if all unknowns are determined and well separated.
-    """
+    """Return sentences on undetermined combinations and measurements that determine them."""
     names = problem.coordinates.parameters.names
     if analysis.report.complete:
         if analysis.report.collinearity > 15.0:
@@ -129,15 +112,7 @@ def _join_names(names: list[str]) -> str:
 def _least_relative_changes(
     along: NDArray[np.complex128], H: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
-    """Return the least relative change of each candidate measurement, shape (n_c,).
-
-    Parameters
-    ----------
-    along : ndarray of complex, shape (k, n_c, ...)
-        Derivatives of the candidate measurements along the null space.
-    H : ndarray of complex, shape (n_c, ...)
-        The candidate measurements.
-    """
+    """Return the least change along the null space of each candidate measurement, relative to H."""
     H = H.reshape(len(H), -1)
     size = np.abs(H)
     level = np.maximum(size, 1e-6 * size.max(axis=1, keepdims=True, initial=0.0))
@@ -170,8 +145,7 @@ def _find_best_line(
 ) -> tuple[str, float] | None:
     """Return the best additional line and its least relative change.
 
-    The line is found with a reduced model in place of a large one; its change is computed with the
-    full model.
+    A reduced model finds the line; the full model gives the change.
     """
     candidates = _with_candidate_lines(part)
     lines, nearby = candidates.frf.freq, ReducedPart.of(candidates, x)
@@ -211,8 +185,7 @@ def _find_best_sensor(
 ) -> tuple[str, float] | None:
     """Return the best additional sensor and its least relative change.
 
-    A reduced model is not used, because its basis lacks the fields of forces at DOFs without a
-    sensor.
+    A reduced model is not used: its basis lacks the fields of forces at DOFs without a sensor.
     """
     if others.size == 0:
         return None
@@ -251,10 +224,7 @@ def _receptance_at_others(
     part: FRFPart,
     item: tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64], slice],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return receptance at other DOFs, and its derivatives along directions of x.
-
-    The shapes are (n_others, n_f, n_j) and (k, n_others, n_f, n_j).
-    """
+    """Return receptances (n_others, n_f, n_j) at other DOFs, and k derivatives along x."""
     x, others, directions, lines = item
     U, dU = sensitivity.fields_along(
         part.solver,

@@ -28,17 +28,9 @@ _CLEARLY = 0.1
 class Alternative:
     """Another solution that fits the data equally well.
 
-    Attributes
-    ----------
-    values : dict of str to float
-        Values by unknown.
-    odds : float
-        Likelihood of the solution of the result over that of this one.
-    sensor : str
-        DOF at which an additional sensor would measure the largest difference; empty if none would.
-    difference : float
-        Median of that difference over lines and references, relative to the larger of the two FRFs;
-        2 for FRFs of opposite sign.
+    `odds` is the likelihood of the result over that of this solution. An additional sensor at the
+    DOF `sensor` (empty if none helps) would measure the largest `difference`: the median over lines
+    and references, relative to the larger of the two FRFs; 2 for FRFs of opposite sign.
     """
 
     values: Mapping[str, float]
@@ -69,11 +61,7 @@ def find_alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
 def find_differences(
     values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
 ) -> list[tuple[str, list[float]]]:
-    """Return the unknowns in which solutions differ significantly, with all values.
-
-    Unknowns are sorted by decreasing difference in standard deviations; `values` and `std` are
-    those of the result, by unknown.
-    """
+    """Return unknowns that differ significantly, the largest difference first, with all values."""
     found = []
     for name, value in values.items():
         all_values = [value, *(other.values[name] for other in others)]
@@ -89,9 +77,8 @@ def select_distinct(
 ) -> tuple[Alternative, ...]:
     """Return the solutions that differ significantly from the result.
 
-    The standard deviations of the result are widened if the model does not explain the data, so
-    solutions that the fit distinguished may agree within them. The arguments are those of
-    `find_differences`.
+    Its standard deviations are widened if the model does not explain the data, so solutions that
+    the fit distinguished may agree within them.
     """
     return tuple(other for other in others if find_differences(values, std, [other]))
 
@@ -99,10 +86,7 @@ def select_distinct(
 def _find_largest_difference(
     part: FRFPart, x: _Vector, other_part: FRFPart, other_x: _Vector
 ) -> tuple[float, str]:
-    """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF.
-
-    `part` and `other_part` are the parts whose models belong to the two solutions.
-    """
+    """Return the largest difference of two solutions at the DOFs without a sensor, and its DOF."""
     system = part.solver.system
     dofs = part.solver.other_dofs(part.rows)
     dofs = dofs[:: max(1, -(-len(dofs) // _MOST_DOFS))]

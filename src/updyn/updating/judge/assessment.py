@@ -56,36 +56,11 @@ _CLEAR = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """Assessment of a fit.
+    """Assessment of a fit; `correlation` and `adequacy` have an entry for each part of the problem.
 
-    Attributes
-    ----------
-    fit : Fit
-        The fit, with the reason ``"stopped"`` if the assessment was stopped.
-    analysis : Analysis
-        Identifiability.
-    covariance : ndarray of float, shape (n, n)
-        Covariance of the values, from data and priors; inf for unknowns that neither determines.
-    advice : str
-        Experiment advice on undetermined unknowns.
-    misfit : float
-        Median of |H - H_X| / |H_X| over the values that are clear of the noise, as far as the noise
-        is known before a fit. It includes noise and model error. 0 if unknown, nan if no value is
-        clear of the noise.
-    at_bound : dict of str to str
-        ``"lower"`` or ``"upper"`` for unknowns on a bound.
-    correlation : tuple of dict
-        For each part of the problem, figures of agreement before and after the fit; empty if
-        unknown.
-    adequacy : tuple of Adequacy or None
-        For each part, the tests of the residual against noise; None if unknown or if rounding was
-        found.
-    rounding : Rounding or None
-        Rounding errors of the model that are not small compared with the misfit.
-    alternatives : tuple of Alternative
-        Other solutions that fit equally well.
-    discrepancy : Discrepancy or None
-        Model error found in the residual and included in the covariance; None without any.
+    `covariance`, shape (n, n), is from data and priors, inf for undetermined unknowns; `misfit` is
+    the median of |H - H_X| / |H_X| over the values clear of the noise, 0 if unknown, nan without
+    any; `at_bound` gives "lower" or "upper" by unknown. `discrepancy` is included in `covariance`.
     """
 
     fit: Fit
@@ -110,27 +85,11 @@ def judge_fit(
     *,
     is_likelihood: bool,
 ) -> Judgement:
-    """Assess a fit.
+    """Assess a fit; `data` gives all and held-out data of each part, those of modes last.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was fitted.
-    data : sequence of Split or ModalSplit
-        For each part, all data and the held-out data; those of modes last.
-    fit : Fit
-        The result of the fit.
-    noises : sequence of NoiseModel
-        Noise model of the data of each part.
-    start_solvers : sequence of FieldSolver, optional
-        Solver of each part at the start of the unknowns, if it differs from the problem's solver.
-    is_likelihood : bool
-        Whether the fit maximises a likelihood. Only then do model errors shift the estimate in the
-        same way as the weighted output error, so that they are included in the covariance.
-
-    Returns
-    -------
-    Judgement
+    `start_solvers` are needed if the start of the unknowns has other solvers than the problem. Only
+    if `is_likelihood` do model errors shift the estimate as they shift the weighted output error;
+    only then are they included in the covariance.
     """
     cut_short = False
 
@@ -231,8 +190,8 @@ def judge_fit(
 def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, str]:
     """Return the identifiability analysis at the start of the unknowns, and the experiment advice.
 
-    Noise of typical size is assumed for parts whose noise would be estimated from a fit. Raises
-    `SolverError` if the model cannot be solved there.
+    Noise of typical size is assumed if a fit would estimate it. Raises `SolverError` if the model
+    cannot be solved there.
     """
     local, share = linearise_at_start(problem, noises)
     x = problem.coordinates.start
@@ -246,8 +205,7 @@ def analyse_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analy
 def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Local, float]:
     """Return the whitened output error at the start, and the median of standard deviation over |H|.
 
-    The arguments are those of `analyse_start`. Raises `SolverError` if the model cannot be solved
-    there.
+    Raises `SolverError` if the model cannot be solved there.
     """
     x = problem.coordinates.start
     errors, shares = [], []
@@ -268,10 +226,7 @@ def linearise_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[
 def _equal_row_jacobian(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64], R: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return a reduced Jacobian with rows of equal size, if rows of unequal size reduce the rank.
-
-    None if R has full rank or if equal rows do not increase the rank.
-    """
+    """Return a reduced Jacobian with rows of equal size; None if R has full or the same rank."""
     deficiency = null_space(R).shape[1]
     if deficiency == 0 or not R.any():
         return None
@@ -308,7 +263,7 @@ def _widen_over_ratios(
     undetermined: NDArray[np.float64],
     spread: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the covariance over all ratios of relative noise and floor, for noise from few data.
+    """Return the covariance over all ratios of relative noise and floor, for few data.
 
     Return `spread` if this does not apply or if a ratio is known.
     """
@@ -345,7 +300,7 @@ def _estimate_model_error(
     """Return the model error found in the residual; None without any.
 
     A residual classed as structure contains a model error; for other residuals, the gain in
-    likelihood must be significant. Few data hardly determine the noise, and None is returned.
+    likelihood must be significant. Few data hardly determine the noise: None.
     """
     if any("degrees_of_freedom" in record for record in fit.noise):
         return None
@@ -440,10 +395,9 @@ def _add_prediction(
 def _typical_misfit(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> float:
-    """Return the median of |H - H_X| / |H_X| over the values that are clear of the noise.
+    """Return the median of |H - H_X| / |H_X| over the values clear of the noise; nan without any.
 
-    It is nan without such values. Without FRFs, it is the median of the relative errors of natural
-    frequencies.
+    Without FRFs: the median of the relative errors of natural frequencies.
     """
     misfits = []
     for part, noise in zip(problem.parts, noises, strict=True):
@@ -527,29 +481,12 @@ _MOVING = 0.05
 def assess_adequacy(
     problem: Problem, x: NDArray[np.float64], noises: Sequence[NoiseModel], *, settled: bool = True
 ) -> tuple[Adequacy | None, ...]:
-    """Test the residual of a fit against noise, whitened by the noise models of its tests.
+    """Test the residual of each part of FRFs against noise; None if the model cannot be solved.
 
-    The residual is measured minus computed FRF, whichever residual the method minimised. Values
-    with a reduced weight in a robust fit have full weight in the tests, but keep the reduced weight
-    in the search for a model error, because any quantity that affects a single value explains an
-    outlier. The search takes one evaluation with derivatives.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was fitted.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    noises : sequence of NoiseModel
-        Noise model of the data of each part.
-    settled : bool
-        Whether the fit ended at a minimum. Otherwise, it is tested only if a step could not reduce
-        the residual by more than 5 %.
-
-    Returns
-    -------
-    tuple of Adequacy or None
-        For each part of FRFs; None if the model cannot be solved or the fit is not settled.
+    The residual is measured minus computed FRF, whichever residual the method minimised. Outliers
+    of a robust fit have full weight in the tests, but reduced weight in the search for a model
+    error, because any quantity that affects a single value explains an outlier. A fit that is not
+    `settled` is tested only if a step could not reduce the residual by more than 5 %.
     """
     if not problem.parts:
         return ()
@@ -614,8 +551,8 @@ def whitening_weights(
 ) -> NDArray[np.float64]:
     """Return 1 / sigma of the real (and of the imaginary) part, shape (n_f, n_i, n_j).
 
-    Values without a finite variance have weight 0. `known` is the noise model after its refit to
-    the residual, and H the FRF of the model, shape (n_f, n_i, n_j).
+    Values without a finite variance have weight 0. `known` must be the noise model after its refit
+    to the residual.
     """
     variance = np.broadcast_to(known.variance(H, part.frf), H.shape)
     usable = np.isfinite(variance) & (variance > 0.0)

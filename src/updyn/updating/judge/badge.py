@@ -14,15 +14,7 @@ Colour = Literal["good", "warn", "bad"]
 
 @dataclass(frozen=True, slots=True)
 class Badge:
-    """A verdict in a phrase.
-
-    Attributes
-    ----------
-    phrase : str
-        Such as ``"Usable"``.
-    colour : {"good", "warn", "bad"}
-        Green: the result can be used. Amber: a claim is unknown. Red: the result must not be used.
-    """
+    """A verdict in a phrase: usable (good), a claim is unknown (warn), must not be used (bad)."""
 
     phrase: str
     colour: Colour
@@ -41,17 +33,7 @@ _ENDED = {
 
 
 def choose_badge(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Badge:
-    """Return the badge of a result.
-
-    Parameters
-    ----------
-    status : str
-        Status of the fit.
-    trust : Trust or None
-        The verdict by claims.
-    ambiguous : bool
-        Whether several solutions fit equally well, each of them determined.
-    """
+    """Return the badge of a result; `ambiguous`: several determined solutions fit equally well."""
     badge = _ENDED.get(status, Badge(status, "warn"))
     if ambiguous:
         badge = Badge("Several answers fit", "warn")

@@ -1,12 +1,8 @@
 """Counterparts of the measured modes in the model, found before any update.
 
-The modes of a test, or the peaks of its FRFs, are paired with the modes of the model by shape and
-frequency. If the model shares no mode with the test, it does not describe the tested structure, and
-no update of its unknowns can be expected to succeed.
-
-Shapes at few sensors are similar by chance. The MAC of two independent shapes at n sensors has the
-distribution Beta(1/2, (n - 1)/2) (squared cosine of the angle between random directions), from
-which the expected number of chance pairs is computed.
+A model that shares no mode with the test does not describe the tested structure. Shapes at few
+sensors are similar by chance: the MAC of two independent shapes at n sensors has the distribution
+Beta(1/2, (n - 1)/2), which gives the expected number of chance pairs.
 """
 
 from __future__ import annotations
@@ -76,16 +72,7 @@ _NEAR = 2
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A measured mode and its counterpart in the model.
-
-    Attributes
-    ----------
-    measured, computed : float
-        Natural frequencies in Hz.
-    mac : float
-        Modal assurance criterion at the sensors, for close modes that of their subspaces; nan if
-        shapes are not compared.
-    """
+    """A measured mode and its counterpart; frequencies in Hz, MAC of subspaces for close modes."""
 
     measured: float
     computed: float
@@ -101,23 +88,21 @@ class Counterparts:
     n_measured : int
         Number of modes of the test; 0 if unknown.
     n_paired : int
-        Number of modes with a counterpart: a MAC of at least one half at the sensors (more if the
+        Number of modes with a counterpart: MAC at least one half at the sensors (more if the
         frequencies differ), and frequencies within a factor of 1.5.
     pairs : tuple of Pair
         Pairs by ascending measured frequency.
     statement : str
         The outcome in one or two sentences.
     known : bool
-        Whether the data determine the number of counterparts. False if nothing was compared, if
-        shapes at so few sensors would pair as often by chance, or if one or two sensors hide the
-        counterparts.
+        False if nothing was compared, if shapes at so few sensors would pair as often by chance, or
+        if one or two sensors hide the counterparts.
     n_sensors : int
         Number of sensors at which shapes were compared; 0 if they were not.
     by_chance : float
         Expected number of pairs for a test of another structure.
     source : str
-        Origin of the modes of the test: ``"given"``, ``"identified"`` or ``"peaks"``; empty without
-        modes.
+        ``"given"``, ``"identified"`` or ``"peaks"``; empty without modes.
     doubtful : tuple of str
         Sensors without which most modes have a counterpart.
     factor : float
@@ -160,36 +145,12 @@ class Counterparts:
 def find_counterparts(
     model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
 ) -> Counterparts:
-    """Find the measured modes that have a counterpart in a model.
+    """Find the measured modes that have a counterpart in a model of at most `largest` DOFs.
 
-    Parameters
-    ----------
-    model : Model
-        The model at the start of an update.
-    data : FRF or ModeSet
-        The measurement, at DOFs of the model.
-    modes : ModeSet, optional
-        The modes of the test, if they are known in addition to FRFs.
-    largest : int
-        Largest number of DOFs of a model whose modes are computed.
-
-    Returns
-    -------
-    Counterparts
-
-    Notes
-    -----
-    The peaks of the complex mode indicator function of FRFs are compared first
-    (`updyn.modal.peaks.find_resonance_peaks`), which takes milliseconds. Modes are identified
-    (`updyn.identify_modes`) only if there are no peaks or if few of them have a counterpart.
-
-    If few modes have a counterpart, variants of a beam model with exchanged section axes are
-    compared (`updyn.variants`; up to 5,000 DOFs), one or two sensors are left out, and a common
-    factor on all frequencies is tried, because a wrong sign of a sensor or a wrong unit does not
-    mean that the structure is another one.
-
-    Modes that cannot be compared raise no error: the number of counterparts is then unknown, and
-    the statement gives the reason. A method that needs these modes checks them itself.
+    Peaks of the mode indicator are compared first, which takes milliseconds; modes are identified
+    only if few peaks have a counterpart. If few modes have one, exchanged section axes, omitted
+    sensors and a common factor on frequencies are tried, because these mistakes do not mean another
+    structure. Modes that cannot be compared raise no error: the statement gives the reason.
     """
     if model.n_dofs > largest:
         return _unknown_counterparts(
@@ -262,10 +223,7 @@ def _needs_identification(found: Counterparts) -> bool:
 
 
 def identify_modes_for(model: Model, frf: FRF) -> ModeSet:
-    """Identify the modes of FRFs with the form of damping of a model, viscous or structural.
-
-    Raises `DataError` as `updyn.identify_modes`.
-    """
+    """Identify the modes of FRFs with the form of damping of a model, viscous or structural."""
     damping = "viscous" if model.viscous.nnz else "structural"
     return identify_modes(frf, damping=damping)
 
@@ -282,13 +240,7 @@ def _limit_size(frf: FRF) -> FRF:
 # -- comparing ------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class _ModeSets:
-    """Computed and measured modes at the sensors.
-
-    Attributes
-    ----------
-    computed, measured : Modes
-        At the same DOFs; rotations of both are multiplied by one length.
-    """
+    """Computed and measured modes at the same DOFs, with rotations multiplied by one length."""
 
     computed: Modes
     measured: Modes
@@ -436,20 +388,10 @@ def _exceeds_chance(found: Counterparts, probability: float = CHANCE) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Hypothesis:
-    """Counterparts of most modes under an assumed fault.
+    """Counterparts of most modes under an assumed fault: sensors left out, a factor, or a mistake.
 
-    Attributes
-    ----------
-    counterparts : Counterparts
-        The counterparts.
-    is_significant : bool
-        Whether they exceed chance, with the number of trials taken into account.
-    sensors : tuple of str
-        Sensors that are left out.
-    factor : float
-        Factor on all frequencies of the model.
-    mistake, remedy : str
-        The mistake in the definition of the model, and its correction.
+    `is_significant` takes the number of trials into account; `factor` is on all frequencies of the
+    model.
     """
 
     counterparts: Counterparts
@@ -509,10 +451,10 @@ def _sensor_subsets(
 
 
 def _try_common_factor(sets: _ModeSets, n_measured: int) -> _Hypothesis | None:
-    """Return the counterparts by shape with a common factor on all frequencies.
+    """Return the counterparts by shape with a common factor on all frequencies, if there is one.
 
-    None if there is no such factor. A factor near 1 may be explained by the unknowns, and is
-    accepted even if the number of pairs does not exceed chance.
+    A factor near 1 may be explained by the unknowns, and is accepted even if the number of pairs
+    does not exceed chance.
     """
     powers = [k for k in range(-_POWERS, _POWERS + 1) if k]
     trials = [(k, sets.scale_frequencies(RANGE**k).count_pairs(n_measured)) for k in powers]

@@ -1,10 +1,8 @@
 """Model error in the standard deviations: a discrepancy estimated together with the unknowns.
 
-The part of a residual that noise does not explain is the effect of errors in quantities that are
-not unknowns. The fit compensates a part of these errors by the unknowns; that part does not appear
-in the residual, nor in resampling or in a covariance computed from the residual. A statistical
-model of the errors includes it (Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425); here the
-errors are local changes of the dynamic stiffness.
+The unknowns compensate a part of the errors in other quantities; that part is not in the residual.
+A statistical model of the errors includes it (Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425);
+here the errors are local changes of the dynamic stiffness.
 """
 
 from __future__ import annotations
@@ -48,17 +46,9 @@ _NEGLIGIBLE = 1e-12
 class Discrepancy:
     """Contribution of model errors to the uncertainty of the unknowns.
 
-    Attributes
-    ----------
-    covariance : ndarray of float, shape (n, n)
-        Mean square error of the optimiser's coordinates: the square of the mean shift plus the
-        covariance of the shift.
-    shift : ndarray of float, shape (n,)
-        Mean of the shift, true value minus estimate.
-    share : float
-        Share of the sum of squares of the residual that the discrepancy explains.
-    gain : float
-        Increase of the restricted log-likelihood by the discrepancy.
+    In the optimiser's coordinates, `covariance`, shape (n, n), is the mean square error: the square
+    of `shift` (mean of true value minus estimate) plus its covariance. `share` is of the sum of
+    squares of the residual; `gain` is the increase of the restricted log-likelihood.
     """
 
     covariance: _Real
@@ -69,9 +59,8 @@ class Discrepancy:
     def lacks_interval(self, spread: _Real) -> NDArray[np.bool_]:
         """Return which determined unknowns have no valid interval, shape (n,).
 
-        These are unknowns with a standard deviation above half of `WIDEST`: the model error permits
-        any value in the range of their shift, in which the first-order approximation is not valid.
-        `spread`, shape (n, n), is the covariance due to noise; inf for undetermined unknowns.
+        Their standard deviation is above half of `WIDEST`, where the first order is not valid.
+        `spread` is the covariance due to noise; inf for undetermined unknowns.
         """
         with np.errstate(invalid="ignore"):
             std = np.sqrt(np.diag(spread) + np.diag(self.covariance))
@@ -87,38 +76,13 @@ def estimate_discrepancy(
     size_known: bool,
     least_gain: float,
 ) -> Discrepancy | None:
-    """Estimate the model errors in a residual, and their effect on the unknowns.
+    """Estimate the model errors in a residual and their effect; None without any, or with modes.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was fitted.
-    fit : Fit
-        The result of the fit.
-    residual : OutputErrorSet
-        The output errors of the parts, in standard deviations of the noise.
-    undetermined : ndarray of float, shape (n, k)
-        Orthonormal basis of the undetermined directions.
-    size_known : bool
-        Whether the size of the noise is known independently, which is then a lower limit.
-    least_gain : float
-        Least increase of the restricted log-likelihood.
-
-    Returns
-    -------
-    Discrepancy or None
-        None if the data show no discrepancy or include modes.
-
-    Notes
-    -----
-    The residual is r = J d + B z + e with the shift d of the unknowns, noise e of variance s^2, and
-    the effects B of a spring, a loss, a dashpot and a mass at single degrees of freedom, all scaled
-    to equal norm. The changes z are normal with a common variance. Both variances maximise the
-    restricted likelihood, which is the likelihood of the residual orthogonal to J (Patterson &
-    Thompson, Biometrika 58 (1971) 545). At these variances z, and therefore d, has a mean and a
-    covariance. The prior of the shift has the standard deviation `WIDEST`, a factor of e, above
-    which the first-order approximation is not valid. The estimate is not changed; its mean square
-    error is the square of the mean of d plus the covariance of d.
+    r = J d + B z + e, with the effects B of a spring, a loss, a dashpot and a mass at single DOFs,
+    scaled to equal norm, and normal z of common variance. Both variances maximise the restricted
+    likelihood (Patterson & Thompson, Biometrika 58 (1971) 545). The prior of the shift d has the
+    standard deviation `WIDEST`, the limit of the first order. If `size_known`, the noise is a lower
+    limit.
     """
     if problem.modal or not problem.parts:
         return None
@@ -199,8 +163,8 @@ class _Components:
     def estimate(self, least: float, prior_rows: _Real) -> Discrepancy:
         """Return the discrepancy at the maximum of the restricted likelihood.
 
-        `least` is the least variance of the noise; `prior_rows`, shape (p, k), holds the rows of
-        the priors of the shift divided by their standard deviations.
+        `least` is the least noise variance; `prior_rows` (p, k) are divided by their standard
+        deviations.
         """
         from scipy.optimize import minimize_scalar
 
@@ -262,10 +226,7 @@ class _Components:
 
 
 def _reduce_with_errors(problem: Problem, x: _Real, residual: OutputErrorSet) -> Local:
-    """Return the reduced problem with the unknowns first, followed by the local changes.
-
-    Raises `SolverError` if the model cannot be solved.
-    """
+    """Return the reduced problem with the unknowns first, followed by the local changes."""
     dofs = _choose_dofs(problem)
     n = problem.n + _KINDS * len(dofs[0])
     found = []
@@ -286,10 +247,9 @@ def _reduce_cached(residual: _LocalErrors, part: FRFPart, x: _Real, n: int) -> L
 
 
 def _choose_dofs(problem: Problem) -> list[NDArray[np.intp]]:
-    """Return for each part the degrees of freedom of local changes; -1 if a part lacks one.
+    """Return for each part the DOFs of local changes, evenly distributed; -1 if a part lacks one.
 
-    They are evenly distributed over all degrees of freedom whose response can be computed. Tests of
-    one structure share them by label.
+    Tests of one structure share them by label.
     """
     most = max(_MOST_DOFS // len(problem.parts), 1)
     chosen: dict[str, None] = {}
@@ -307,16 +267,9 @@ def _choose_dofs(problem: Problem) -> list[NDArray[np.intp]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LocalErrors(LineResidual):
-    """Output error with derivatives with respect to the unknowns, followed by the local changes.
+    """Output error with derivatives by the unknowns, followed by those by changes at `dofs`.
 
-    Parameters
-    ----------
-    weight : ndarray of float, shape (n_f, n_i, n_j)
-        As for `OutputError`.
-    dofs : ndarray of int, shape (m,)
-        Degrees of freedom of the changes; -1 if the model lacks one.
-    name : str
-        Name for messages.
+    `weight`, shape (n_f, n_i, n_j), is that of `OutputError`; a DOF of -1 has no effect.
     """
 
     weight: _Real
@@ -344,7 +297,7 @@ class _LocalErrors(LineResidual):
 def _error_effects(part: FRFPart, x: _Real, lines: slice, dofs: NDArray[np.intp]) -> _Complex:
     """Return dH by a unit stiffness, loss, dashpot and mass at DOFs, shape (4 m, n_f, n_i, n_j).
 
-    A change a of the dynamic stiffness at degree of freedom p changes H_ij by -a H_ip H_pj.
+    A change a of the dynamic stiffness at DOF p changes H_ij by -a H_ip H_pj.
     """
     freq, s = part.frf.freq[lines], part.frf.s[lines]
     coefficients = part.solver.system.coefficients(part.state(x), 2.0 * np.pi * freq)

@@ -20,18 +20,7 @@ _FAR = 3.0
 
 @dataclass(frozen=True, slots=True)
 class DistantUnknown:
-    """An unknown far from its start.
-
-    Attributes
-    ----------
-    name : str
-        The unknown.
-    factor : float
-        Its value over its start.
-    deviations : float
-        Distance from the start in standard deviations of the prior, or of the usual error of
-        models.
-    """
+    """An unknown at `factor` times its start, `deviations` of its prior or of usual errors away."""
 
     name: str
     factor: float
@@ -48,10 +37,7 @@ class DistantUnknown:
 def find_distant_unknowns(
     parameters: ParameterSet, values: Mapping[str, float]
 ) -> tuple[DistantUnknown, ...]:
-    """Return the stiffnesses and masses that are far from their start, the farthest first.
-
-    `values` holds the estimate by unknown; loss factors and calibration factors are ignored.
-    """
+    """Return the stiffnesses and masses that are far from their start, the farthest first."""
     found = []
     for p in parameters:
         value = values[p.name]

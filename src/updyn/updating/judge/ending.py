@@ -26,17 +26,8 @@ _LEAST_DEVIATIONS = 3.0
 class ActiveBound:
     """An unknown at a bound that the data would exceed.
 
-    Attributes
-    ----------
-    name : str
-        The unknown.
-    side : {"lower", "upper"}
-        The bound.
-    limit : float
-        Value of the bound.
-    deviations : float
-        Square root of twice the decrease of half the chi-square without the bound, predicted by the
-        linear model, in standard deviations.
+    `deviations` is the square root of twice the decrease of half the chi-square without the bound,
+    predicted by the linear model.
     """
 
     name: str
@@ -47,21 +38,11 @@ class ActiveBound:
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """Remaining decrease at the end of a fit.
+    """Remaining decrease at the end of a fit, by a full Gauss-Newton step.
 
-    Attributes
-    ----------
-    deviations : float
-        Distance of the values from those after a full Gauss-Newton step, in standard deviations.
-    share : float
-        Share of the misfit that this step would remove.
-    recent_gain : float
-        Decrease of the cost by the last ten steps over the decrease by this step; inf if no
-        decrease remains.
-    leading : tuple of str
-        The unknowns with the largest changes by this step.
-    active_bounds : tuple of ActiveBound
-        Bounds that exclude values required by the data.
+    `deviations` is the length of the step in standard deviations, `share` the removed share of the
+    misfit, `recent_gain` the decrease by the last ten steps over that by this one (inf if none
+    remains), `leading` the unknowns that change most.
     """
 
     deviations: float
@@ -72,10 +53,7 @@ class Ending:
 
 
 def assess_ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> Ending | None:
-    """Return the remaining decrease at the estimate; None if the method has no reduced problem.
-
-    `history` holds the steps of the fit.
-    """
+    """Return the remaining decrease at the estimate; None if the method has no reduced problem."""
     local, size = fit.local, float(np.linalg.norm(fit.R))
     if (
         local is None

@@ -17,31 +17,11 @@ _Real = NDArray[np.float64]
 def predictive_figures(
     part: FRFPart, x: _Real, covariance: _Real, noise: NoiseModel, scale: float = 1.0
 ) -> dict[str, float]:
-    """Return the predicted size of the residual of held-out data, and its actual size.
+    """Return ``residual_expected`` and ``residual_deviations`` of held-out data.
 
-    The predictive variance of a value is that of its noise plus J C J^T, with the derivatives J of
-    the model with respect to the unknowns and their covariance C (Gelman et al., Bayesian Data
-    Analysis, 3rd ed. 2013, section 6.3).
-
-    Parameters
-    ----------
-    part : FRFPart
-        The updated model with the held-out data.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    covariance : ndarray of float, shape (n, n)
-        Covariance of x; inf for undetermined unknowns.
-    noise : NoiseModel
-        Noise model of the fitted data.
-    scale : float
-        Factor on its variance.
-
-    Returns
-    -------
-    dict
-        ``residual_expected``: root of the mean predictive variance of a channel over its level, the
-        median over channels, at most 1. ``residual_deviations``: rms residual of a channel in
-        predicted standard deviations, the median over channels.
+    Both are medians over channels. The predictive variance of a value is that of its noise plus J C
+    J^T (Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 6.3). The first is its root
+    over the level, at most 1; the second is the rms residual in predicted standard deviations.
     """
     frf = part.frf
     responses, posterior = [], []

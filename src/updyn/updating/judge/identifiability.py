@@ -26,20 +26,12 @@ _SHOWN = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """Identifiability with the matrices from which it was computed.
+    """Identifiability (`report`) with the matrices from which it was computed.
 
-    Attributes
-    ----------
-    report : Identifiability
-        Summary for the user.
-    null_space : ndarray of float, shape (n, k)
-        Orthonormal basis of the undetermined directions, in the optimiser's coordinates.
-    covariance : ndarray of float, shape (n, n)
-        Covariance of the optimiser's coordinates, without the directions that the Jacobian leaves
-        undetermined.
-    involved : ndarray of bool, shape (n,)
-        Undetermined unknowns: they take part in a direction that the Jacobian leaves undetermined,
-        or have the largest weight in a direction that is undetermined because of noise.
+    `null_space`, shape (n, k), is an orthonormal basis of the undetermined directions of the
+    optimiser's coordinates; `covariance`, shape (n, n), excludes directions that the Jacobian
+    leaves undetermined. `involved` marks the unknowns in such a direction, or with the largest
+    weight in a direction that is undetermined because of noise.
     """
 
     report: Identifiability
@@ -56,32 +48,12 @@ def analyse_identifiability(
     advice: str = "",
     equal_rows: _Matrix | None = None,
 ) -> Analysis:
-    """Analyse a reduced Jacobian whose residuals have unit variance.
+    """Analyse a reduced Jacobian (k, n) by the optimiser's coordinates, for unit variance.
 
-    Parameters
-    ----------
-    R : ndarray of float, shape (k, n)
-        Reduced Jacobian with respect to the optimiser's coordinates (logarithm of a factor, loss
-        factor).
-    names : list of str
-        The unknowns.
-    inflation : float
-        Factor on the standard deviations.
-    advice : str
-        Advice stored in the report.
-    equal_rows : ndarray of float, shape (k, n), optional
-        Reduced Jacobian of the same null space with rows of equal size (`NormalisedDerivatives`).
-
-    Returns
-    -------
-    Analysis
-
-    Notes
-    -----
-    A direction is undetermined by rank (a singular value of the Jacobian with unit columns below
-    `RANK_TOLERANCE`) or because of noise (a standard deviation along it above `WIDEST`). The
-    collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
-    all unknowns together.
+    A direction is undetermined by rank (a singular value with unit columns below `RANK_TOLERANCE`)
+    or because of noise (a standard deviation along it above `WIDEST`). Collinearity index: Brun,
+    Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015. `inflation` scales standard deviations;
+    `equal_rows` is a Jacobian of the same null space (`NormalisedDerivatives`).
     """
     found = resolve(R, inflation, equal_rows)
     n, s = R.shape[1], found.singular_values
@@ -150,21 +122,20 @@ class Identifiability:
     Attributes
     ----------
     rank : int
-        Number of independent combinations of the unknowns that the data determine.
+        Number of independent determined combinations.
     n_parameters : int
         Number of unknowns.
     condition : float
         Condition number of the Jacobian with columns scaled to unit norm; inf if rank-deficient.
     singular_values : tuple of float
-        Singular values of the Jacobian with columns scaled to unit norm, in descending order.
+        Its singular values, in descending order.
     null_directions : list of dict of str to float
         Undetermined combinations, as weights by unknown: a joint change by these weights does not
         change the measured quantities. The largest weight is 1; weights below 1e-3 are omitted.
     determined_directions : list of dict of str to float
         Determined combinations of the unknowns that take part in an undetermined combination.
     collinearity : float
-        Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
-        practice).
+        Brun's index 1 / smallest singular value (above 10-15: not separable in practice).
     advice : str
         Advice in one or two sentences.
     """

@@ -1,16 +1,12 @@
 """Localisation of the model error that explains a residual, by energy and by score tests.
 
-The energy test finds the smallest model error that would explain the residual. Fields that balance
-the forces and approach the measurement violate the stress-strain and force-acceleration relations;
-the least energy of this violation is divided among the groups (error in constitutive relations:
-Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze, Nedjar &
-Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze & Leconte,
-Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score of a quantity is the decrease of the
-misfit by a change of this quantity, to first order and with all unknowns of the fit adapted (Rao,
-Proc. Camb. Phil. Soc. 44 (1948) 50). An error outside the model's quantities, such as a missing
-spring, gives high scores to quantities that cannot remove the misfit. Each quantity with a high
-score is therefore an additional unknown of a short fit, whose decrease of the misfit is the share
-that the quantity explains.
+Energy: the least error in the constitutive relations that explains the residual, by group (Ladeveze
+& Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; Ladeveze, Nedjar & Reynier, AIAA J. 32 (1994) 1485;
+with a term for the measurement Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng.
+191 (2002) 2427). Score: decrease of the misfit by a quantity to first order, with all unknowns
+adapted (Rao, Proc. Camb. Phil. Soc. 44 (1948) 50). An error outside the model, such as a missing
+spring, gives high scores to quantities that cannot remove the misfit, so short fits confirm the
+best.
 """
 
 from __future__ import annotations
@@ -79,33 +75,12 @@ _OFF = 0.1
 def constitutive_error(
     part: FRFPart, x: _Real, misfit: _Complex, variance: _Real, lines: slice
 ) -> _Real:
-    """Return the least error in the constitutive relations that explains the misfit at some lines.
+    """Return the energy of the least error in each stored matrix, (n_terms, n_f, n_j) in J for 1 N.
 
-    Parameters
-    ----------
-    part : FRFPart
-        Model and data.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    misfit : ndarray of complex, shape (n_f, n_i, n_j)
-        Computed minus measured FRF at these lines, in the unit of the data.
-    variance : ndarray of float, shape (n_f, n_i, n_j)
-        E|dH|^2 of the measurement at these lines.
-    lines : slice
-        The lines; 0 Hz only if the data are receptances.
-
-    Returns
-    -------
-    ndarray of float, shape (n_terms, n_f, n_j)
-        Energy of the error in each stored matrix, by line and reference, in J for a force of 1 N.
-
-    Notes
-    -----
-    The sum of lambda^H W lambda and of the remaining misfit in units of the noise is minimised over
-    the fields that balance the forces. With P = Z^-1 on the responses, C = Sigma + theta S and S =
-    P^T W conj(P), the solution is lambda = -theta conj(P) C^-1 (h - h_X): the misfit of the
-    receptances is treated as the response to forces of covariance W plus noise. theta is chosen at
-    every line such that both together are as large as the misfit.
+    `misfit` is computed minus measured FRF and `variance` its E|dH|^2, in the unit of the data; 0
+    Hz only for receptances. The sum of lambda^H W lambda and of the misfit in units of the noise is
+    minimised: with P = Z^-1 on the responses and S = P^T W conj(P), lambda = -theta conj(P) (Sigma
+    + theta S)^-1 (h - h_X); theta makes both together as large as the misfit at every line.
     """
     freq = part.frf.freq[lines]
     omega = 2.0 * np.pi * freq
@@ -146,26 +121,10 @@ def localise_error(
     whitened: Sequence[_Complex],
     excess: float | None,
 ) -> tuple[Suspect, ...]:
-    """Return the quantities of groups and sensors that would explain the residual of a fit.
+    """Return the quantities that explain at least a tenth of the residual of a fit, the best first.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was fitted.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    residual : OutputErrorSet
-        The output errors of the parts, with their weights.
-    whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
-        For each part, the residual over its standard deviation; NaN marks missing values.
-    excess : float or None
-        Part of the sum of squares that noise does not explain; None to estimate it from the serial
-        correlation.
-
-    Returns
-    -------
-    tuple of Suspect
-        The best first; empty if no quantity explains a tenth of the residual.
+    `whitened` marks missing values by NaN. `excess` is the part of the sum of squares that noise
+    does not explain; None estimates it from the serial correlation.
     """
     exact = problem
     problem, nearby = _replace_by_reduced(problem, x, residual, whitened)
@@ -270,10 +229,7 @@ def _work_limit(problem: Problem) -> float:
 
 
 def _plan_short_fits(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, int]:
-    """Return the affordable number of quantities, lines of each test, and steps.
-
-    The number of quantities is 0 if not even one is affordable.
-    """
+    """Return the affordable number of quantities (0 if none), lines of each test, and steps."""
     best = (0, 0, 0)
     for lines, steps, evaluations in _SHORT:
         few = problem.thin(lines)
@@ -292,8 +248,8 @@ def _replace_by_reduced(
 ) -> tuple[Problem, list[ReducedPart]]:
     """Return the problem with reduced models about x in place of large models, and these models.
 
-    The problem is returned unchanged, with an empty list, if a part has no reduced model or if the
-    error of one is not small compared with the residual.
+    The problem is unchanged and the list empty if the error of a reduced model is not small
+    compared with the residual.
     """
     nearby = []
     for i, part in enumerate(problem.parts):
@@ -311,10 +267,7 @@ def _replace_by_reduced(
 
 
 def _expected_end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
-    """Return the problem with one additional unknown, and the expected end of its short fit.
-
-    The change of the other unknowns is smaller and is neglected.
-    """
+    """Return the problem with one additional unknown, and the expected end of its short fit."""
     wide, at = _add_unknowns(problem, x, [score.parameter])
     at = at.copy()
     at[-1] += np.clip(score.step, -_STRIDE, _STRIDE)
@@ -325,22 +278,8 @@ def _expected_end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _
 class _ShortFits:
     """Short fits on few lines, each with one additional unknown.
 
-    Attributes
-    ----------
-    problem : Problem
-        The fitted problem on few lines.
-    x : ndarray of float, shape (n,)
-        End of a short fit without an additional unknown.
-    residual : OutputErrorSet
-        The output errors on these lines.
-    cost : float
-        Half the sum of squares at `x`, priors included.
-    whitened : tuple of ndarray of complex
-        The whitened residual at `x`.
-    excess : float or None
-        Part of the sum of squares on these lines that noise does not explain; None if unknown.
-    steps : int
-        Largest number of steps of a short fit.
+    `x`, `cost` (with priors) and `whitened` are those of a short fit without an additional unknown;
+    `excess` is the part of the sum of squares that noise does not explain, None if unknown.
     """
 
     problem: Problem
@@ -382,9 +321,8 @@ class _ShortFits:
     def explained_share(self, parameter: Parameter) -> tuple[float, float]:
         """Return the share of the residual beyond noise that a quantity explains, and its change.
 
-        If the size of the noise is unknown, the share is estimated from the serial correlation of
-        the removed part and of the remaining residual; the removed part shows how strongly a model
-        error is correlated on these lines. A fit that ends at a bound explains nothing.
+        For noise of unknown size, the share is estimated from the serial correlation of the removed
+        and of the remaining part. A fit that ends at a bound explains nothing.
         """
         wide, start = _add_unknowns(self.problem, self.x, [parameter])
         try:

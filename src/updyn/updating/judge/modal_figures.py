@@ -22,22 +22,9 @@ __all__ = ["correlate_measured_modes"]
 def correlate_measured_modes(
     part: ModalPart, x: NDArray[np.float64], split: ModalSplit
 ) -> dict[str, Any]:
-    """Return the figures of agreement before and after a fit, of fitted and held-out modes.
+    """Return the figures ``before``, ``after`` and, of held-out modes, ``validation`` with both.
 
-    Parameters
-    ----------
-    part : ModalPart
-        Model and unknowns.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    split : ModalSplit
-        The modes.
-
-    Returns
-    -------
-    dict
-        ``before``, ``after`` and, with held-out modes, ``validation`` with both: see
-        `updyn.correlation.figures.FIGURE_NAMES`. Empty figures if modes cannot be computed.
+    The figures are empty if modes cannot be computed.
     """
     home = part.coordinates.start
     out: dict[str, Any] = {}
@@ -83,10 +70,9 @@ def _compute_figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) ->
 def _with_subspaces(
     part: ModalPart, x: NDArray[np.float64], macs: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], dict[int, float]]:
-    """Return the MAC of the measured modes, for close modes that of their subspaces.
+    """Return the MACs, for close modes those of subspaces, and the latter's ln frequency ratios.
 
-    The shapes of close modes are an arbitrary basis, in the test and in the model. The second value
-    is the logarithm of computed over measured frequency of the close modes, by measured mode.
+    The shapes of close modes are an arbitrary basis, in the test and in the model.
     """
     target = part.target
     if not target.can_distinguish_shapes:

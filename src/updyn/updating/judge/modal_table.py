@@ -41,22 +41,11 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class ModeEntry:
-    """A mode in a row of the table.
+    """A mode in a row of the table; None for values of an unpaired mode.
 
-    Attributes
-    ----------
-    number : int
-        Index in its set of modes, from 0.
-    frequency : float
-        Natural frequency in Hz.
-    loss_factor : float
-        Modal loss factor, twice the damping ratio; nan if unknown.
-    change : float or None
-        Frequency relative to that of the test's mode minus 1, in %; None for an unpaired mode.
-    mac : float or None
-        MAC with the test's mode; None for an unpaired mode.
-    in_subspace : bool
-        Whether `mac` is that of the subspace of close modes, see `updyn.correlation.Subspace`.
+    `number` is the index in its set; `frequency` is in Hz, `loss_factor` nan if unknown; `change`
+    is relative to the frequency of the test, in %; `mac` is that with the test's mode, or with its
+    subspace if `in_subspace`.
     """
 
     number: int
@@ -69,13 +58,7 @@ class ModeEntry:
 
 @dataclass(frozen=True, slots=True)
 class ModalRow:
-    """One mode of the structure in the test, at the start and updated; None if not found.
-
-    Attributes
-    ----------
-    test, start, updated : ModeEntry or None
-        The mode in each of the three sets.
-    """
+    """One mode of the structure in the test, at the start and updated; None if not found."""
 
     test: ModeEntry | None = None
     start: ModeEntry | None = None
@@ -91,21 +74,12 @@ class ModalRow:
 
 @dataclass(frozen=True, eq=False)
 class ModalTable:
-    """Modes of the test, of the start model and of the updated model.
+    """Modes of the test, of the start model and of the updated model, at the measured DOFs.
 
-    Attributes
-    ----------
-    test, start, updated : Modes or None
-        The three sets at the measured DOFs, with the test's labels and signs. The sets of the
-        models contain the modes in the band of the test and further paired modes. None if unknown.
-    cross_orthogonality : ndarray, shape (n_updated, n_test), or None
-        Cross-orthogonality of the updated model's modes and the test's modes, with the mass of the
-        updated model reduced to the measured DOFs (`updyn.dynamics.guyan.reduced_mass`).
-    own_orthogonality : ndarray, shape (n_updated, n_updated), or None
-        Orthogonality of the updated model's modes with the same mass; the off-diagonal terms show
-        the error of the reduction.
-    notes : tuple of str
-        Reasons for unknown values, and remarks on how to read the table.
+    Sets of the models contain the modes in the band of the test and further paired modes.
+    Orthogonalities (n_updated, n_test or n_updated) use the updated mass reduced to the measured
+    DOFs; off-diagonal terms of `own_orthogonality` show the error of the reduction. `notes` give
+    reasons for unknown values.
     """
 
     test: Modes | None = None
@@ -235,22 +209,8 @@ def compare_modes(
 ) -> ModalTable:
     """Compare the modes of a test with those of the model before and after an update.
 
-    Parameters
-    ----------
-    start : Model
-        The model before the update.
-    updated : Model or None
-        The model after the update; None before any update.
-    test : ModeSet or Modes
-        The measured modes, at DOFs of the models.
-    band : (float, float), optional
-        The measured frequency band in Hz; by default from the lowest to the highest measured
-        frequency.
-
-    Returns
-    -------
-    ModalTable
-        Values that cannot be computed are None, and a note gives the reason.
+    Values that cannot be computed are None, and a note gives the reason. `band` is in Hz, by
+    default from the lowest to the highest measured frequency.
     """
     notes = [] if len(test.dofs) else [BY_FREQUENCY]
     models = {"start": start, "updated": updated}

@@ -1,7 +1,4 @@
-"""Claims on a result from modes: whether it is plausible and predicts held-out modes.
-
-docs/verdict.md gives the rules and the reasons for them.
-"""
+"""Claims on a result from modes, by the rules of docs/verdict.md."""
 
 from __future__ import annotations
 
@@ -57,13 +54,7 @@ def describe_modes(after: _Figures) -> str:
 
 
 def claim_modes_plausible(before: _Figures, after: _Figures) -> Claim:
-    """Return whether the residual of modes permits a result.
-
-    Parameters
-    ----------
-    before, after : mapping of str to float
-        Figures of agreement before and after the fit.
-    """
+    """Return whether the residual of modes permits a result."""
     paired, measured = after["modes_paired"], after["modes_measured"]
     text = describe_modes(after)
     if paired < _MOST * measured or paired < before["modes_paired"]:
@@ -78,13 +69,7 @@ def claim_modes_plausible(before: _Figures, after: _Figures) -> Claim:
 
 
 def claim_modes_predicted(figures: Mapping[str, Any]) -> Claim:
-    """Return whether an updated model predicts held-out modes.
-
-    Parameters
-    ----------
-    figures : mapping
-        Figures of a test, with ``after`` and ``validation``.
-    """
+    """Return whether an updated model predicts held-out modes."""
     held, fitted = figures["validation"]["after"], figures.get("after", {})
     text = f"Of the held-out modes, {describe_modes(held)}"
     if held["modes_paired"] < held["modes_measured"]:

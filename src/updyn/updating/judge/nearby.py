@@ -28,15 +28,7 @@ _DROPPED = 1e-3
 
 @dataclass(slots=True, eq=False)
 class ReducedPart:
-    """A part with a reduced model about a point.
-
-    Attributes
-    ----------
-    part : FRFPart
-        The part with the reduced model.
-    reduction : Reduction
-        The reduction with the uncompressed basis.
-    """
+    """A part with a reduced model about a point, and its reduction with the uncompressed basis."""
 
     part: FRFPart
     reduction: Reduction
@@ -70,7 +62,7 @@ class ReducedPart:
     def extend_basis(self, states: Sequence[State]) -> FRFPart:
         """Return the part with a basis that is accurate about further states of its model, too.
 
-        The first state is that of the point. States that cannot be solved are ignored.
+        The first state must be that of the point. States that cannot be solved are ignored.
         """
         self.reduction.extend(states)
         freq = self.part.frf.freq

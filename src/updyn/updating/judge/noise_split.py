@@ -29,33 +29,13 @@ _ADMISSIBLE = 1.0
 def covariance_over_ratios(
     problem: Problem, x: _Real, floors: Sequence[float], within: _Real
 ) -> _Real | None:
-    """Return the largest covariance over the likely ratios of relative noise and floor.
+    """Return the largest covariance (n, n) over the likely ratios of relative noise and floor.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem that was fitted, with few data.
-    x : ndarray of float, shape (n,)
-        The estimate.
-    floors : sequence of float
-        Estimated noise floor of each part, which scales the noise of the parts relative to each
-        other.
-    within : ndarray of float, shape (n, k)
-        Orthonormal basis of the determined directions.
-
-    Returns
-    -------
-    ndarray of float, shape (n, n), or None
-        Mean square error of the optimiser's coordinates; None without degrees of freedom.
-
-    Notes
-    -----
-    At each ratio, the linear model gives a best fit, which is a step d from x with the covariance
-    s^2 (J^T W J)^-1, and a restricted likelihood |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2), with the
-    weighted sum of squares S, nu degrees of freedom and s^2 = S / nu (Harville, Biometrika 61
-    (1974) 383). The mean square error at a ratio is d d^T + s^2 (J^T W J)^-1. The variance of each
-    unknown is the largest over all admissible ratios; the correlations are those at the most likely
-    ratio.
+    At each ratio, the linear model gives a step d, s^2 (J^T W J)^-1 and a restricted likelihood
+    |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2) (Harville, Biometrika 61 (1974) 383); the mean square error
+    is d d^T + s^2 (J^T W J)^-1. Variances are the largest over the ratios, correlations those at
+    the most likely one. `within` is an orthonormal basis of the determined directions. None without
+    degrees of freedom.
     """
     found = [
         _weighted_rows(part, x, floor) for part, floor in zip(problem.parts, floors, strict=True)
@@ -96,10 +76,7 @@ def covariance_over_ratios(
 
 
 def _weighted_rows(part: FRFPart, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
-    """Return derivatives, residual, and |H| and level times the floor, of values above rounding.
-
-    All are real: the real parts first, then the imaginary parts.
-    """
+    """Return derivatives, residual, |H| and level times floor, real before imaginary parts."""
     blocks = list(part.blocks(x))
     H = np.concatenate([block.H for block in blocks])
     dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)

@@ -29,19 +29,7 @@ REMEDY = (
 
 @dataclass(frozen=True, slots=True)
 class Rounding:
-    """Rounding error of the model's response that is not small compared with the misfit.
-
-    Attributes
-    ----------
-    share : float
-        Rounding error relative to the response.
-    freq : float
-        Frequency in Hz.
-    response, reference : str
-        The channel.
-    test : str
-        Name of the test, if there are several.
-    """
+    """Rounding error of a response at `freq` (Hz) that is not small compared with the misfit."""
 
     share: float
     freq: float
@@ -65,18 +53,10 @@ class Rounding:
 def find_worst_rounding(parts: Iterable[FRFPart], x: NDArray[np.float64]) -> Rounding | None:
     """Return the largest rounding error of the model's responses; None if negligible.
 
-    A few lines are solved twice: with Z, and with 3 Z, whose entries are all rounded differently.
-    The difference of the solutions is a sample of the forward error. The backward error is always
-    small for a stable solver and does not show it (Higham, Accuracy and Stability of Numerical
-    Algorithms (2002), section 1.6). Reduced models are not checked: they avoid the complex
-    factorisation that the check requires, and their error is bounded separately.
-
-    Parameters
-    ----------
-    parts : iterable of FRFPart
-        Models and data of the tests.
-    x : ndarray of float, shape (n,)
-        The estimate.
+    A few lines are solved with Z and with 3 Z, whose entries are rounded differently; the
+    difference is a sample of the forward error, which the backward error does not show (Higham,
+    Accuracy and Stability of Numerical Algorithms (2002), section 1.6). Reduced models are not
+    checked: their error is bounded separately.
     """
     found = []
     for part in parts:

@@ -47,26 +47,10 @@ _NAMED = 3
 def select_columns(
     R: _Matrix, names: Sequence[str], n: int | None = None, max_collinearity: float = 15.0
 ) -> tuple[list[int], dict[int, str]]:
-    """Select columns of a Jacobian by QR factorisation with column pivoting.
+    """Return columns of a Jacobian by QR with column pivoting, and the reasons against the others.
 
-    Parameters
-    ----------
-    R : ndarray of float, shape (k, m)
-        Jacobian or its triangle, in units of one standard deviation of the noise.
-    names : sequence of str
-        Names of the columns.
-    n : int, optional
-        Number of columns; by default as many as the noise and `max_collinearity` allow.
-    max_collinearity : float
-        Largest 1 / smallest singular value of the selected columns at unit length, if `n` is not
-        given.
-
-    Returns
-    -------
-    order : list of int
-        The selected columns, in the order of pivoting.
-    left_out : dict of int to str
-        The reason for each column that is not selected.
+    `R` is in standard deviations of the noise. Without `n`, as many columns as the noise and
+    `max_collinearity` (1 / smallest singular value at unit length) allow.
     """
     size = np.linalg.norm(R, axis=0)
     state = _Pivoting(R, names, size)
@@ -147,21 +131,9 @@ class _Pivoting:
 def collinear_clusters(
     cosine: _Matrix, kinds: Sequence[str | None], threshold: float
 ) -> list[list[int]]:
-    """Cluster columns of one kind whose cosines are all at least a threshold.
+    """Return clusters of two or more columns of one kind whose cosines all reach a threshold.
 
-    Parameters
-    ----------
-    cosine : ndarray of float, shape (n, n)
-        Cosines between the columns; nan for a column of zeros.
-    kinds : sequence of str or None
-        Columns of different kinds, or of kind None, are not joined.
-    threshold : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    list of list of int
-        Clusters of two or more columns, in ascending order.
+    A cosine is nan for a column of zeros. Columns of kind None are not joined.
     """
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform

@@ -1,7 +1,4 @@
-"""Trust: whether to believe a result, in five claims with a sentence each.
-
-docs/verdict.md gives the rules and the reasons for them.
-"""
+"""Trust: whether to believe a result, in five claims with a sentence each (docs/verdict.md)."""
 
 from __future__ import annotations
 
@@ -80,18 +77,9 @@ HARM, SMALL = 1.1, 0.1
 class Trust(Mapping[str, Claim]):
     """The verdict in five claims, by their names.
 
-    Attributes
-    ----------
-    converged : Claim
-        Whether the optimiser converged: no step would change the values significantly.
-    determined : Claim
-        Whether the data determine all unknowns uniquely.
-    validated : Claim
-        Whether the updated model predicts the held-out data.
-    plausible : Claim
-        Whether the residual, the values and the identified causes permit the result.
-    resembles : Claim
-        Whether the model, at its start and updated, has modes of the test.
+    `converged`: no step would change the values significantly. `determined`: uniquely, for all
+    unknowns. `validated`: the held-out data are predicted. `plausible`: residual, values and causes
+    permit the result. `resembles`: the model, at its start and updated, has modes of the test.
     """
 
     converged: Claim
@@ -153,32 +141,10 @@ def judge_result(
 ) -> Trust:
     """Return the verdict, without the claim on resemblance.
 
-    Parameters
-    ----------
-    status : str
-        Status of the fit.
-    remaining_gain : float or None
-        Remaining gain of further steps in standard deviations; None if unknown.
-    rank : (int, int)
-        Number of combinations that the data determine, and number of unknowns.
-    n_solutions : int
-        Number of solutions that fit equally well.
-    correlation : sequence of mapping
-        For each test the figures ``before``, ``after``, ``validation``.
-    misfit : float
-        Typical misfit, relative to the level; nan if no value is clear of the noise.
-    at_bound : (sequence of str, int)
-        Stiffnesses and masses at a bound, and the number of those that are unknowns.
-    findings : sequence of Finding
-        Causes that were found.
-    not_searched : str
-        Reason why causes were not searched, although the residual is not noise.
-    structural : bool
-        Whether the residual of FRFs is not noise.
-    distant : sequence of DistantUnknown
-        Stiffnesses and masses that ended far from their start.
-    without_interval : sequence of str
-        Unknowns without an interval, because of the model error.
+    `remaining_gain` is in standard deviations; `rank` is the number of determined combinations and
+    of unknowns; `correlation` has the figures of each test; `at_bound` has the stiffnesses and
+    masses at a bound and their number among the unknowns; `not_searched` is the reason why causes
+    were not searched.
     """
     validated = claim_validated(correlation)
     plausible = _claim_plausible(
@@ -250,13 +216,7 @@ def _claim_determined(status: str, rank: tuple[int, int], n_solutions: int) -> C
 
 
 def claim_validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
-    """Return whether the updated model predicts the data that were held out of the fit.
-
-    Parameters
-    ----------
-    correlation : sequence of mapping
-        For each test the figures ``before``, ``after``, ``validation``.
-    """
+    """Return whether the updated model predicts the data that were held out of the fit."""
     tests = [one for one in correlation if one.get("validation", {}).get("after")]
     if not tests:
         return Claim(None, "No data were held out.", asked=False)

@@ -73,32 +73,7 @@ def compose_verdict(
     rounding: Rounding | None = None,
     end: Ending | None = None,
 ) -> tuple[str, str, str]:
-    """Return status, message and remedy of a fit.
-
-    Parameters
-    ----------
-    fit : Fit
-        The result of the fit.
-    analysis : Analysis
-        Identifiability.
-    names : list of str
-        The unknowns.
-    advice : str
-        Experiment advice on undetermined unknowns.
-    misfit : float
-        Median of |H - H_X| / |H_X|; nan if no value is clear of the noise.
-    adequacy : mapping of str to Adequacy, optional
-        Tests of the residual against noise, by the names of the tests.
-    rounding : Rounding, optional
-        Rounding error of the model's response.
-    end : Ending, optional
-        Remaining decrease at the end of the fit.
-
-    Returns
-    -------
-    status, message, remedy : str
-        One of `STATUSES`; the cause; the next step, empty if none is needed.
-    """
+    """Return status (one of `STATUSES`), message and remedy (may be empty) of a fit."""
     status, message, remedy = _describe_end(fit, analysis, names, advice, misfit, end)
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
         inadequate = []
@@ -356,16 +331,7 @@ def explain_rejection(trust: Trust, message: str, remedy: str) -> tuple[str, str
 def explain_ambiguity(
     different: Sequence[tuple[str, Sequence[float]]], others: Sequence[Alternative]
 ) -> tuple[str, str]:
-    """Return message and remedy if several solutions fit equally well.
-
-    Parameters
-    ----------
-    different : sequence of (str, sequence of float)
-        Unknowns in which the solutions differ, with all their values, in order of decreasing
-        difference.
-    others : sequence of Alternative
-        The other solutions.
-    """
+    """Return message and remedy if several solutions fit equally well."""
     differing = []
     for name, values in different[:_SHOWN]:
         *first, last = [f"{value:.4g}" for value in values]

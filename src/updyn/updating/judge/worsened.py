@@ -19,16 +19,9 @@ _LOSS, _ALIKE = 0.05, 0.9
 
 @dataclass(frozen=True, slots=True)
 class WorsenedMode:
-    """A measured mode that agrees less with the updated model than with the start model.
+    """A measured mode, in Hz, that agrees less with the updated model than with the start model.
 
-    Attributes
-    ----------
-    frequency : float
-        Measured natural frequency in Hz.
-    statement : str
-        Description of the change.
-    error : float
-        Error of the updated frequency in %, if the frequency is worse; otherwise 0.
+    `error` is that of the updated frequency in %, if the frequency is worse; otherwise 0.
     """
 
     frequency: float
@@ -73,8 +66,7 @@ def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     """Return a verdict that takes account of the modes which the update made worse.
 
     The result is not plausible if a natural frequency is worse than at the start and in error by
-    more than 3 %, unless the held-out data already contradict it. Otherwise, the largest change is
-    added to the sentence.
+    more than 3 %, unless the held-out data already contradict it.
     """
     worse = [one for table in tables for one in find_worsened_modes(table)]
     if not worse or trust.plausible.holds is False:
