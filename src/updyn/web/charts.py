@@ -48,29 +48,10 @@ def frf_chart(
     brush: bool = False,
     points: int = _MOST_POINTS,
 ) -> dict[str, Any]:
-    """Return the magnitudes of FRFs over frequency.
+    """Return the magnitudes of FRFs over frequency in Hz, with at most `points` points a curve.
 
-    Parameters
-    ----------
-    quantity : str
-        Quantity of the FRFs.
-    curves : mapping of str to (ndarray, ndarray)
-        Lines in Hz, shape (n,), and complex values, shape (n,), by name; the first is measured.
-        ``start`` and ``updated`` have their own colours.
-    scale : {"log", "dB", "linear"}
-        How magnitudes are drawn.
-    band : (float, float), optional
-        In Hz, shaded.
-    excluded : iterable of (float, float)
-        Bands in Hz that are not used, shaded otherwise.
-    brush : bool
-        Whether a band is chosen by dragging.
-    points : int
-        Of a curve, at most.
-
-    Returns
-    -------
-    dict
+    The first curve is measured; the names ``start`` and ``updated`` have fixed colours. `band` and
+    `excluded` (Hz) are shaded; with `brush`, a band is selected by dragging.
     """
     unit = _UNITS.get(quantity, "")
     colours = [STATES["measured"], *CATEGORIES]
@@ -112,19 +93,7 @@ def frf_chart(
 
 
 def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str, Any]:
-    """Return the coherence of a channel over frequency, for display under its FRF.
-
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n,)
-        Lines in Hz.
-    values : ndarray of float, shape (n,)
-        Between 0 and 1; NaN if unknown.
-
-    Returns
-    -------
-    dict
-    """
+    """Return the coherence of a channel over frequency in Hz; nan is unknown."""
     line = {
         "type": "line",
         "name": "coherence",
@@ -183,20 +152,7 @@ def _make_points(
 
 
 def thin_indices(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
-    """Return indices of values that preserve the extremes of a curve.
-
-    Parameters
-    ----------
-    values : ndarray of float, shape (m,)
-        The curve.
-    n : int
-        Largest number of indices.
-
-    Returns
-    -------
-    ndarray of int, shape (at most n,)
-        Ascending: the smallest and the largest value of each of `n` / 2 equal parts.
-    """
+    """Return at most `n` ascending indices of values that preserve the extremes of a curve."""
     m = len(values)
     if m <= n:
         return np.arange(m)
@@ -216,20 +172,7 @@ def _mark_area(low: float, high: float, token: str) -> list[dict[str, Any]]:
 
 
 def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, float]:
-    """Return the edges of a band that contains some lines and no other.
-
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n,)
-        All lines in Hz, ascending.
-    first, last : int
-        Indices of the first and the last line of the band.
-
-    Returns
-    -------
-    (float, float)
-        Half a step outside these lines, in Hz; rounding does not change the lines in the band.
-    """
+    """Return a band in Hz with the lines `first` to `last` and no others, even if rounded."""
     steps = np.diff(freq) if len(freq) > 1 else 1e-3 * freq
     low = freq[first] - 0.5 * steps[max(first - 1, 0)]
     high = freq[last] + 0.5 * steps[min(last, len(steps) - 1)]
@@ -237,37 +180,14 @@ def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, floa
 
 
 def unused_bands(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Return the bands of unused lines between the first and the last used line.
-
-    Parameters
-    ----------
-    freq : ndarray of float, shape (n,)
-        Lines in Hz, ascending.
-    used : ndarray of bool, shape (n,)
-        Whether each line is used.
-
-    Returns
-    -------
-    list of (float, float)
-        Their `edges`.
-    """
+    """Return the bands (see `edges`) of unused lines between the first and the last used line."""
     at = np.flatnonzero(used)
     gaps = [(a, b) for a, b in pairwise(at.tolist()) if b > a + 1]
     return [edges(freq, before + 1, after - 1) for before, after in gaps]
 
 
 def cost_chart(steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the misfit over the steps of a run, a curve a stage.
-
-    Parameters
-    ----------
-    steps : sequence of mapping
-        With ``stage`` and ``cost``.
-
-    Returns
-    -------
-    dict
-    """
+    """Return the misfit over the steps of a run, with one curve per stage."""
     stages: dict[str, list[list[float]]] = {}
     for number, step in enumerate(steps):
         if step["cost"] is not None and step["cost"] > 0:
@@ -299,17 +219,7 @@ def _cycle_categories(n: int) -> list[str]:
 
 
 def parameter_chart(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, Any]:
-    """Return the unknowns relative to their start, as ratios.
-
-    Parameters
-    ----------
-    start, now : mapping of str to float
-        By name; unknowns with start 0 are omitted and shown only in the table.
-
-    Returns
-    -------
-    dict
-    """
+    """Return the ratios of the unknowns to their start; unknowns with start 0 are omitted."""
     names = [name for name, value in start.items() if value and name in now]
     return {
         "animation": False,

@@ -1,7 +1,6 @@
-"""`Desk`: a separate process in which files are read and models are solved for the pages.
+"""`Desk`: a separate process that reads files and solves models for the pages.
 
-The server remains responsive while a model is solved, and a damaged file (time, memory, a crash)
-ends only that process.
+The server remains responsive, and a damaged file (time, memory, a crash) ends only that process.
 """
 
 from __future__ import annotations
@@ -29,16 +28,10 @@ _PATIENCE = 2.0
 
 
 class Desk:
-    """Calls functions in a process that is started on demand and kept for the next call.
+    """A process that is started on demand, calls functions and is kept for the next call.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the project: files outside it are not read.
-    seconds : float
-        Time limit of a call.
-    memory : int
-        Memory limit of the process in bytes; 0 for no limit.
+    Files outside `folder` are not read. A call may take `seconds`, the process `memory` bytes (0:
+    no limit).
     """
 
     def __init__(self, folder: Path, seconds: float, memory: int = 0) -> None:
@@ -51,25 +44,10 @@ class Desk:
         self._turn = threading.Lock()
 
     def ask(self, function: Callable[..., T], *arguments: Any) -> T:
-        """Call a function in the process; concurrent calls wait.
+        """Call a module-level function with plain data in the process; concurrent calls wait.
 
-        Parameters
-        ----------
-        function : callable
-            A function of a module; its result is plain data.
-        *arguments : object
-            Plain data.
-
-        Returns
-        -------
-        object
-            Its return value.
-
-        Raises
-        ------
-        UpdynError
-            With the kind and text of the error raised by the function; `InputError` if it exceeded
-            its time or memory, or ended its process.
+        The result is plain data. An `UpdynError` of the function is raised here; an `InputError` if
+        it exceeded its time or memory, or ended its process.
         """
         with self._turn:
             if self._process is None or not self._process.is_alive():

@@ -25,26 +25,9 @@ _TYPING = "typing"
 
 
 class JobDocument:
-    """The text of a job file between two savings.
+    """The text of a job file between two savings; `version` counts the changes of the text.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    text : str
-        The present text.
-    version : int
-        Counts the changes of the text.
-
-    Raises
-    ------
-    JobError
-        If the file does not exist or is not text.
+    A `JobError` is raised if the file does not exist or is not text.
     """
 
     def __init__(self, path: Path) -> None:
@@ -71,39 +54,14 @@ class JobDocument:
         return self._undone[-1][0] if self._undone else ""
 
     def edit(self, what: str, change: Callable[[TOMLDocument], None]) -> None:
-        """Change the content; comments and order of the file are kept.
+        """Change the content as the named edit `what`; comments and order are kept.
 
-        Parameters
-        ----------
-        what : str
-            Name of the edit, in a few words.
-        change : callable
-            Changes the document passed to it.
-
-        Raises
-        ------
-        JobError
-            If the present text is not TOML.
+        A `JobError` is raised if the present text is not TOML.
         """
         self.replace(what, self.with_change(change))
 
     def with_change(self, change: Callable[[TOMLDocument], None]) -> str:
-        """Return the text after a change of the content, without making it.
-
-        Parameters
-        ----------
-        change : callable
-            As for `edit`.
-
-        Returns
-        -------
-        str
-
-        Raises
-        ------
-        JobError
-            If the present text is not TOML.
-        """
+        """Return the text after a change, which is not made; `JobError` if the text is not TOML."""
         try:
             document = tomlkit.parse(self.text)
         except (TOMLKitError, RecursionError) as error:
@@ -112,15 +70,7 @@ class JobDocument:
         return tomlkit.dumps(document)
 
     def replace(self, what: str, text: str) -> None:
-        """Replace the whole text.
-
-        Parameters
-        ----------
-        what : str
-            Name of the edit, in a few words.
-        text : str
-            The new text.
-        """
+        """Replace the whole text as the named edit `what`."""
         if text == self.text:
             return
         self._done = [*self._done, (what, self.text)][-_MOST_STEPS:]
@@ -128,13 +78,7 @@ class JobDocument:
         self._set(text)
 
     def type(self, text: str) -> None:
-        """Replace the whole text by typed text; typing without a longer pause is one edit.
-
-        Parameters
-        ----------
-        text : str
-            The new text.
-        """
+        """Replace the whole text by typed text; typing without a longer pause is one edit."""
         if text == self.text:  # the page repeats the text of an undo
             return
         now, done = time.monotonic(), self._done
@@ -159,15 +103,10 @@ class JobDocument:
             self._set(text)
 
     def save(self) -> None:
-        """Write the text to its file.
+        """Write the text to its file, which is unchanged if that fails (`FormatError`).
 
-        Raises
-        ------
-        InputError
-            If another program has changed the file since it was read or saved, or UTF-8 does not
-            hold the text.
-        FormatError
-            If it cannot be written; the file is as it was then.
+        An `InputError` is raised if another program has changed the file since it was read or
+        saved, or UTF-8 cannot encode the text.
         """
         if self.path.exists() and _read_text(self.path) != self._saved:
             raise InputError(
@@ -177,18 +116,7 @@ class JobDocument:
         self._write(self.path)
 
     def save_as(self, path: Path) -> None:
-        """Write the text to another file of the same folder, which must not exist.
-
-        Parameters
-        ----------
-        path : Path
-            The file; files that the job names are relative to its folder.
-
-        Raises
-        ------
-        InputError
-            If the file exists.
-        """
+        """Write the text to another file of the same folder; `InputError` if that exists."""
         if os.path.lexists(path):
             raise InputError(f"{path}: exists already; choose another name")
         self._write(path)

@@ -43,16 +43,9 @@ _LONGEST = 40
 
 
 def set_band(low: float, high: float, test: int = 0) -> Edit:
-    """Return the edit that uses the lines of a band.
+    """Return the edit that sets the band of a test, in Hz.
 
-    Lines that ``[method]`` lists by their frequency and that lie outside are taken from the list.
-
-    Parameters
-    ----------
-    low, high : float
-        Its ends, in Hz.
-    test : int
-        Which test.
+    Lines outside the band that ``[method]`` lists by frequency are removed from that list.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -63,16 +56,9 @@ def set_band(low: float, high: float, test: int = 0) -> Edit:
 
 
 def exclude(low: float, high: float, test: int = 0) -> Edit:
-    """Return the edit that leaves lines out of a test.
+    """Return the edit that excludes a band (Hz, both ends included) of a test.
 
-    They are taken from those that ``[method]`` lists by their frequency, too.
-
-    Parameters
-    ----------
-    low, high : float
-        Both ends of the band that is left out, in Hz.
-    test : int
-        Which test.
+    Lines in it that ``[method]`` lists by frequency are removed from that list.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -91,30 +77,14 @@ def exclude(low: float, high: float, test: int = 0) -> Edit:
 
 
 def listed_lines(text: str) -> int:
-    """Return how many lines ``[method]`` of a job lists by their frequency.
-
-    Parameters
-    ----------
-    text : str
-        The job.
-
-    Returns
-    -------
-    int
-    """
+    """Return the number of lines that ``[method]`` of a job lists by frequency."""
     method = tomlkit.parse(text).unwrap().get("method")
     lines = method.get("lines") if isinstance(method, dict) else None
     return len(lines) if isinstance(lines, list) else 0
 
 
 def include_all(test: int = 0) -> Edit:
-    """Return the edit that leaves no line of a test's band out.
-
-    Parameters
-    ----------
-    test : int
-        Which test.
-    """
+    """Return the edit that removes the exclusions of a test."""
 
     def edit(document: TOMLDocument) -> None:
         _find_test(document, test).pop("exclude", None)
@@ -123,15 +93,7 @@ def include_all(test: int = 0) -> Edit:
 
 
 def add_repair(written: str, test: int = 0) -> Edit:
-    """Return the edit that undoes a fault of the data.
-
-    Parameters
-    ----------
-    written : str
-        The fault as the job writes it.
-    test : int
-        Which test.
-    """
+    """Return the edit that adds an entry of ``repair``, which corrects a fault of the data."""
 
     def edit(document: TOMLDocument) -> None:
         table = _find_test(document, test)
@@ -143,15 +105,10 @@ def add_repair(written: str, test: int = 0) -> Edit:
 
 
 def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
-    """Return the edit that holds responses out of the fit, to validate it with.
+    """Return the edit that holds responses (labels of the model) out of the fit, for validation.
 
-    Parameters
-    ----------
-    responses : sequence of str
-        Their labels in the model; an empty sequence holds out nothing.
-    test : int
-        Index of the test. Each of several tests gets a separate ``validation``, because their
-        responses may differ; for a single test without it, that of ``[method]`` is changed.
+    Each of several tests gets a separate ``validation``, because their responses may differ; for a
+    single test without it, that of ``[method]`` is changed.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -182,13 +139,7 @@ def _move_to_tests(document: TOMLDocument, key: str) -> None:
 
 
 def match_sensor(sensor: str, dof: str) -> Edit:
-    """Return the edit that matches a sensor or force to a DOF of the model.
-
-    Parameters
-    ----------
-    sensor, dof : str
-        Labels in the test and in the model.
-    """
+    """Return the edit that matches a sensor or force of the test to a DOF of the model."""
 
     def edit(document: TOMLDocument) -> None:
         _set_key(_get_table(_get_table(document, "match"), "table"), sensor, dof)
@@ -197,15 +148,7 @@ def match_sensor(sensor: str, dof: str) -> Edit:
 
 
 def set_key(table: str, key: str, value: Any) -> Edit:
-    """Return the edit that sets a key of a table.
-
-    Parameters
-    ----------
-    table, key : str
-        Of the job.
-    value : object
-        A number, a text or a list of them; None: the key is left out.
-    """
+    """Return the edit that sets a key of a table, or removes it if the value is None."""
 
     def edit(document: TOMLDocument) -> None:
         changed = _get_table(document, table)
@@ -218,15 +161,7 @@ def set_key(table: str, key: str, value: Any) -> Edit:
 
 
 def set_keys(table: str, values: Mapping[str, Any]) -> Edit:
-    """Return the edit that sets keys of a table, and removes a table that has become empty.
-
-    Parameters
-    ----------
-    table : str
-        Of the job.
-    values : mapping of str to object
-        By key, as `set_key` takes them.
-    """
+    """Return the edit that sets keys of a table as `set_key`, and removes the table if empty."""
 
     def edit(document: TOMLDocument) -> None:
         for key, value in values.items():
@@ -238,26 +173,10 @@ def set_keys(table: str, values: Mapping[str, Any]) -> Edit:
 
 
 def as_value(kind: str, text: str, label: str) -> Any:
-    """Convert typed text to a value of a job.
+    """Convert typed text to a value of a job; None for an empty text.
 
-    Parameters
-    ----------
-    kind : {"number", "whole", "numbers", "band", "text", "texts", "choice"}
-        Expected kind; several values are separated by commas.
-    text : str
-        The typed text.
-    label : str
-        Name of the entry, for messages.
-
-    Returns
-    -------
-    object
-        None for an empty text.
-
-    Raises
-    ------
-    InputError
-        If the text is not of this kind.
+    Several values are separated by commas. `label` names the entry in the message of the
+    `InputError` that is raised if the text is not of this kind.
     """
     text = text.strip()
     if not text:
@@ -296,15 +215,7 @@ def _parse_band(parts: Sequence[str]) -> list[float]:
 
 
 def set_picks(pick: Sequence[float], poles: Sequence[float]) -> Edit:
-    """Return the edit that writes which modes are picked, and at which poles modes are added.
-
-    Parameters
-    ----------
-    pick : sequence of float
-        Modes in Hz; none: all that are found.
-    poles : sequence of float
-        In Hz.
-    """
+    """Return the edit that sets the picked modes (empty: all) and the poles to add, in Hz."""
 
     def edit(document: TOMLDocument) -> None:
         table = _get_table(document, "modes")
@@ -321,18 +232,11 @@ def set_picks(pick: Sequence[float], poles: Sequence[float]) -> Edit:
 def set_unknowns(
     chosen: Mapping[str, Collection[str]], groups: Mapping[str, Sequence[str]]
 ) -> Edit:
-    """Return the edit after which the unknowns of groups are those chosen.
+    """Return the edit that sets the groups with unknowns by quantity; other quantities are kept.
 
-    A table that needs no change keeps its text. In one that loses groups the others are listed by
-    name, and groups that come new go to a table of their quantity, with its bounds, else to a new
-    one.
-
-    Parameters
-    ----------
-    chosen : mapping of str to collection of str
-        Groups by quantity (``"stiffness"``, ...); unknowns of other quantities stay as they are.
-    groups : mapping of str to sequence of str
-        The groups of the model that have each quantity, in their order.
+    A table that needs no change keeps its text. One that loses groups lists the others by name. New
+    groups are added to a table of their quantity, with its bounds, otherwise to a new table.
+    `groups` are all groups of the model that have the quantity, in order.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -363,21 +267,7 @@ def set_unknowns(
 def chosen_groups(text: str, groups: Mapping[str, Sequence[str]]) -> dict[str, set[str]]:
     """Return the groups that a job chooses, by quantity.
 
-    Parameters
-    ----------
-    text : str
-        The job.
-    groups : mapping of str to sequence of str
-        The groups of the model that have each quantity.
-
-    Returns
-    -------
-    dict of str to set of str
-
-    Raises
-    ------
-    InputError
-        If the text has no tables ``[[parameter]]``.
+    An `InputError` is raised if the text has no tables ``[[parameter]]``.
     """
     chosen: dict[str, set[str]] = {quantity: set() for quantity in groups}
     for table in _get_parameter_tables(tomlkit.parse(text)):
@@ -403,17 +293,7 @@ def _add(tables: AoT, quantity: str, new: Sequence[str], groups: Sequence[str]) 
 
 
 def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edit:
-    """Return the edit that gives one unknown its own bounds.
-
-    Parameters
-    ----------
-    name : str
-        ``"group.quantity"``.
-    low, high : float
-        The bounds, in the unit of the unknown.
-    groups : sequence of str
-        The groups that have the quantity, in their order.
-    """
+    """Return the edit that gives one unknown, ``"group.quantity"``, separate bounds in its unit."""
     group, _, quantity = name.rpartition(".")
     bounds = [float(low), float(high)]
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
@@ -571,7 +451,7 @@ def _find_last_table(item: Table | AoT) -> Table:
 def _take_tail(table: Table) -> list[tuple[Any, Item]]:
     """Remove and return the lines after a table's last key, from the first empty line on.
 
-    They belong to the table in the document, but comment on the next table.
+    They belong to the table in the document, but are comments on the next table.
     """
     body = table.value.body
     start = len(body)

@@ -15,19 +15,9 @@ _READINGS: tuple[dict[str, bool], ...] = ({}, {"before_test": True}, {"of_test":
 
 
 def new_faults(path: Path, before: str, after: str) -> list[str]:
-    """Return the faults of a text of a job that the text before does not have.
+    """Return the faults of a job's text that the text before does not have, without file and line.
 
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    before, after : str
-        Its text before and after an edit.
-
-    Returns
-    -------
-    list of str
-        Without file and line; empty where every command that could read the text still can.
+    Empty if every command that could read the text still can.
     """
     found: dict[str, None] = {}
     for reading in _READINGS:

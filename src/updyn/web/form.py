@@ -20,19 +20,8 @@ __all__ = ["Form", "written_table"]
 class Form:
     """The keys of one table that a page offers, as texts.
 
-    Parameters
-    ----------
-    table : str
-        Of the job.
-    fields : sequence of Field
-        Its keys that are offered.
-
-    Attributes
-    ----------
-    pending : dict of str to str
-        By key, the entries that are not in the job.
-    reason : str
-        The reason why they are not in the job; empty if writing them was not tried.
+    `pending` holds the entries that are not in the job, by key, and `reason` why they are not;
+    `reason` is empty if writing them was not tried.
     """
 
     def __init__(self, table: str, fields: Sequence[Field]) -> None:
@@ -42,32 +31,11 @@ class Form:
         self.reason = ""
 
     def entries(self, text: str) -> dict[str, str]:
-        """Return the text of each entry: as typed, else from the job.
-
-        Parameters
-        ----------
-        text : str
-            The job.
-
-        Returns
-        -------
-        dict of str to str
-            By key.
-        """
+        """Return the text of each entry by key: as typed, otherwise from the job."""
         return {**self._job_entries(text), **self.pending}
 
     def note(self, key: str, entry: str, text: str) -> None:
-        """Store a typed entry.
-
-        Parameters
-        ----------
-        key : str
-            Of the table.
-        entry : str
-            The typed text.
-        text : str
-            The job.
-        """
+        """Store a typed entry."""
         if entry.strip() == self._job_entries(text)[key]:
             self.pending.pop(key, None)
         else:
@@ -76,13 +44,7 @@ class Form:
             self.reason = ""
 
     def commit(self, document: JobDocument) -> None:
-        """Write the entries into the job as one edit, if it has no new fault then.
-
-        Parameters
-        ----------
-        document : JobDocument
-            The job.
-        """
+        """Write the entries into the job as one edit, unless that adds a fault to it."""
         if not self.pending:
             return
         try:
@@ -127,19 +89,7 @@ class Form:
 
 
 def written_table(text: str, table: str) -> Mapping[str, Any]:
-    """Return a table of a job as it is written; empty if the job has no such table.
-
-    Parameters
-    ----------
-    text : str
-        The job.
-    table : str
-        Its name.
-
-    Returns
-    -------
-    mapping of str to object
-    """
+    """Return a table of a job as it is written; empty if the job has no such table."""
     try:
         found = tomlkit.parse(text).unwrap().get(table)
     except (TOMLKitError, RecursionError):

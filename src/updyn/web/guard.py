@@ -1,8 +1,7 @@
 """`Guard`: access control of the server, and limits on the size of requests.
 
-The server listens only on this machine, but every page that is open in a browser can send requests
-to it, and so can every other user of the machine. A request therefore passes only with the secret
-that the program printed, to the printed host name, and from a page of the server.
+Every page open in a browser, and every user of the machine, can send requests to the server. A
+request must have the printed secret, the printed host name, and a page of the server as origin.
 """
 
 from __future__ import annotations
@@ -41,18 +40,10 @@ _AGAINST_THE_RULES = 1008
 
 
 class Guard:
-    """Passes on permitted requests, and refuses all others before reading them.
+    """An ASGI application that passes on permitted requests and refuses others before reading them.
 
-    Parameters
-    ----------
-    app : callable
-        The application (ASGI).
-    port : int
-        That the server listens on.
-    token : str
-        The secret: as ``?token=...`` of the first request, which is answered by a cookie.
-    most_bytes : int
-        Of the body of a request.
+    The first request has the secret as ``?token=...`` and is answered by a cookie. A body has at
+    most `most_bytes` bytes.
     """
 
     def __init__(self, app: App, *, port: int, token: str, most_bytes: int) -> None:
@@ -143,8 +134,8 @@ def _headers(scope: Scope) -> dict[str, str]:
 def _cookies(headers: Mapping[str, str], name: str) -> list[str]:
     """Return the values of a cookie.
 
-    Cookies do not tell ports apart: those of other programs on this machine come along, and may be
-    such as `http.cookies` gives up at.
+    Cookies are not separated by port: those of other programs on this machine are included, and
+    `http.cookies` may fail on them.
     """
     pairs = [part.partition("=") for part in headers.get("cookie", "").split(";")]
     return [value.strip() for key, _, value in pairs if key.strip() == name]
@@ -175,17 +166,7 @@ async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]
 
 
 class _Limit:
-    """A request whose body is truncated at a size limit, and then refused.
-
-    Parameters
-    ----------
-    receive, send : callable
-        Of the request.
-    most : int
-        Bytes of its body.
-    refusal : (int, str)
-        Status and reason.
-    """
+    """A request whose body is truncated at `most` bytes, and then refused."""
 
     def __init__(self, receive: Receive, send: Send, most: int, refusal: tuple[int, str]) -> None:
         self._receive, self._send = receive, send

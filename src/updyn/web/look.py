@@ -38,20 +38,7 @@ const updynColour = (name) => getComputedStyle(document.body).getPropertyValue("
 
 
 def colour(name: str, key: str = "color") -> dict[str, str]:
-    """Return a colour of the page for the options of a chart.
-
-    Parameters
-    ----------
-    name : str
-        A token of `updyn.style.PAPER`.
-    key : str
-        The option that it is for.
-
-    Returns
-    -------
-    dict of str to str
-        The option, whose value is found when the chart is drawn.
-    """
+    """Return a chart option whose value, a token of `updyn.style.PAPER`, is resolved when drawn."""
     return {f":{key}": f"updynColour({name!r})"}
 
 

@@ -57,35 +57,10 @@ _MOST_LINES = 400
 class TestView:
     """One test as measured, before its band.
 
-    Attributes
-    ----------
-    number : int
-        Which test of the job it is.
-    name : str
-        Name of the test; empty for a single test.
-    quantity : str
-        Measured quantity.
-    freq : ndarray of float, shape (n_lines,)
-        Lines in Hz.
-    values : ndarray of complex, shape (n_lines, n_responses, n_references)
-        The FRFs, in SI.
-    responses, references : list of str
-        Their labels in the file.
-    used : ndarray of bool, shape (n_lines,)
-        Lines that band and exclusions leave.
-    band : (float, float) or None
-        Of the job, in Hz.
-    matches : list of mapping of str to str
-        Sensors with their DOFs; empty if they could not be matched.
-    held : list of str
-        Responses that are held out of the fit, as the job writes them: labels of the model.
-    held_band : (float, float) or None
-        The band in Hz that is held out in their place.
-    holdable : mapping of str to str
-        Responses that can be held out, by the label in the job: the labels of the model with their
-        sensors, or those of `held` if the sensors are not matched.
-    coherence : ndarray of float, shape of `values`, or None
-        The coherence, if the file contains it.
+    `freq`, shape (n_lines,), `band` and `held_band` are in Hz; `values`, shape (n_lines,
+    n_responses, n_references), in SI. `used` marks the lines that band and exclusions leave. `held`
+    and the keys of `holdable` are labels in the job, `responses` and the values of `holdable`
+    labels in the file. `matches` is empty if the sensors could not be matched.
     """
 
     number: int
@@ -106,20 +81,7 @@ class TestView:
 
 @dataclass(frozen=True, slots=True)
 class ModalView:
-    """One test whose data are modes.
-
-    Attributes
-    ----------
-    number : int
-        Which test of the job it is.
-    name : str
-        Name of the test; empty for a single test.
-    modes : list of mapping of str to str
-        ``mode``, ``frequency`` in Hz and ``damping`` of each mode in the band, with known standard
-        deviations.
-    matches : list of mapping of str to str
-        Sensors with their DOFs.
-    """
+    """One test whose data are modes in the band; frequencies as text in Hz."""
 
     number: int
     name: str
@@ -129,15 +91,7 @@ class ModalView:
 
 @dataclass(frozen=True, slots=True)
 class UnknownRow:
-    """An unknown of a job.
-
-    Attributes
-    ----------
-    name, group, quantity : str
-        Which one it is.
-    start, lower, upper : float
-        In its unit.
-    """
+    """An unknown of a job, with start and bounds in its unit."""
 
     name: str
     group: str
@@ -151,26 +105,9 @@ class UnknownRow:
 class JobView:
     """A job as far as it can be read.
 
-    Attributes
-    ----------
-    title : str
-        Of the job.
-    model : str
-        The model in a few words.
-    groups : list of str
-        Its groups.
-    groups_by_quantity : mapping of str to list of str
-        The groups that have a quantity, by the quantities of `CHOICES`.
-    tests : list of TestView
-        Its tests with FRFs.
-    modal : list of ModalView
-        Its tests with modes that could be read and matched.
-    unknowns : list of UnknownRow
-        Those of the job.
-    errors : mapping of str to str
-        Errors of reading and matching, by part: ``"job"``, ``"test"``, ``"all"``.
-    has_picture : bool
-        Whether the model has a geometry, by which it can be drawn.
+    `groups_by_quantity` has the quantities of `CHOICES` as keys. `errors` has the errors of reading
+    and matching by part: ``"job"``, ``"test"``, ``"all"``. `has_picture` states whether the model
+    has a geometry.
     """
 
     title: str
@@ -186,18 +123,9 @@ class JobView:
 
 @dataclass(frozen=True, slots=True)
 class IdentifiabilityView:
-    """What the data could determine of the unknowns.
+    """Identifiability: `rank` of `n` unknowns, Brun's collinearity index, and advice.
 
-    Attributes
-    ----------
-    rank, n : int
-        Combinations that are determined, and unknowns.
-    collinearity : float
-        Brun's index.
-    undetermined : mapping of str to str
-        The unknowns that are not determined, with those they trade against.
-    advice : str
-        What to do.
+    `undetermined` names the unknowns that each undetermined unknown is confused with.
     """
 
     rank: int
@@ -209,18 +137,9 @@ class IdentifiabilityView:
 
 @dataclass(frozen=True, slots=True)
 class FindingRow:
-    """Something that seems to be wrong with the data or the model.
+    """A suspected fault of the data or the model of a test.
 
-    Attributes
-    ----------
-    statement, remedy : str
-        The finding, and its remedy.
-    repair : str
-        Entry of ``repair`` in the job that corrects it; empty if it cannot.
-    odds : float
-        Its odds.
-    test : int
-        Which test.
+    `repair` is the entry of ``repair`` in the job that corrects it; empty if none can.
     """
 
     statement: str
@@ -232,15 +151,7 @@ class FindingRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelCurve:
-    """One channel of the model.
-
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n,)
-        Lines in Hz.
-    values : ndarray of complex, shape (n,)
-        The FRF in the quantity of the test, in SI.
-    """
+    """One channel of the model: lines in Hz, and values in the quantity of the test, in SI."""
 
     freq: NDArray[np.float64]
     values: NDArray[np.complex128]
@@ -252,19 +163,7 @@ def _load_and_prepare(path: Path, text: str) -> Prepared:
 
 
 def read_view(path: Path, text: str) -> JobView:
-    """Read a job and all its files; errors replace parts that cannot be read.
-
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    text : str
-        Its text.
-
-    Returns
-    -------
-    View
-    """
+    """Read a job and all its files; errors replace parts that cannot be read."""
     errors: dict[str, str] = {}
     job = _try_part(lambda: load_job(path, text=text), "job", errors)
     if job is None:
@@ -409,19 +308,7 @@ def _format_values(values: NDArray[np.float64], std: NDArray[np.float64], form: 
 
 
 def assess_identifiability(path: Path, text: str) -> IdentifiabilityView:
-    """Return which unknowns the data of a job could determine.
-
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    text : str
-        Its text.
-
-    Returns
-    -------
-    Separability
-    """
+    """Return the identifiability of the unknowns of a job at their start."""
     found = job_identifiability(_load_and_prepare(path, text))
     trades: dict[str, str] = {}
     for direction in found.null_directions:
@@ -434,20 +321,7 @@ def assess_identifiability(path: Path, text: str) -> IdentifiabilityView:
 
 
 def find_faults(path: Path, text: str) -> list[FindingRow]:
-    """Return the suspected faults in the data of a job, before any fit.
-
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    text : str
-        Its text.
-
-    Returns
-    -------
-    list of FindingRow
-        The likeliest first.
-    """
+    """Return the suspected faults in the data of a job before any fit, the likeliest first."""
     ready = _load_and_prepare(path, text)
     found = []
     for number, test in enumerate(ready.tests):
@@ -458,20 +332,7 @@ def find_faults(path: Path, text: str) -> list[FindingRow]:
 
 
 def count_counterparts(path: Path, text: str) -> list[str]:
-    """Return for each test how many of its modes have a counterpart in the model.
-
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    text : str
-        Its text.
-
-    Returns
-    -------
-    list of str
-        A statement for each test.
-    """
+    """Return a statement per test on the number of its modes with a counterpart in the model."""
     ready = _load_and_prepare(path, text)
     found = counterparts_at_start(ready, ready.parameters)
     return [f"{name}: {one.statement}".removeprefix(": ") for name, one in found.items()]
@@ -480,24 +341,7 @@ def count_counterparts(path: Path, text: str) -> list[str]:
 def compute_curve(
     path: Path, text: str, values: Mapping[str, float], test: int, response: int, reference: int
 ) -> ChannelCurve:
-    """Return one channel of the model at values of the unknowns.
-
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    text : str
-        Its text.
-    values : mapping of str to float
-        The unknowns, by name; others stay at their start.
-    test, response, reference : int
-        Which test, and which channel of its data.
-
-    Returns
-    -------
-    Curve
-        At the lines of the band, or at evenly spaced ones among them.
-    """
+    """Return a channel of the model at values of the unknowns; the others are at their start."""
     ready = _load_and_prepare(path, text)
     prepared_test = ready.tests[test]
     data: FRF = prepared_test.frf
@@ -521,22 +365,7 @@ def _apply_values(ready: Prepared, model: Model, values: Mapping[str, float]) ->
 
 
 def render_structure(path: Path, text: str, n_modes: int = 0) -> str:
-    """Return the viewer of the model with sensors and forces as a page.
-
-    Parameters
-    ----------
-    path : Path
-        The job file.
-    text : str
-        Its text.
-    n_modes : int
-        Largest number of the lowest modes at the start values to animate.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return the viewer of the model with sensors, forces and the lowest modes, as HTML."""
     ready = _load_and_prepare(path, text)
     prepared_test = ready.tests[0]
     data = prepared_test.data
@@ -556,19 +385,9 @@ FORWARD = """document.addEventListener("updyn-pick", ({ detail }) => {
 
 
 def propose_job(model: Path, measurement: Path, job: Path, options: dict[str, object]) -> str:
-    """Return a commented job for a model and a measurement.
+    """Return a commented job (TOML) for a model and a measurement; it is not written.
 
-    Parameters
-    ----------
-    model, measurement, job : Path
-        The files; that of the job is not written.
-    options : dict of str to object
-        Values missing in the files: ``quantity``, ``scale``, ``unit``; None if not stated.
-
-    Returns
-    -------
-    str
-        TOML.
+    `options` has values that the files lack: ``quantity``, ``scale``, ``unit``; None if not given.
     """
     inputs = read_inputs(model, measurement, options)
     return job_text(inputs, job, f"{inputs.model.n_dofs} DOFs", f"{len(inputs.frf.freq)} lines")

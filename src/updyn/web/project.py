@@ -38,17 +38,7 @@ _OF_INPUTS = "demo"
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """A folder of results.
-
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    record : mapping
-        The content of its ``result.json``.
-    modified : float
-        When, in seconds since 1970.
-    """
+    """A folder of results, with the content of its ``result.json`` and its time (s since 1970)."""
 
     path: Path
     record: dict[str, Any]
@@ -56,17 +46,9 @@ class RunFolder:
 
 
 class Project:
-    """A folder with jobs, inputs and results.
+    """A folder, which exists, with jobs, inputs and results.
 
-    Parameters
-    ----------
-    folder : Path
-        The folder; it exists.
-
-    Raises
-    ------
-    InputError
-        If UTF-8 does not hold its name, which pages show.
+    An `InputError` is raised if UTF-8 cannot encode its name, which pages show.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -74,23 +56,7 @@ class Project:
         check_encodable(str(self.folder))
 
     def inside(self, name: str | Path) -> Path:
-        """Return a path of the project.
-
-        Parameters
-        ----------
-        name : str or path
-            Relative to the folder, or absolute.
-
-        Returns
-        -------
-        Path
-            Without links in it.
-
-        Raises
-        ------
-        InputError
-            If it leads outside, by ``..`` or by a link.
-        """
+        """Return a path of the project without links; `InputError` if it leads outside."""
         if "\0" in str(name):
             raise InputError("a name of a file holds a zero byte")
         path = resolve_path(self.folder / name)
@@ -99,18 +65,7 @@ class Project:
         return path
 
     def name_of(self, path: Path) -> str:
-        """Return how pages call a path of the project.
-
-        Parameters
-        ----------
-        path : Path
-            In the folder.
-
-        Returns
-        -------
-        str
-            Relative to the folder, with forward slashes.
-        """
+        """Return a path relative to the folder of the project, with forward slashes."""
         return path.relative_to(self.folder).as_posix()
 
     def jobs(self) -> list[Path]:
@@ -132,10 +87,7 @@ class Project:
         return sorted(path for path in found if path not in results)
 
     def stamp(self) -> tuple[tuple[str, int, int], ...]:
-        """Return what changes when an input does: names, times and sizes.
-
-        Results are among them: a job may start from the model of a run.
-        """
+        """Return names, times and sizes of inputs, and of results (a job may start from one)."""
         found = []
         for folder, names in self._walk_folders():
             for name in names:
@@ -164,33 +116,11 @@ class Project:
         return sorted(found, key=lambda run: run.modified, reverse=True)
 
     def runs_of(self, job: Path) -> list[Path]:
-        """Return the folders of the runs of a job, the latest first.
-
-        Parameters
-        ----------
-        job : Path
-            The job file, which the job file of each run names.
-
-        Returns
-        -------
-        list of Path
-        """
+        """Return the folders of the runs whose job file names `job`, the latest first."""
         return [run.path for run in self.runs() if _find_job(run.path) == job]
 
     def pages(self, page: str, command: str) -> list[Path]:
-        """Return the pages that a command has written, the latest first.
-
-        Parameters
-        ----------
-        page : str
-            Name of the file.
-        command : str
-            The command, as the manifest of the folder names it.
-
-        Returns
-        -------
-        list of Path
-        """
+        """Return the files `page` that a command has written, the latest first."""
         found = []
         for folder, names in self._walk_folders():
             if page in names and MANIFEST in names:
@@ -200,19 +130,7 @@ class Project:
         return sorted(found, key=_modified_time, reverse=True)
 
     def free_name(self, stem: Path, suffix: str = "") -> Path:
-        """Return a folder for results that does not exist.
-
-        Parameters
-        ----------
-        stem : Path
-            How it begins, in the project.
-        suffix : str
-            How its name ends.
-
-        Returns
-        -------
-        Path
-        """
+        """Return a path for results that does not exist, from its stem and suffix."""
         number, path = 1, stem.with_name(stem.name + suffix)
         while os.path.lexists(path):
             number += 1
@@ -220,21 +138,10 @@ class Project:
         return path
 
     def new_job(self, name: str) -> Path:
-        """Return the file of a new job, with the suffix by which it is listed.
+        """Return the path of a new job, with or without ``.toml`` in `name`.
 
-        Parameters
-        ----------
-        name : str
-            With or without ``.toml``, in the project.
-
-        Returns
-        -------
-        Path
-
-        Raises
-        ------
-        InputError
-            If the name is not plain, its folder does not exist or is not shown, or the file exists.
+        An `InputError` is raised if the name is not plain, its folder does not exist or is not
+        shown, or the file exists.
         """
         folder, _, stem = name.strip().rpartition("/")
         file = self.plain_name(stem)
@@ -250,23 +157,7 @@ class Project:
         return path
 
     def plain_name(self, name: str) -> str:
-        """Return a name of a file, checked.
-
-        Parameters
-        ----------
-        name : str
-            The name.
-
-        Returns
-        -------
-        str
-            The same.
-
-        Raises
-        ------
-        InputError
-            If it is not a plain one, such as one with a folder in it.
-        """
+        """Return a file name; `InputError` if it is not plain, such as one with a folder."""
         if not _NAME.fullmatch(name) or len(name.encode()) > _MOST_BYTES:
             raise InputError(
                 f"{name!r} cannot be the name of a file here: expected at most {_MOST_BYTES}"
@@ -275,23 +166,9 @@ class Project:
         return name
 
     def keep_upload(self, name: str, content: bytes) -> Path:
-        """Write an uploaded file under its own name.
+        """Write an uploaded file under its name.
 
-        Parameters
-        ----------
-        name : str
-            As the browser gives it.
-        content : bytes
-            The file.
-
-        Returns
-        -------
-        Path
-
-        Raises
-        ------
-        InputError
-            If the name is not a plain one, there is such a file, or the name is that of results.
+        An `InputError` is raised if the name is not plain, is that of results, or exists.
         """
         path = self.folder / self.plain_name(name)
         if name.lower() in (_RESULT, MANIFEST) or name.lower().endswith(_JOURNAL):
@@ -302,9 +179,9 @@ class Project:
         return path
 
     def _walk_folders(self) -> Iterator[tuple[Path, list[str]]]:
-        """Yield folders with the names of their files, not deep and not without end.
+        """Yield folders with the names of their files, to a limited depth and number.
 
-        Hidden ones are left out, and names that UTF-8 does not hold, which no page can show.
+        Hidden files are omitted, and names that UTF-8 cannot encode, which no page can show.
         """
         for number, (folder, folders, names) in enumerate(os.walk(self.folder)):
             if number >= _MOST_FOLDERS:

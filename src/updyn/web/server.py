@@ -29,21 +29,9 @@ _BESIDE = 2**16
 
 
 def bind(port: int) -> socket.socket:
-    """Return a socket on a port of this machine that nobody else has.
+    """Return a listening socket on a port of this machine (0: any free one).
 
-    Parameters
-    ----------
-    port : int
-        0: any that is free.
-
-    Returns
-    -------
-    socket.socket
-
-    Raises
-    ------
-    InputError
-        If the port is in use, or cannot be used.
+    An `InputError` is raised if the port is in use or cannot be used.
     """
     found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if sys.platform != "win32":  # there it would let two programs have one port
@@ -61,23 +49,9 @@ def bind(port: int) -> socket.socket:
 
 
 def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool = True) -> None:
-    """Serve the pages of a project until the process is asked to end.
+    """Serve the pages of a project until the process is asked to end; port 0: any free one.
 
-    Parameters
-    ----------
-    job : Path or None
-        The job to open, in the folder.
-    folder : Path
-        Of the project.
-    port : int
-        To listen on; 0: any that is free.
-    open_browser : bool
-        Whether a browser is asked to show the page.
-
-    Raises
-    ------
-    InputError
-        If the port or the job cannot be used; nothing is served then.
+    An `InputError` is raised, and nothing served, if the port or the job cannot be used.
     """
     workspace = Workspace(folder)
     if job is not None:
@@ -116,9 +90,9 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
 
 @contextmanager
 def _let_server_handle_signals() -> Iterator[None]:
-    """Leave Ctrl-C to the server, which ends in order, however long a run takes to write results.
+    """Let the server handle Ctrl-C, because it waits until a run has written its results.
 
-    The command line watches for signals, too, and would end the process meanwhile.
+    The command line handles signals, too, and would end the process meanwhile.
     """
     woken = signal.set_wakeup_fd(-1)
     try:

@@ -1,8 +1,7 @@
-"""The process of a task: ``python -m updyn.web.work TASK JOB OUT FOLDER``; says how far it is.
+"""The process of a task: ``python -m updyn.web.work TASK JOB OUT FOLDER``; reports its progress.
 
-Each line that it writes is an object of JSON, with its `kind`.
-
-A line on its standard input requests it to stop and to write its results so far.
+It writes lines of JSON objects with a `kind`. A line on its standard input requests it to stop and
+to write its results so far.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ _MIN_INTERVAL = 0.1
 
 
 class _StopFlag:
-    """Whether the task shall stop: a line on stdin asks for it, and so does the server's end.
+    """Whether to stop: set by a line on stdin, or by its end, which is the server's end.
 
-    A line, as not every system can send a signal to another process.
+    Not every system can send a signal to another process.
     """
 
     def __init__(self) -> None:
@@ -47,13 +46,7 @@ class _StopFlag:
 
 
 class _Reporter:
-    """Writes the progress of a task, and says whether it shall stop.
-
-    Parameters
-    ----------
-    flag : _StopFlag
-        Whether the task shall stop.
-    """
+    """Writes the progress of a task, and returns whether to stop."""
 
     def __init__(self, flag: _StopFlag) -> None:
         self._flag = flag
@@ -83,39 +76,14 @@ class _Reporter:
 
 
 def write(kind: str, **content: Any) -> None:
-    """Write a line.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of content: ``"progress"``, ``"stage"``, ``"note"``, ``"error"``, ``"done"``.
-    **content
-        Plain data.
-    """
+    """Write a line with plain data; `kind` is progress, stage, note, error or done."""
     with suppress(BrokenPipeError):  # the server has ended; the results are written all the same
         sys.stdout.write(json.dumps({"kind": kind, **content}) + "\n")
         sys.stdout.flush()
 
 
 def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) -> int:
-    """Do a task.
-
-    Parameters
-    ----------
-    task : str
-        Its name in `TASKS`.
-    job, out : str
-        The job file, and the folder for the results.
-    folder : str
-        Of the project: files outside it are not read.
-    resume : bool
-        Whether to go on with the work in `out`.
-
-    Returns
-    -------
-    int
-        0, or 2 for input that cannot be used.
-    """
+    """Do a task in a project; return 0, or 2 for bad input. Files outside `folder` are not read."""
     flag = _StopFlag()
     warnings.showwarning = _write_warning
     warnings.simplefilter("always", UpdynWarning)

@@ -29,39 +29,12 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Worker:
-    """A task: begun by `start`, ended by itself or by `stop`.
+    """A task in a process: begun by `start`, ended by itself or by `stop`.
 
-    Parameters
-    ----------
-    task : str
-        Its name in `updyn.web.tasks.TASKS`.
-    job, out : Path
-        The job file, and the folder for the results.
-    folder : Path
-        Of the project.
-    resume : bool
-        Whether to go on with the work in `out`.
-
-    Attributes
-    ----------
-    steps : deque of mapping
-        Its steps, with ``stage``, ``iteration``, ``cost`` and ``values``.
-    now : mapping
-        Its present step.
-    values : mapping of str to float
-        Its present unknowns, in the end its estimates; empty without unknowns.
-    stages : deque of str
-        Its descriptions of its work.
-    notes : deque of str
-        Its warnings.
-    state : {"running", "stopping", "done", "stopped", "failed"}
-        How it is with the task.
-    message : str
-        Its summary, or why it failed.
-    status : str
-        Of the result, once it is done.
-    version : int
-        Counts all that has changed.
+    `steps` have ``stage``, ``iteration``, ``cost`` and ``values``; `now` is the present one.
+    `values` are the present unknowns, in the end the estimates. `stages` describe the work, `notes`
+    are warnings. `state` is "running", "stopping", "done", "stopped" or "failed", `message` the
+    summary or the error, `status` that of the result. `version` counts all changes.
     """
 
     def __init__(

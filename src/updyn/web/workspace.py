@@ -32,25 +32,9 @@ _SECONDS = 600.0
 
 
 class Workspace:
-    """The state behind the pages.
+    """The state behind the pages; an uploaded file has at most `most_upload` bytes.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the project.
-    most_upload : int
-        Bytes of a file that is uploaded.
-
-    Attributes
-    ----------
-    project : Project
-        The folder.
-    document : JobDocument or None
-        The open job.
-    workers : dict of str to Worker
-        The latest worker of each task.
-    theme : {"auto", "light", "dark"}
-        How the pages look.
+    `workers` has the latest worker of each task; `theme` is "auto", "light" or "dark".
     """
 
     def __init__(self, folder: Path, most_upload: int = MOST_UPLOAD) -> None:
@@ -83,13 +67,7 @@ class Workspace:
         return self.worker("run")
 
     def worker(self, task: str) -> Worker | None:
-        """Return the latest worker of a task for the open job, or an active one for any job.
-
-        Parameters
-        ----------
-        task : str
-            Its name in `updyn.web.tasks.TASKS`.
-        """
+        """Return the latest worker of a task for the open job, or an active one for any job."""
         worker = self.workers.get(task)
         if worker is None or worker.active or self.is_of_open_job(worker):
             return worker
@@ -100,20 +78,10 @@ class Workspace:
         return self.document is not None and worker.job == self.document.path
 
     def pages(self, task: str) -> tuple[list[str], str]:
-        """Return the pages that a task has written in the project, and which one to show.
+        """Return the pages that a task has written, the latest first, and the one to show.
 
-        Parameters
-        ----------
-        task : str
-            Its name in `updyn.web.tasks.TASKS`.
-
-        Returns
-        -------
-        pages : list of str
-            Their files, the latest first.
-        shown : str
-            That of the latest worker for the open job if it has written one; else the latest in a
-            folder that is named after the job; empty without one.
+        The latter is the page of the latest worker for the open job if it has written one,
+        otherwise the latest in a folder that is named after the job, otherwise empty.
         """
         work = TASKS.find(task)
         found = self.project.pages(work.page, task)
@@ -132,13 +100,7 @@ class Workspace:
 
     @property
     def open_document(self) -> JobDocument:
-        """The open job.
-
-        Raises
-        ------
-        InputError
-            If no job is open.
-        """
+        """The open job; `InputError` if there is none."""
         if self.document is None:
             raise InputError("no job is open; open one on the page Start")
         return self.document
@@ -146,17 +108,8 @@ class Workspace:
     def open_job(self, name: str | Path) -> None:
         """Open a job of the project, unless another one has unsaved edits.
 
-        Parameters
-        ----------
-        name : str or Path
-            The job file, in the project.
-
-        Raises
-        ------
-        InputError
-            If it leads out of the project, or the open job has edits that are not saved.
-        JobError
-            If it cannot be read.
+        An `InputError` is raised if it has, or the path leads out of the project; a `JobError` if
+        the job cannot be read.
         """
         path = self.project.inside(name)
         document = self.document
@@ -190,20 +143,7 @@ class Workspace:
 
     # -- edits of pages ----------------------------------------------------------------------------
     def edit(self, what: str, change: edits.Edit) -> None:
-        """Change the open job, unless the change would add a fault.
-
-        Parameters
-        ----------
-        what : str
-            Name of the edit, in a few words.
-        change : callable
-            From `updyn.web.edits`.
-
-        Raises
-        ------
-        InputError
-            If the text would have a new fault; the text is not changed then.
-        """
+        """Change the open job by the edit named `what`; `InputError` if this would add a fault."""
         document = self.open_document
         changed = document.with_change(change)
         found = new_faults(document.path, document.text, changed)
@@ -212,60 +152,29 @@ class Workspace:
         document.replace(what, changed)
 
     def form(self, task: str) -> Form:
-        """Return the form of a task for the open job.
-
-        Parameters
-        ----------
-        task : str
-            Its name in `updyn.web.tasks.TASKS`.
-        """
+        """Return the form of a task for the open job."""
         if task not in self._forms:
             work = TASKS.find(task)
             self._forms[task] = Form(work.table, work.fields)
         return self._forms[task]
 
     def entries(self, task: str) -> dict[str, str]:
-        """Return the text of each entry of the form of a task.
-
-        Parameters
-        ----------
-        task : str
-            Its name.
-        """
+        """Return the text of each entry of the form of a task, by key."""
         return self.form(task).entries(self.open_document.text)
 
     def note(self, task: str, key: str, entry: str) -> None:
-        """Take an entry of a form as it is typed; it goes into the job with the next `enter`.
-
-        Parameters
-        ----------
-        task, key : str
-            Which entry.
-        entry : str
-            The typed text.
-        """
+        """Store a typed entry of a form; the next `enter` writes it into the job."""
         self.form(task).note(key, entry, self.open_document.text)
 
     def enter(self, task: str, key: str, entry: str) -> None:
-        """Take an entry of a form, and write all of it into the job once that is complete.
-
-        Parameters
-        ----------
-        task, key : str
-            Which entry.
-        entry : str
-            The typed text.
-        """
+        """Store an entry of a form, and write the form into the job once it is complete."""
         self.note(task, key, entry)
         self.form(task).commit(self.open_document)
 
     def save(self) -> None:
         """Write the open job to its file, with the entries of all forms that are complete.
 
-        Raises
-        ------
-        InputError
-            As `JobDocument.save`; if entries are left out, after the rest is saved.
+        Raises as `JobDocument.save`; an `InputError` also, after saving, if entries are left out.
         """
         document = self.open_document
         for form in self._forms.values():
@@ -278,15 +187,7 @@ class Workspace:
     def open_demo(self, name: str) -> None:
         """Write the inputs of a demo into a new folder of the project and open its job.
 
-        Parameters
-        ----------
-        name : str
-            Of the demo.
-
-        Raises
-        ------
-        InputError
-            If the open job has edits that are not saved; nothing is written then.
+        An `InputError` is raised, and nothing written, if the open job has unsaved edits.
         """
         self._check_saved()
         demo = find_demo(name)
@@ -295,17 +196,9 @@ class Workspace:
         self.open_job(demo.write_inputs(folder))
 
     def save_as(self, name: str) -> None:
-        """Save the job under another name, in its present folder.
+        """Save the job in its folder under a plain name, with or without ``.toml``.
 
-        Parameters
-        ----------
-        name : str
-            A plain name, with or without ``.toml``.
-
-        Raises
-        ------
-        InputError
-            If the name is not a plain one, or the file exists.
+        An `InputError` is raised if the name is not plain, or the file exists.
         """
         self.project.plain_name(name)  # no folder: the files that the job names are relative to it
         full_name = self.project.name_of(self.open_document.path.with_name(name))
@@ -324,20 +217,7 @@ class Workspace:
         return view
 
     def ask(self, function: Callable[..., T], *arguments: object) -> T:
-        """Call a function of the open job, its file and its text, in the process for that.
-
-        Parameters
-        ----------
-        function : callable
-            Takes path, text and `arguments`.
-        *arguments : object
-            Plain data.
-
-        Returns
-        -------
-        object
-            Its return value.
-        """
+        """Call a function in the `Desk` with path and text of the open job, and plain data."""
         self._discard_stale_data()
         document = self.open_document
         return self._desk.ask(function, document.path, document.text, *arguments)
@@ -345,18 +225,9 @@ class Workspace:
     def create(self, model: str, measurement: str, name: str, options: dict[str, object]) -> None:
         """Write a commented job for a model and a measurement, and open it.
 
-        Parameters
-        ----------
-        model, measurement, name : str
-            The files, in the project; that of the job does not exist yet.
-        options : dict of str to object
-            What the files leave open: ``quantity``, ``scale``, ``unit``.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be read, leads out of the project, the job exists, or the open one has
-            edits that are not saved; nothing is written then.
+        `options` has values that the files lack: ``quantity``, ``scale``, ``unit``. An `InputError`
+        is raised, and nothing written, if a file cannot be read or is outside the project, the job
+        exists, or the open job has unsaved edits.
         """
         self._check_saved()
         inputs = (
@@ -376,26 +247,10 @@ class Workspace:
             self._desk.close()  # its process caches data
 
     def begin(self, task: str, folder: str, *, resume: bool = False) -> Worker:
-        """Save the job and begin a task of it.
+        """Save the job, and begin or resume a task of it with results in `folder`.
 
-        Parameters
-        ----------
-        task : str
-            Its name in `updyn.web.tasks.TASKS`.
-        folder : str
-            For the results, in the project.
-        resume : bool
-            Whether to go on with the work there.
-
-        Returns
-        -------
-        Worker
-
-        Raises
-        ------
-        InputError
-            If another task is under way, an entry of the form of the task cannot be written into
-            the job, or the folder is not in the project.
+        An `InputError` is raised if a task is active, an entry of the form of the task cannot be
+        written into the job, or the folder is not in the project.
         """
         if any(worker.active for worker in self.workers.values()):
             raise InputError("a task is under way; stop it first")
@@ -416,16 +271,8 @@ class Workspace:
     def proposed_folder(self, task: str) -> str:
         """Return the folder that is proposed for the results of a task.
 
-        Parameters
-        ----------
-        task : str
-            Its name in `updyn.web.tasks.TASKS`.
-
-        Returns
-        -------
-        str
-            That of the task's latest results of this job, where there are some; a plant goes to the
-            folder of the run whose model it is of; else one that is free.
+        The folder of the task's latest results of this job; for a plant without these, that of the
+        latest run; otherwise one that does not exist.
         """
         path = self.open_document.path
         for name in (task, "run"):

@@ -26,18 +26,9 @@ _DARK = {"auto": None, "light": False, "dark": True}
 def add_frame(
     workspace: Workspace, places: Mapping[str, str], current: str, fill: Callable[[Workspace], Any]
 ) -> Callable[[], Awaitable[None]]:
-    """Return a function that builds a page with its frame.
+    """Return a function that builds the page at `current` with its frame, then calls `fill`.
 
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    places : mapping of str to str
-        Names of the pages by address.
-    current : str
-        Address of this page.
-    fill : callable
-        Builds the content.
+    `places` has the names of all pages by address.
     """
 
     async def page() -> None:
@@ -144,8 +135,7 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
 def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
     """Update the options of an existing chart.
 
-    A rebuilt chart might be removed before the browser has drawn it, which causes an error in the
-    browser.
+    A rebuilt chart might be removed before the browser has drawn it, which causes an error there.
     """
     chart.options.clear()
     chart.options.update(options)
@@ -193,9 +183,6 @@ async def run_slow(function: Callable[..., T], *arguments: Any) -> T | None:
 
 
 def embed_page(place: str, title: str, height: str) -> None:
-    """Show another page in a frame; it can reach this page only by messages.
-
-    `place` is the address on this server, `title` is for screen readers, `height` is in CSS units.
-    """
+    """Show the page at an address of this server in a frame, which can only send messages."""
     frame = ui.element("iframe").classes("w-full").style(f"height: {height}; border: 0")
     frame._props.update(src=place, title=title)

@@ -73,17 +73,7 @@ class _Choice:
 
 
 class _Measurement:
-    """The view of one test.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    test : TestView
-        The test.
-    choice : _Choice
-        The selected channel, scale and mode.
-    """
+    """The view of one test, with the selected channel, scale and mode."""
 
     def __init__(self, workspace: Workspace, test: TestView, choice: _Choice) -> None:
         self._workspace, self._test, self._choice = workspace, test, choice

@@ -89,13 +89,7 @@ def _unmatched_rows(test: TestView) -> list[dict[str, str]]:
 
 
 class _Mover:
-    """Moves one sensor at a time.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
-    """
+    """Moves one sensor at a time."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace

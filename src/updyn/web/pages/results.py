@@ -72,10 +72,7 @@ def _run_version(workspace: Workspace) -> object:
 def compare_runs(
     runs: Mapping[str, RunFolder],
 ) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
-    """Return runs side by side as columns and rows of a table.
-
-    Rows are status, trust, agreement, and each unknown with its standard deviation.
-    """
+    """Return columns and rows of a table of runs: status, trust, agreement, unknowns."""
     keys = {name: f"run{number}" for number, name in enumerate(runs)}  # no dots in keys
     columns: list[dict[str, Any]] = [
         {"name": "what", "label": "", "field": "what", "align": "left"},

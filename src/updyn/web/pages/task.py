@@ -200,10 +200,7 @@ def _show_entry(workspace: Workspace, task: str, field: Field) -> Any:
 
 
 def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
-    """Let the page of modes set the picks of the job.
-
-    `known` receives the ``picks`` of the job as shown on the written page.
-    """
+    """Let the page of modes set the picks of the job; `known` receives those on the page."""
 
     def take(message: Mapping[str, Any]) -> None:
         pick, poles = message.get("pick"), message.get("poles")

@@ -85,11 +85,6 @@ class _Choices:
     """A check box for each quantity of each group, or of the groups at a picked node.
 
     The boxes are not rebuilt while the job is edited, because a click meanwhile would be lost.
-
-    Parameters
-    ----------
-    workspace : Workspace
-        The shared state.
     """
 
     def __init__(self, workspace: Workspace) -> None:
