@@ -1,13 +1,9 @@
 """Shipped demos: each writes its inputs and a job file, and runs like any other job.
 
-A demo is a module with ``write_inputs(folder) -> path of the job file``. A demo with several runs
-also has ``next_job(results, folder) -> path or None``, called after each run; a demo with text in
-addition to the summaries has ``epilogue(results, folder) -> text``. It is registered in `DEMOS`,
-and its module is imported when it runs. Another package adds one by ``DEMOS.register``, or by an
-entry point of the group ``updyn.demos`` that names a `Demo`.
-
-The outcome of a demo is that of its last run: an earlier run may have unknowns that the data do
-not determine.
+A demo is a module with ``write_inputs(folder) -> path of the job file``, and optionally
+``next_job(results, folder) -> path or None``, called after each run, and ``epilogue(results,
+folder) -> text``. The outcome of a demo is that of its last run: an earlier run may have unknowns
+that the data do not determine.
 """
 
 from __future__ import annotations

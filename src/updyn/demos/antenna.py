@@ -1,18 +1,7 @@
 """A 4 m antenna with two drives, rotors locked and free: simulated data with noise.
 
-The model is generated (`updyn.demos.antenna_model`). True values make the data, and the results
-are compared with them at the end; the update has no access to them. Properties that are not
-unknowns are the same in the true model and in the drawings.
-
-Properties that are not unknowns, and why (checked by adding them, at the true values):
-
-- The stages of a gearbox act in series, far below their own modes: the data would determine 20 of
-  21 unknowns. One factor represents a gearbox with its shafts.
-- No sensor can reach the elevation pinion. Mesh and gearbox, also in series, would be known only to
-  7 and 4 %, but their sum to 0.03 %: one factor for both. On the azimuth drive, a sensor on the
-  pinion separates them.
-- Chords, webs and hoops of the truss could be separated, but are of one steel: one modulus.
-- Pedestal, torque tube, hub and feed legs are known from drawings and weighing.
+One factor represents a gearbox with its shafts, because its stages act in series, far below their
+own modes. Mesh and gearbox of the elevation drive share one factor: no sensor can reach the pinion.
 """
 
 from __future__ import annotations
@@ -175,10 +164,8 @@ def _unknowns() -> str:
 def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) -> FRF:
     """Return the simulated measurement of a model, with noise of a seed.
 
-    With `torques`, the rotors are free: the encoders are responses and the torques of the motors
-    references. The `n_lines` lines are evenly spaced over `BAND`. The accelerances have noise and
-    the coherence gamma^2 of n averages, from which the variance of H is estimated as |H|^2 (1 -
-    gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data, 2010).
+    The variance of H is estimated as |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol,
+    Random Data, 2010). With `torques`, the rotors are free and the motor torques are references.
     """
     sensors = list(itertools.chain.from_iterable(SENSORS.values()))
     forces = list(HAMMER)

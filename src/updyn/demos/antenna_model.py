@@ -1,15 +1,12 @@
 """A generated 4 m antenna: pedestal, yoke, truss, reflector, and two drive trains with motors.
 
-Everything is in SI units. X points along the horizontal direction of view, Y along the elevation
-axis, Z up; the elevation of the dish is 45 degrees.
+SI units; X along the horizontal direction of view, Y along the elevation axis, Z up; the elevation
+of the dish is 45 degrees. With fixed drives, the first mode of a dish of D metres is at about 20
+D^-0.7 Hz (W. Gawronski, Modeling and Control of Antennas and Telescopes, Springer 2008), here 7.6
+Hz; this model has 7.1 Hz.
 
-Dimensions and weights follow a common design, 4 m of aluminium skin on a welded truss of steel
-tubes, 0.87 t above the pedestal; it is no copy of a built antenna. Its frequencies are typical:
-with fixed drives, a dish of D metres has its first mode at about 20 D^-0.7 Hz (W. Gawronski,
-Modeling and Control of Antennas and Telescopes, Springer 2008), here 7.6 Hz; this model has 7.1
-Hz. Each stiffness of bearings, foundation and gears was chosen to affect some mode. The stiffness
-of a gear mesh includes bearings and carrier of its pinion; the teeth alone would be ten times as
-stiff.
+The stiffness of a gear mesh includes bearings and carrier of its pinion; the teeth alone would be
+ten times as stiff.
 """
 
 from __future__ import annotations
@@ -74,11 +71,8 @@ _TRAINS = {"azimuth": AZIMUTH, "elevation": ELEVATION}
 def antenna() -> Model:
     """Return the antenna of the drawings, rotors free.
 
-    Returns
-    -------
-    Model
-        The rotation of a motor (nodes 2001 and 3001) is that of its rotor relative to its housing,
-        measured by its encoder and driven by its torque. Fixing this DOF locks the rotor.
+    The rotation of a motor (nodes 2001 and 3001) is that of its rotor relative to its housing, so
+    fixing this DOF locks the rotor.
     """
     body = _split(_structure(SKIN), _structure(2.0 * SKIN))
     assert body.geometry is not None
@@ -108,10 +102,7 @@ def lock_rotors(model: Model) -> Model:
 
 # -- drives
 def trains(which: str) -> list[Part]:
-    """Return the parts of the drive train of an axis, "azimuth" or "elevation".
-
-    Motor, input shaft, two stages of ratio 10, pinion shaft, and a pinion on a ring of ratio 8.
-    """
+    """Return the parts of the drive train of an axis, "azimuth" or "elevation"."""
     at = _TRAINS[which]
     loss: dict[str, Any] = {"loss_factor": 0.03, "housing": at["housing"]}
     stage: dict[str, Any] = {"ratio": 10.0, "inertia_a": 2e-4, "inertia_b": 2e-3} | loss
@@ -199,8 +190,8 @@ def _structure(thickness: float) -> Model:
 def _split(single: Model, double: Model) -> Model:
     """Return the model with the bending of the reflector as a separate group.
 
-    For a thickness t, K(t) = t A + t^3 B and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear
-    stiffness are proportional to t, bending stiffness to its cube.
+    K(t) = t A + t^3 B, so K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear stiffness are proportional
+    to t, bending stiffness to its cube.
     """
     skin = single.group("reflector")
     thick = double.group("reflector")

@@ -1,14 +1,8 @@
 """A free-free steel beam, struck at six points and measured by seven accelerometers (Ladisk).
 
-Two jobs: the whole beam with its pads and accelerometers, then the beam in segments, started from
-the first result. Two accelerometers are held out of both.
-
-Several properties of the model were not measured. The source (``data/README.md``) gives neither
-drawing nor positions: length, section and stations were inferred from these FRFs (natural
-frequencies, mode shapes, level); the pads and the mass of the accelerometers are assumed. E = 200
-GPa and the density are handbook values of steel.
-
-All figures in the text at the end of the demo are computed from the runs.
+Two jobs: the whole beam, then the beam in segments, started from the first result. The source
+(``data/README.md``) gives neither drawing nor positions: length, section and stations were inferred
+from these FRFs; the pads and the mass of the accelerometers are assumed.
 """
 
 from __future__ import annotations
@@ -155,11 +149,7 @@ def write_inputs(folder: Path) -> Path:
 
 
 def _unknown_supports() -> list[str]:
-    """Return the unknowns of pads and accelerometers.
-
-    These data, of which the model leaves a residual of about one sixth, do not determine them
-    without priors.
-    """
+    """Return the unknowns of pads and accelerometers, which need priors with these data."""
     return [
         _unknown("pads", "stiffness", 0.1, 10.0, 0.5),
         _unknown("pads", "loss_factor", 0.0, 2.0, 0.2),
@@ -175,11 +165,7 @@ def next_job(results: Sequence[UpdateResult], folder: Path) -> Path | None:
 
 
 def segments_job(values: Mapping[str, float], folder: Path, number: int = 4) -> Path:
-    """Write the job with stiffness, mass and loss factor of each segment as unknowns.
-
-    `values` are the estimates of the first run, used as the start; `folder` has the inputs;
-    `number` is the number of segments of equal length. The path of the job is returned.
-    """
+    """Write the job with segment properties as unknowns, started from `values` of the first run."""
     edges = np.linspace(0.0, LENGTH, number + 1).round(6).tolist()
     segments = []
     for i, (start, end) in enumerate(pairwise(edges), 1):
@@ -282,10 +268,7 @@ def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
 
 
 def comparison(results: Sequence[UpdateResult]) -> str:
-    """Return a table of the start and of every run, over all lines of the band.
-
-    The columns are for fitted and held-out sensors.
-    """
+    """Return a table of the start and of every run, for fitted and held-out sensors."""
     first = results[0]
     held = ", ".join(first.validation_responses)
     before = first.correlation
@@ -377,10 +360,7 @@ def _largest_offset() -> float:
 
 
 def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
-    """Return the deviation of H_ij / H_ji from 1, and from the value of the model.
-
-    Both are medians over pairs of stations.
-    """
+    """Return the median deviation of H_ij / H_ji from 1, and from the value of the model."""
 
     def ratio(frf: FRF) -> NDArray[np.complex128]:
         H = frf.select(responses=_PAIRED_SENSORS, references=HAMMER).values
@@ -393,10 +373,7 @@ def reciprocity(measured: FRF, computed: FRF) -> tuple[float, float]:
 
 
 def sensor_levels(measured: FRF, computed: FRF) -> dict[str, float]:
-    """Return the level of each sensor relative to the model in dB.
-
-    The level is the median over lines, averaged over hammer points.
-    """
+    """Return the level of each sensor relative to the model in dB, as the median over lines."""
     ratio = np.abs(measured.values) / np.abs(computed.values)
     level = np.median(20.0 * np.log10(ratio), axis=0).mean(axis=1)
     return dict(zip(measured.responses.labels, level.tolist(), strict=True))
@@ -416,10 +393,10 @@ def find_torsion(computed: Correlation, length: float) -> tuple[float, float]:
 
 
 def fit_one_mode(frf: FRF, near: float) -> tuple[float, float, NDArray[np.complex128]]:
-    """Fit one mode to all channels of accelerances within 5 % of a frequency in Hz.
+    """Return frequency in Hz, loss factor and residues of the mode within 5 % of a frequency in Hz.
 
-    The least-squares model of receptance is a pole and a constant. Frequency in Hz, loss factor,
-    and residues up to a factor, shape (n_responses, n_references), are returned.
+    The least-squares model of receptance is a pole and a constant; the residues have an arbitrary
+    factor.
     """
     from scipy.optimize import least_squares
 

@@ -1,7 +1,6 @@
 """A chain of twelve masses and springs in four groups, with data made from known true values.
 
-Five masses have sensors; two of them are struck. The data have 1 % noise from a fixed seed. The
-results are compared with the true values at the end; the update has no access to them.
+The data have 1 % noise from a fixed seed; the update has no access to the true values.
 """
 
 from __future__ import annotations

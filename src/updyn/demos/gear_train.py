@@ -1,20 +1,9 @@
 """The gear train of Bao, Wang & Cheng (2010), updated as in the paper, and its identifiability.
 
-"Updating Methods for Antenna Servomechanism Structures", PIERS 2010, pp. 30-35, section 4. Three
-jobs: the published one (condensed equation error, plain iteration, five steps), whose four lines
-do not determine all unknowns; the same with the other interpretation of the paper's "error rates";
-and the published one with a fifth line, which determines all unknowns and gives the outcome of the
-demo.
-
-The numbers of Tables 1 to 5 are in ``data/gear_train.json``. The tables give element matrices of
-two DOFs each; the fourth entry is the inertia of the last disc of a branch, so the masses of
-neighbours add up.
-
-Three more jobs, for ``updyn compare``, are written to the same folder. ``compare.toml`` has all 18
-unknowns of the paper and 60 lines. ``compare_stiffness.toml`` has known masses and a band up to
-the second resonance: there the method with independently reduced matrices, to which the paper
-compares its own, also gives an answer; with all 18 unknowns it fails. ``compare_full.toml`` has
-every DOF measured and two forces, as required by the methods without condensation.
+"Updating Methods for Antenna Servomechanism Structures", PIERS 2010, pp. 30-35, section 4; the
+numbers of Tables 1 to 5 are in ``data/gear_train.json``. The four lines of the published job do not
+determine all unknowns; the last job has a fifth line, which does. The masses of neighbours add up,
+because the fourth entry of a table is the inertia of the last disc of a branch.
 """
 
 from __future__ import annotations
@@ -165,10 +154,7 @@ _SAFEGUARDED = (
 
 
 def measure(lines: Sequence[float] | None = None) -> FRF:
-    """Return receptances of the true gear train: rotations of DOFs 1 to 4 per torque on DOF 2.
-
-    `lines` are frequencies in rad/s, by default those of the paper.
-    """
+    """Return receptances of the true gear train (DOFs 1 to 4 per torque on 2); lines in rad/s."""
     data = table()
     if lines is None:
         lines = data["omega_rad_s"]
@@ -314,8 +300,8 @@ def _fifth_line(second: UpdateResult, result: UpdateResult) -> str:
 def move_along_family(result: UpdateResult) -> UpdateResult:
     """Move the published result along its undetermined combination to the paper's K(6,6).
 
-    The stiffness of unit 6 is fixed, and all other unknowns are fitted to the same data. K(6,6) is
-    the best choice: it is printed with five digits, and nearly all of it belongs to unit 6.
+    All other unknowns are fitted to the same data. K(6,6) is printed with five digits, and nearly
+    all of it belongs to unit 6.
     """
     from updyn.updating.update import update
 
