@@ -21,12 +21,10 @@ __all__ = ["load"]
 
 
 def load(path: str) -> dict[str, Any]:
-    """Load elements and nodes.
+    """Load elements, their attributes and nodes, components and node positions.
 
-    Returns a mapping: ``elements``, element numbers; ``rows``, their attributes and nodes, one
-    after the other, with the counts in ``lengths``; ``routines``, pairs of element type and
-    routine; ``components``, element numbers by name; ``nodes``, node numbers; ``xyz``; ``angles``,
-    or None.
+    ``rows`` has attributes and nodes of all elements, one after the other, with the counts in
+    ``lengths``; ``routines`` has pairs of element type and routine.
     """
     if Path(path).suffix.lower() == ".rst":
         mesh = reader.read_binary(path).mesh

@@ -32,36 +32,11 @@ def load(
     reader: str,
     beside: Iterable[str | Path] = (),
 ) -> Any:
-    """Load a file of another program in a child process.
+    """Return plain data from ``"module:function"`` of this package, called in a child process.
 
-    Parameters
-    ----------
-    function : str
-        ``"module:function"`` of this package; its arguments are the path, as text, and `arguments`,
-        and it returns plain data.
-    path : path
-        The file.
-    *arguments : object
-        Further arguments, of JSON types.
-    what : str
-        Expected kind of file, for messages: ``"HDF5 file"``.
-    reader : str
-        The library that reads it, for messages: ``"libhdf5"``.
-    beside : iterable of path
-        Files that are read with it.
-
-    Returns
-    -------
-    object
-        Return value of the function.
-
-    Raises
-    ------
-    FormatError
-        If the library cannot read the file, crashes, or needs more time or memory than
-        `updyn.foreign.limits` allows.
-    InputError
-        Other errors of the function.
+    `beside` are files that are read with the file. A `FormatError` is raised if the library cannot
+    read the file, crashes, or exceeds `updyn.foreign.limits`; other errors of the function are an
+    `InputError`.
     """
     others = list(map(str, beside))
     limits = limits_of(path, others)
@@ -80,13 +55,7 @@ def load(
 
 
 def load_in_process(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
-    """Load a file written by updyn in this process; the arguments are those of `load`.
-
-    Raises
-    ------
-    FormatError
-        If the file cannot be read.
-    """
+    """Load a file written by updyn in this process; the arguments are those of `load`."""
     loader = load_object(function)
     try:
         return loader(str(path), *arguments)

@@ -67,15 +67,9 @@ def _end_with(request: Mapping[str, Any], descriptor: int) -> NoReturn:
 
 
 def answer(request: Mapping[str, Any], descriptor: int) -> None:
-    """Load a file and write the answer.
+    """Load the file of a request as plain data, and write the answer to a file descriptor.
 
-    Parameters
-    ----------
-    request : mapping
-        ``load``, a text ``"module:function"``; ``path``; ``beside``, files that are read with it;
-        ``arguments``, further arguments of the function.
-    descriptor : int
-        File descriptor to write to.
+    The request has ``load`` (a text ``"module:function"``), ``path``, ``beside`` and ``arguments``.
     """
     path = request["path"]
     with os.fdopen(os.dup(descriptor), "wb") as out:

@@ -1,7 +1,6 @@
 """Allowed places of files that other files refer to: anywhere, or in one folder.
 
-A job refers to its inputs, a deck to the files that it includes. A program that works on a project
-for another user, such as a server, may read only files of the project.
+A program that works on a project for another user, such as a server, may read only its files.
 """
 
 from __future__ import annotations
@@ -19,24 +18,12 @@ _folders: list[Path] = []
 
 
 def confine(folder: Path) -> None:
-    """Refuse all files outside a folder from now on, in this process.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder; it replaces an earlier one.
-    """
+    """Refuse all files outside a folder, which replaces an earlier one, in this process."""
     _folders[:] = [folder.resolve()]
 
 
 def check_inside(path: Path) -> None:
-    """Check that a file that another file refers to may be read.
-
-    Raises
-    ------
-    InputError
-        If this process is confined to a folder, and the file is outside it or is not a file.
-    """
+    """Refuse a file that another file refers to if it is outside the folder of this process."""
     for folder in _folders:
         if not resolve_path(path).is_relative_to(folder):
             raise InputError(
@@ -49,11 +36,6 @@ def resolve_path(path: Path) -> Path:
     """Return the absolute path of a file without links; the file need not exist.
 
     Unlike `Path.resolve`, which differs between versions of Python, this refuses circular links.
-
-    Raises
-    ------
-    InputError
-        If a link is circular, or the name contains characters that are invalid in file names.
     """
     try:
         _check_loops(path)

@@ -1,7 +1,7 @@
 """Exodus II files as plain data: netCDF-4 by h5py, classic netCDF by scipy.
 
 Layout: L. A. Schoof and V. R. Yarberry, EXODUS II: a finite element data model, SAND92-2137,
-appendix A. Only positions, node numbers and elements are loaded.
+appendix A.
 """
 
 from __future__ import annotations
@@ -27,16 +27,7 @@ _TYPE = "elem_type"
 
 
 def load(path: str) -> dict[str, Any]:
-    """Load positions and elements.
-
-    Returns a mapping: ``variables``, arrays by name; ``types``, the attribute ``elem_type`` by name
-    of a variable.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or not an Exodus II file.
-    """
+    """Load ``variables``, arrays by name, and ``types``, their attributes ``elem_type``."""
     if h5py.is_hdf5(path):
         return _load_hdf5(path)
     with Path(path).open("rb") as file:

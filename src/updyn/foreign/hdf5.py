@@ -1,9 +1,9 @@
 """HDF5 files as plain data, by h5py.
 
-A group is ``{"attributes": {...}, "members": {...}, "meanings": {...}}``, a dataset an array;
-``meanings`` contains, by name of a dataset, the attributes that define the meaning of its numbers.
-Numbers in other files, or missing ones, are refused by name, because libhdf5 would follow a link to
-any file, and read zeros for numbers that were never written.
+A group is ``{"attributes": {...}, "members": {...}, "meanings": {...}}``; ``meanings`` contains, by
+dataset, the attributes that define the meaning of its numbers. Numbers in other files, or missing
+ones, are refused, because libhdf5 would follow a link to any file, and read zeros for numbers that
+were never written.
 """
 
 from __future__ import annotations
@@ -31,39 +31,13 @@ _LINK_REMEDY = "; it is not followed: store the numbers in the file itself"
 
 
 def load(path: str, is_ours: bool) -> dict[str, Any]:
-    """Load a whole file, and return its root.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    is_ours : bool
-        Whether updyn wrote the file, which may then have any size.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    FormatError
-        If data are in another file or missing, or the file contains more data than its size
-        suggests.
-    """
+    """Return the root of a file, which may have any size if updyn wrote it (`is_ours`)."""
     with h5py.File(path, "r") as file:
         return HDF5Content(path, is_ours).group(file)
 
 
 class HDF5Content:
-    """The content of a file, checked before it is read.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    is_ours : bool
-        As for `load`.
-    """
+    """The content of an HDF5 file, checked before it is read."""
 
     def __init__(self, path: str, is_ours: bool) -> None:
         self.path = path
@@ -105,15 +79,7 @@ class HDF5Content:
         return found
 
     def attributes(self, item: Any, wanted: Collection[str] = ()) -> dict[str, Any]:
-        """Return the attributes of a group or a dataset.
-
-        Parameters
-        ----------
-        item : h5py.Group or h5py.Dataset
-            The item.
-        wanted : collection of str
-            Names in lower case, matched in any case; all by default.
-        """
+        """Return the attributes of an item, all or those with the lower-case names `wanted`."""
         found = {}
         for name in item.attrs:
             if wanted and name.lower() not in wanted:
@@ -162,10 +128,7 @@ def _values(dataset: Any) -> Any:
 
 
 def plain_value(value: Any) -> Any:
-    """Return the value of an attribute, or of a dataset of any type, as plain data.
-
-    `value` is as returned by h5py or h5netcdf; the result is a str, an array or `Other`.
-    """
+    """Return the value of an attribute or a dataset as plain data: a str, an array or `Other`."""
     if isinstance(value, bytes | str):
         return value if isinstance(value, str) else value.decode("utf-8", "replace")
     array = np.asarray(value)

@@ -20,15 +20,7 @@ _WORKING = 512 * _MB
 
 @dataclass(frozen=True, slots=True)
 class ReadLimits:
-    """Limits for one file.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    size : int
-        Its size in bytes.
-    """
+    """Limits for one file, by its size in bytes."""
 
     path: str
     size: int

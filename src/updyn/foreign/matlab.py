@@ -1,8 +1,7 @@
 """MATLAB files as plain data: versions 4 to 7.2 by scipy, 7.3 by h5py.
 
-Numbers are arrays with the axes of MATLAB, texts and cells of texts are lists of texts, structs are
-mappings, sparse matrices are `updyn.foreign.plain.Sparse`. A variable, or a field of a struct, of
-an unusable class becomes `updyn.foreign.plain.Unread`, because it may not be needed.
+Arrays have the axes of MATLAB; cells of texts are lists, structs are mappings. Items of an unusable
+class become `updyn.foreign.plain.Unread`, because they may not be needed.
 """
 
 from __future__ import annotations
@@ -63,13 +62,7 @@ _NUMBERS = (
 
 
 def load(path: str) -> dict[str, Any]:
-    """Load all variables by name.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or data are in another file.
-    """
+    """Load all variables by name."""
     if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
             return _File73(file, path).variables()
@@ -274,15 +267,7 @@ def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
 
 # -- version 7.3 --------------------------------------------------------------------------------
 class _File73:
-    """An open file of version 7.3.
-
-    Parameters
-    ----------
-    file : h5py.File
-        The file.
-    path : str
-        Its name.
-    """
+    """An open file of version 7.3."""
 
     def __init__(self, file: Any, path: str) -> None:
         self._file = file

@@ -25,17 +25,11 @@ __all__ = ["load"]
 
 
 def load(path: str) -> dict[str, Any]:
-    """Load a mesh.
+    """Load points, cells, sets and physical groups of a mesh.
 
-    Returns a mapping: ``points``, array; ``cells``, a list of [kind, number of dimensions, array of
-    nodes]; ``point_sets``, arrays by name; ``cell_sets``, by name a list with an array for each of
-    the cells, None or `Other`; ``physical``, the tags of Gmsh for each of the cells; ``names``, tag
-    and number of dimensions by name of a physical group.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or its numbers are in another file outside its folder.
+    ``cells`` is a list of [kind, number of dimensions, nodes]; ``cell_sets`` and ``physical`` (tags
+    of Gmsh) have an entry for each of the cells; ``names`` is tag and number of dimensions by
+    group.
     """
     if Path(path).suffix.lower() in xdmf.SUFFIXES:
         xdmf.check(path)

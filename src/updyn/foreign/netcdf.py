@@ -20,26 +20,10 @@ __all__ = ["load"]
 def load(
     path: str, is_ours: bool, kind: str, wanted: Sequence[str], groups: Sequence[str]
 ) -> dict[str, Any]:
-    """Load the root of a file, and some of its groups.
+    """Load the root of a file, and those of its `groups` that exist.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-    is_ours : bool
-        As for `updyn.foreign.hdf5.load`.
-    kind : str
-        Required value of the attribute ``updyn_kind``; for another kind, variables and groups are
-        omitted.
-    wanted : sequence of str
-        Names of which a file without this attribute has to contain one.
-    groups : sequence of str
-        Groups to load, if present.
-
-    Raises
-    ------
-    FormatError
-        As for `updyn.foreign.hdf5.load`.
+    Only names and attributes are loaded if the attribute ``updyn_kind`` differs from `kind`, or is
+    missing and no name is in `wanted`.
     """
     content = HDF5Content(path, is_ours)
     found: dict[str, Any] = {"variables": {}, "groups": {}}

@@ -30,41 +30,21 @@ _KINDS = "biufcSU"
 
 @dataclass(frozen=True, slots=True)
 class Other:
-    """An item of a file of an unsupported kind.
-
-    Parameters
-    ----------
-    kind : str
-        Its type, for messages.
-    """
+    """An item of a file of an unsupported kind."""
 
     kind: str
 
 
 @dataclass(frozen=True, slots=True)
 class Unread:
-    """An item of a file that could not be read, which is an error only if it is requested.
-
-    Parameters
-    ----------
-    reason : str
-        Its name and the reason.
-    """
+    """An item of a file that could not be read, which is an error only if it is requested."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sparse:
-    """A sparse matrix, compressed by columns, unchecked as stored in a file.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-    data, indices, indptr : ndarray
-        The entries, their rows, and the start of each column.
-    """
+    """A sparse matrix, compressed by columns, unchecked as stored in a file."""
 
     shape: tuple[int, int]
     data: NDArray[Any]
@@ -78,19 +58,7 @@ def to_native(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def encode(value: Any) -> Iterator[bytes | memoryview]:
-    """Yield the bytes of a value, part by part.
-
-    Parameters
-    ----------
-    value : object
-        None, bool, int, float, str, list, mapping with text keys, `Other`, `Unread`, `Sparse`, or
-        ndarray of numbers or texts, nested in any way.
-
-    Raises
-    ------
-    TypeError
-        For any other type.
-    """
+    """Yield the bytes of a value, part by part; raise a TypeError if it is not plain data."""
     arrays: list[NDArray[Any]] = []
     text = json.dumps(_tag_value(value, arrays, 0)[0]).encode()
     yield len(text).to_bytes(8, "little")

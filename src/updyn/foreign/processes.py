@@ -1,8 +1,8 @@
 """Processes that read one file each: forks of a server that holds all imports, or new processes.
 
 Starting Python and importing a library takes much longer than reading a file. On Linux a fork
-server, `updyn.foreign.child.serve`, does that once; it reads no file itself, but forks one process
-per request, which ends with its answer. No reading can therefore affect the next one.
+server does that once and forks one process per request; it reads no file itself, so that no reading
+can affect the next one.
 """
 
 from __future__ import annotations
@@ -58,13 +58,7 @@ def _python(code: str, *arguments: str, **options: Any) -> subprocess.Popen[byte
 
 # -- the fork server ------------------------------------------------------------------------------
 class _Server:
-    """A fork server, which serves one request at a time.
-
-    Parameters
-    ----------
-    origin : tuple
-        State that a new process inherits from this one; see `_origin`.
-    """
+    """A fork server, which serves one request at a time and inherited the state `origin`."""
 
     def __init__(self, origin: tuple[Any, ...]) -> None:
         self.origin = origin
@@ -109,15 +103,7 @@ class _Server:
 
 
 class Forked:
-    """A process forked by a server, with the used part of the interface of `subprocess.Popen`.
-
-    Parameters
-    ----------
-    server : _Server
-        The server; it is available again once this process has ended by itself.
-    descriptor : int
-        File descriptor of the answer.
-    """
+    """A process forked by a server, with the used part of the interface of `subprocess.Popen`."""
 
     def __init__(self, server: _Server, descriptor: int) -> None:
         self._server = server
