@@ -69,10 +69,9 @@ CHANNELS = ChannelsSection()
 def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
     """Return the positions (response, reference) of the ``worst`` and the ``median`` channel.
 
-    Channels are ranked by the relative residual of the updated model (or of the start model, if the
-    former could not be computed), which depends on level, sign and phase. Channels measured as zero
-    are omitted. The key is ``"only"`` for a single channel; the result is empty if no model could
-    be computed.
+    Channels are ranked by the relative residual of the updated (otherwise the start) model, which
+    depends on level, sign and phase. Channels measured as zero are omitted. The key of a single
+    channel is ``"only"``; the result is empty if no model could be computed.
     """
     residual = data.residual_after
     if residual is None:

@@ -84,15 +84,7 @@ def render(comparison: Comparison) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparisonContent:
-    """A comparison and the FRFs drawn on its page.
-
-    Attributes
-    ----------
-    comparison : Comparison
-        Result of `updyn.compare`.
-    curves : Curves or None
-        The FRFs; None if no model could be computed.
-    """
+    """A comparison and the FRFs drawn on its page; None if no model could be computed."""
 
     comparison: Comparison
     curves: Curves | None
@@ -383,26 +375,9 @@ LIMITS = LimitsSection()
 class Curves:
     """Measured and computed FRFs of one channel.
 
-    Attributes
-    ----------
-    test, response, reference, quantity : str
-        The channel. `test` is empty for a single test.
-    lines : ndarray of float, shape (n_f,)
-        Measured lines, in Hz.
-    measured : ndarray of complex, shape (n_f,)
-        The data at `lines`.
-    fitted : ndarray of bool, shape (n_f,)
-        Which of these lines the fits used.
-    freq : ndarray of float, shape (n,)
-        Lines at which the models were computed, in Hz.
-    before : ndarray of complex, shape (n,)
-        FRF of the start model.
-    after : mapping of str to ndarray of complex, shape (n,)
-        FRF of the updated model by method; methods without a result are missing.
-    misfit : float
-        Median level difference of the start in this channel, in dB, the largest of all channels.
-    notes : tuple of str
-        Remarks on omitted models and thinned lines.
+    `measured` and `fitted` (used by the fits) are over `lines`, `before` and `after` (by method,
+    without methods that have no result) over `freq`, both in Hz. `misfit` is the median level
+    difference of the start in dB. `test` is empty for a single test.
     """
 
     test: str

@@ -103,13 +103,8 @@ def _explain_stages(stages: Sequence[str]) -> list[str]:
 class _Fit:
     """A fit within a stage: one start of the search, or the steps under one residual weighting.
 
-    Attributes
-    ----------
-    stage : str
-        Name of the stage.
-    accepted, rejected : list of (int, Iteration)
-        Accepted and rejected steps, each with the number of iterations made so far in all stages; a
-        rejected step has the number that it would have had.
+    Each step has the number of iterations made so far in all stages; a rejected step has the number
+    that it would have had.
     """
 
     stage: str
@@ -288,10 +283,10 @@ def _with_integer_ticks(axis: dict[str, Any], last: int) -> dict[str, Any]:
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the values of unknowns of one kind over the iterations that led to the result.
+    """Return the values of unknowns of one kind over the iterations; None without any.
 
     Factors are relative to their start. Fits are separated by gaps. Of many unknowns, those with
-    the largest range are named. None without unknowns or steps.
+    the largest range are named.
     """
     made, steps = _collect_steps(result)
     if not chosen or not steps:

@@ -124,8 +124,7 @@ def gather(result: UpdateResult) -> ReportData:
     """Compute the start and the updated model and compare them with the data.
 
     The agreement is computed at the measured lines, the curves on a finer grid. Above
-    `EVALUATION_BUDGET` (lines x DOFs), lines are thinned with their peaks kept, and a note reports
-    it.
+    `EVALUATION_BUDGET` (lines x DOFs), lines are thinned with their peaks kept, with a note.
     """
     gains = estimated_gains(result)
     made = _compute_data(
@@ -294,27 +293,10 @@ def compute_frfs(
     notes: list[str],
     options: Mapping[str, Any],
 ) -> NDArray[np.complex128] | None:
-    """Return the FRFs of a model; None, with a note, if they cannot be computed.
+    """Return the FRFs of a model, shape (n, n_responses, n_references), in the unit of the data.
 
-    Parameters
-    ----------
-    model : Model
-        The model.
-    frf : FRF
-        The data that define channels and quantity.
-    freq : ndarray of float, shape (n,)
-        Lines in Hz.
-    what : str
-        Name of the model in the note.
-    notes : list of str
-        List to which the note is appended.
-    options : mapping
-        Options of the update, which determine how a large model is solved.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, n_responses, n_references), or None
-        FRFs in the unit of the data.
+    None if they cannot be computed, with a note on `what`. `freq` is in Hz; `options` are those of
+    the update, which determine how a large model is solved.
     """
     from updyn.dynamics.response import response
 
@@ -356,21 +338,9 @@ def _compute_csac(
 def keep_lines(
     values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int
 ) -> NDArray[np.intp]:
-    """Return positions of lines to keep: peaks, then lines of the fit, then evenly spaced lines.
+    """Return ascending positions of lines to keep: peaks, lines of the fit, evenly spaced lines.
 
-    Parameters
-    ----------
-    values : ndarray of complex, shape (n_f, n_responses, n_references)
-        The data.
-    used : ndarray of bool, shape (n_f,)
-        Lines used in the fit.
-    limit : int
-        Largest number of lines, at least 8.
-
-    Returns
-    -------
-    ndarray of int
-        At most `limit` ascending positions, including the first and the last line.
+    They include the first and the last line. The `limit` is at least 8.
     """
     n = len(values)
     if n <= limit:

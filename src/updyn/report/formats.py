@@ -167,14 +167,7 @@ def interval(
 ) -> tuple[float, float] | None:
     """Return the 95 % interval; None if the data do not determine the unknown.
 
-    Parameters
-    ----------
-    parameter : Parameter
-        The unknown.
-    value, std : float
-        Estimate and standard deviation.
-    freedom : int, optional
-        Degrees of freedom of Student's t distribution, if the noise was estimated from few values.
+    With `freedom`, by Student's t distribution, because the noise was estimated from few values.
     """
     if not math.isfinite(std) or not math.isfinite(value):
         return None

@@ -79,18 +79,7 @@ def key_figure(name: str, value: float) -> tuple[str, str, str]:
 def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
     """Return the head of a page as HTML: title, verdict, cause and remedy, key figures.
 
-    Parameters
-    ----------
-    result : UpdateResult
-        The result.
-    figures : mapping of str to mapping of str to float
-        Figures of agreement ``before``, ``after`` and of the ``validation`` set.
-    data : str
-        Description of the measured data; by default their channels and lines.
-
-    Returns
-    -------
-    str
+    `figures` are the figures of agreement ``before``, ``after`` and of the ``validation`` set.
     """
     judgement = verdict(result)
     unknowns = format_count(len(result.parameters), "unknown")
@@ -229,19 +218,7 @@ def _agreement(result: UpdateResult, when: str) -> dict[str, float]:
 # -- verdict -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class VerdictPart:
-    """One question of a verdict with its answer.
-
-    Attributes
-    ----------
-    name : str
-        The question, such as ``"Converged"``.
-    truth : bool or None
-        The answer; None if unknown.
-    why : str
-        A sentence with the figure that supports the answer.
-    asked : bool
-        Whether the question was examined.
-    """
+    """One question of a verdict with its answer: `truth`, None if unknown, and the reason."""
 
     name: str
     truth: bool | None
@@ -261,17 +238,7 @@ class VerdictPart:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether the result can be trusted, in words.
-
-    Attributes
-    ----------
-    badge, kind : str
-        Short word, and ``"good"``, ``"warn"`` or ``"bad"``.
-    parts : tuple of Part
-        The questions and their answers.
-    rest : str
-        Remainder of the result's message.
-    """
+    """Whether the result can be trusted; `rest` is the remainder of the result's message."""
 
     badge: str
     kind: str

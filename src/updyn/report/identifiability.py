@@ -193,10 +193,7 @@ def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -
 
 
 def combinations_map(ident: Identifiability) -> Figure | None:
-    """Return the undetermined combinations as a matrix: unknowns down, combinations across.
-
-    None if the data determine every unknown.
-    """
+    """Return the undetermined combinations as a matrix, unknowns down; None if there are none."""
     directions = ident.null_directions
     if not directions:
         return None

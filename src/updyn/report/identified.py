@@ -39,27 +39,11 @@ def write_modes_page(
     poles: Sequence[float | None] | None = None,
     left_out: ModeSet | None = None,
 ) -> Path:
-    """Write modes, their stabilisation diagram and the FRFs synthesised from them as one HTML page.
+    """Write modes, their stabilisation diagram and the synthesised FRFs as one HTML page.
 
-    Parameters
-    ----------
-    modes : ModeSet
-        Result of `updyn.identify_modes`.
-    frf : FRF
-        The measurement.
-    path : str or path-like
-        The file. An existing file is replaced only after the new page is complete.
-    title : str
-        Title of the page.
-    poles : sequence of float or None, optional
-        Frequency in Hz of the pole picked for each mode; None for modes found without a pole.
-    left_out : ModeSet, optional
-        Modes that were found but not picked. They can be picked in the page.
-
-    Returns
-    -------
-    Path
-        The file.
+    `poles` holds the frequency (Hz) of the pole picked for each mode, None for modes found without
+    a pole. `left_out` are modes found but not picked, which can be picked in the page. An existing
+    file is replaced only after the new page is complete.
     """
     return write_page(render(modes, frf, title, poles=poles, left_out=left_out), path)
 

@@ -64,20 +64,10 @@ def mode_map(
     criterion: str,
     subspaces: Sequence[Subspace] = (),
 ) -> Figure:
-    """Return a heat map of modes against modes on a scale from 0 to 1.
+    """Return a heat map of the modulus of a criterion, modes against modes, from 0 to 1.
 
-    Parameters
-    ----------
-    values : array_like, shape (n_rows, n_columns)
-        The criterion; the modulus of complex or signed values is shown.
-    rows, columns : Modes or ModeSet
-        The modes; the first mode is at the top and on the left.
-    names : tuple of str
-        Owners of the modes of the rows and of the columns.
-    criterion : str
-        Name of the criterion.
-    subspaces : sequence of Subspace
-        Groups of close modes, framed and labelled with their subspace MAC.
+    The first mode is at the top and on the left. `names` are the owners of the modes of rows and
+    columns. `subspaces` are groups of close modes, framed and labelled with their subspace MAC.
     """
     size = np.abs(np.asarray(values))
     hover = []
@@ -205,10 +195,9 @@ def comac_bars(table: ModalTable) -> Figure | None:
 
 
 def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure]:
-    """Return maps of the geometry with COMAC at the sensors, by name of the figure.
+    """Return the figures ``"comac-map-start"`` and ``"comac-map-updated"`` by name.
 
-    The names are ``"comac-map-start"`` and ``"comac-map-updated"``. A node with several sensors
-    shows their lowest value. Sensors at nodes outside the geometry are omitted.
+    A node with several sensors shows their lowest COMAC. Sensors outside the geometry are omitted.
     """
     made: dict[str, Figure] = {}
     if geometry is None or not len(geometry.nodes):

@@ -96,23 +96,10 @@ FRFS = OverlaySection()
 
 
 def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, Any], str]:
-    """Return the arrays of the FRF overlay, and a note if lines were thinned.
+    """Return the arrays of the FRF overlay, at most `budget` bytes, and a note if thinned.
 
-    Parameters
-    ----------
-    data : ReportData
-        Measured and computed FRFs, from `updyn.report.data.gather`.
-    budget : int
-        Largest size of the arrays in bytes.
-
-    Returns
-    -------
-    dict
-        ``freq`` (Hz) and ``measured``, ``before``, ``after``, ``coherence`` as base64 of
-        little-endian float32, by channel (response, then reference), real and imaginary parts
-        interleaved; ``grid`` (Hz), the lines of ``before`` and ``after``; labels, units and bands.
-    str
-        The note, or an empty string.
+    Values are base64 of little-endian float32 by channel (response, then reference), real and
+    imaginary parts interleaved. Lines are in Hz: ``freq`` of the data, ``grid`` of the models.
     """
     keep, note = _choose_lines(data, budget)
     curves = _choose_grid_lines(data, budget)

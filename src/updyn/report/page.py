@@ -106,16 +106,7 @@ def assemble(
 ) -> str:
     """Return a page as HTML with every section that applies to its content.
 
-    Parameters
-    ----------
-    content : Content
-        The objects shown on the page.
-    head : str
-        Head of the page, HTML.
-    title, version : str
-        Title in the browser, and the version of updyn that wrote the page.
-    folds : bool
-        Whether sections outside the first screen are folded.
+    `head` is HTML. With `folds`, sections outside the first screen are folded.
     """
     sections: list[ReportSection] = []
     bodies: list[str] = []

@@ -34,16 +34,8 @@ _CURVES = 4
 class IdentifiedModes:
     """Identified modes and the measurement they come from.
 
-    Attributes
-    ----------
-    modes : ModeSet
-        The modes.
-    frf : FRF
-        The measurement.
-    poles : list of float or None
-        Frequency in Hz of the pole picked for each mode; None for modes found without a pole.
-    left_out : ModeSet, optional
-        Modes that were found but not picked.
+    `poles` has the frequency (Hz) of the pole picked for each mode, None for modes found without a
+    pole; `left_out` are modes found but not picked.
     """
 
     modes: ModeSet
@@ -63,10 +55,7 @@ class IdentifiedModes:
 
     @cached_property
     def frac(self) -> NDArray[np.float64] | None:
-        """FRAC of each channel in `band`, shape (n_responses, n_references).
-
-        None if the FRFs cannot be synthesised.
-        """
+        """FRAC of each channel in `band`; None if the FRFs cannot be synthesised."""
         try:
             values = synthesise(self.modes, self.frf).values
         except DataError:
@@ -238,7 +227,6 @@ def picker_data(found: IdentifiedModes) -> dict[str, Any]:
 
     The arrays ``freq`` (Hz), ``weights``, ``cmif`` (by singular value, 0 at 0 Hz) and ``values``
     (by drawn channel, real and imaginary parts interleaved) are base64 of little-endian floats.
-    Further entries are names and units of these channels, modes, peaks and poles.
     """
     frf, modes = found.frf, found.modes
     indicator = np.zeros((len(frf.freq), min(found.indicator.values.shape[1], _CURVES)))

@@ -58,29 +58,10 @@ def picture(
     legend: Sequence[tuple[str, str]] = (),
     note: str = "",
 ) -> str:
-    """Return the picture of a structure from two sides, with its legend.
+    """Return the picture of a structure from two sides as HTML; empty without a geometry.
 
-    Parameters
-    ----------
-    model : Model
-        The structure.
-    responses, references : sequence of str
-        DOF labels of sensors and forces.
-    parts : mapping of str to (str, str)
-        Colour (a class of ``structure.css``) and title by group.
-    about : str
-        Caption of the picture.
-    scale : sequence of (str, str)
-        Class and text of the steps of the colour scale.
-    legend : sequence of (str, str)
-        Class and text of the parts.
-    note : str
-        Text shown in place of an empty legend.
-
-    Returns
-    -------
-    str
-        HTML; empty if the model has no geometry to draw.
+    `parts` has a colour (a class of ``structure.css``) and a title by group; `scale` and `legend`
+    have classes and texts. `note` replaces an empty legend.
     """
     if model.geometry is None or not len(model.geometry.nodes):
         return ""
@@ -115,22 +96,9 @@ def picture(
 class PictureScene:
     """The lines of a geometry with their groups, colours and titles.
 
-    Attributes
-    ----------
-    xyz : ndarray of float, shape (n, 3)
-        Positions of the nodes, in m.
-    lines : ndarray of int, shape (m, 2)
-        Ends of the lines, as node positions.
-    group : ndarray of int, shape (m,)
-        Group of each line; -1 if unknown.
-    lumps : mapping of int to ndarray of int
-        Nodes of each group without lines.
-    names : sequence of str
-        Names of the groups.
-    parts : mapping of str to (str, str)
-        Colour and title by group; groups that are missing here have no unknown.
-    notes : tuple of str
-        Remarks on omitted items.
+    `xyz`, shape (n, 3), is in m; `lines`, shape (m, 2), and `lumps` (nodes of groups without lines)
+    hold node positions; `group`, shape (m,), is -1 if unknown. `parts` has colour and title by
+    group; groups missing there have no unknown.
     """
 
     xyz: _Real
@@ -174,18 +142,10 @@ class PictureScene:
 # -- sensors and forces --------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class Callout:
-    """The sensors and forces at one node.
+    """The sensors and forces at one node, as directions, with ``-`` for a negative sensor.
 
-    Parameters
-    ----------
-    node : int
-        Number of the node.
-    xyz : ndarray of float, shape (3,)
-        Position of the node, in m.
-    axes : ndarray of float, shape (3, 3)
-        Axes X, Y and Z of the node as rows, in global components.
-    sensors, forces : tuple of str
-        Directions, with ``-`` for a sensor in the negative direction.
+    `xyz` is in m; `axes`, shape (3, 3), has the axes X, Y and Z of the node as rows, in global
+    components.
     """
 
     node: int
@@ -237,18 +197,8 @@ def _draw_arrow(
 ) -> dict[str, Any]:
     """Return an arrow as SVG paths; without a shaft if it points along the line of sight.
 
-    Parameters
-    ----------
-    place : ndarray of float, shape (2,)
-        Position in the picture.
-    direction : str
-        A direction such as ``"-RX"``.
-    axes : ndarray of float, shape (3, 3)
-        Axes X, Y and Z of the node as rows, in picture axes (right, down, depth).
-    length : float
-        Length of an arrow parallel to the picture plane.
-    kind : str
-        ``"sensor"``, or ``"force"``, which ends at `place` and has filled heads.
+    `axes`, shape (3, 3), has the axes of the node as rows in picture axes (right, down, depth). A
+    ``"force"`` ends at `place` and has filled heads; the other `kind` is ``"sensor"``.
     """
     number = DIRECTIONS.index(direction.lstrip("-"))
     vector = axes[number % 3][:2]
@@ -280,10 +230,7 @@ def _svg_path(*points: _Real) -> str:
 
 
 def _place_labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
-    """Return labels in two columns, left and right; empty if they do not fit.
-
-    Each label is in the column nearest to its node. The arrows have titles in any case.
-    """
+    """Return labels in two columns, each in the nearer one; empty if they do not fit."""
     by_x = np.argsort(at[:, 0], kind="stable")
     half = (len(items) + 1) // 2
     if half * _LABEL_GAP > _HEIGHT - 2 * _LABEL_GAP:
@@ -324,19 +271,10 @@ def _place_column(
 def spread_heights(
     wanted: NDArray[np.float64], gap: float, low: float, high: float
 ) -> NDArray[np.float64]:
-    """Return ascending heights near `wanted`, at least `gap` apart, between `low` and `high`.
+    """Return ascending heights near `wanted` (ascending), at least `gap` apart, within limits.
 
-    Parameters
-    ----------
-    wanted : ndarray of float, shape (n,)
-        Ascending heights.
-    gap, low, high : float
-        Smallest distance, and the limits; ``(n - 1) gap`` must fit between the limits.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        Ascending heights: moved up to keep the gap, then down from the upper limit.
+    Heights are moved up to keep the gap, then down from the upper limit. ``(n - 1) gap`` must fit
+    between the limits.
     """
     out = np.clip(np.asarray(wanted, dtype=np.float64), low, high)
     for i in range(1, len(out)):

@@ -168,18 +168,8 @@ def categories(names: Sequence[str], title: str) -> dict[str, Any]:
 class Panel:
     """One panel of a stacked figure.
 
-    Attributes
-    ----------
-    title : str
-        Title of the y axis, with the unit.
-    traces : list of dict
-        Plotly traces.
-    axis : dict
-        Further settings of the y axis.
-    share : float
-        Height relative to the other panels.
-    marks : tuple of float
-        Positions of horizontal lines across the panel.
+    `axis` holds settings of the y axis, `share` the relative height, `marks` the positions of
+    horizontal lines.
     """
 
     title: str
@@ -408,10 +398,9 @@ def _vertical_line(at: float) -> dict[str, Any]:
 
 
 def log_bars(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
-    """Return a chart with one horizontal bar per named value on a logarithmic axis.
+    """Return a chart of horizontal bars of the finite values, logarithmic; None without any.
 
-    Non-finite values are omitted; None if none is finite. `mark` is the position of a vertical
-    line.
+    `mark` is the position of a vertical line.
     """
     known = {name: v for name, v in values.items() if math.isfinite(v)}
     if not known:

@@ -56,10 +56,7 @@ REGULARISATION = RegularisationSection()
 
 
 def trade_off(result: UpdateResult) -> Figure | None:
-    """Return the trade-off curve: distance from the start over misfit, with the chosen point.
-
-    None without regularisation.
-    """
+    """Return the distance from the start over misfit; None without regularisation."""
     record = result.options.get("regularisation")
     if not record:
         return None

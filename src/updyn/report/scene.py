@@ -71,24 +71,8 @@ def scene_of(
 ) -> Scene | None:
     """Return the scene of a page; None if the model has no geometry.
 
-    Parameters
-    ----------
-    content : Content
-        Content of the page: modal table and FRFs, for a page on one test.
-    models : mapping of str to Model
-        ``"start"`` and, after a fit, ``"updated"``.
-    data : sequence of FRF or ModeSet
-        Measurements of all tests, which define sensors and forces.
-    colourings : sequence of Colouring
-        Colourings of the groups.
-    title : str
-        Title of the scene.
-    moves : bool
-        Whether modes and operating shapes are shown.
-
-    Returns
-    -------
-    Scene or None
+    `models` are ``"start"`` and, after a fit, ``"updated"``. `data` of all tests define sensors and
+    forces. With `moves`, modes and operating shapes of the content are shown.
     """
     model = models["start"]
     geometry = model.geometry

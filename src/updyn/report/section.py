@@ -92,13 +92,7 @@ class PageContent:
 
     @cached_property
     def result(self) -> UpdateResult:
-        """The result; for several tests the first result, with the common title.
-
-        Raises
-        ------
-        LookupError
-            If the page shows no update.
-        """
+        """The result, or the first of several with the common title; `LookupError` if none."""
         if self.update is None:
             raise LookupError("this page shows no update")
         if isinstance(self.update, JointResult):

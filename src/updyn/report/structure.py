@@ -111,7 +111,7 @@ STRUCTURE = StructureSection()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
-    """Return picture and legend for the tests of one structure, with the sensors of all tests.
+    """Return picture and legend of a structure with the sensors of all its tests.
 
     The model with the most degrees of freedom is drawn. Empty if no model has a geometry.
     """

@@ -68,19 +68,7 @@ def _read_template(name: str) -> str:
 
 
 def render_template(name: str, **context: Any) -> str:
-    """Return a template rendered with a context.
-
-    Parameters
-    ----------
-    name : str
-        Package and file, such as ``"updyn.report/agreement.html"``.
-    **context : object
-        Variables of the template.
-
-    Returns
-    -------
-    str
-    """
+    """Return a template, such as ``"updyn.report/agreement.html"``, rendered with variables."""
     return _environment().get_template(name).render(context)
 
 

@@ -214,7 +214,7 @@ def _bars(
 
 # -- band ----------------------------------------------------------------------------------------
 def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, str] | None:
-    """Return the most uncertain measured FRF, with the band of the updated model, and its channel.
+    """Return the most uncertain measured FRF with the band of the updated model, and its channel.
 
     The band is computed from draws, or by Laplace's approximation for profiles. None if it is too
     expensive or not computable.
