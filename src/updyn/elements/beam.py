@@ -1,15 +1,10 @@
 """`beam`: a planar Timoshenko beam in bending, with supports and point masses, as groups.
 
-The beam lies along X, deflects along Z and its sections rotate about Y. A positive RY (right-hand
-rule) rotates X towards -Z: without shear, RY = -dw/dx.
-
-Its two-node elements are exact for static loads at the nodes and free of shear locking: stiffness
-of Przemieniecki, Theory of Matrix Structural Analysis, 1968, section 5.6 (bending in one plane),
-consistent mass with rotary inertia of Friedman & Kosmatka, Computers & Structures 47 (1993)
-473-481, from the same displacement functions. The shear strain is constant over an element.
-Natural frequencies therefore converge from above, with an error proportional to the square of the
-element length (4e-6 for the second bending mode of a beam 30 times longer than high, with 100
-elements).
+X along the beam, Z its deflection; a positive RY (right-hand rule) rotates X towards -Z: without
+shear, RY = -dw/dx. Elements are exact for static loads at the nodes: Przemieniecki, Theory of
+Matrix Structural Analysis, 1968, section 5.6; consistent mass with rotary inertia of Friedman &
+Kosmatka, Computers & Structures 47 (1993) 473-481. Natural frequencies converge from above, with an
+error proportional to the square of the element length.
 """
 
 from __future__ import annotations
@@ -164,52 +159,11 @@ def beam(
 ) -> Model:
     """Build a Timoshenko beam of rectangular cross-section in bending; free-free without supports.
 
-    Parameters
-    ----------
-    length : float
-        Length in m.
-    E, rho : float
-        Young's modulus in Pa and density in kg/m3.
-    width, height : float
-        Cross-section in m; the height is along Z, the direction of deflection.
-    nu : float
-        Poisson's ratio, for G = E / (2 (1 + nu)).
-    shear_coefficient : float, optional
-        Effective over true shear area; by default 10 (1 + nu) / (12 + 11 nu) of a rectangle
-        (Cowper, J. Applied Mechanics 33 (1966) 335).
-    loss_factor : float
-        Structural loss factor.
-    n_elements : int, optional
-        No element is longer than `length` over this number (100 if neither this nor `nodes` is
-        given). Stations, segment ends, supports and masses divide elements further.
-    nodes : array_like of float, shape (n,), optional
-        All node positions in m, instead of `n_elements`; each station, segment end, support and
-        mass must be among them.
-    stations : iterable of float, or mapping of int to float
-        Positions in m that must be nodes (sensors, hammer points). A mapping also gives the
-        numbers of these nodes. All other nodes are numbered 1, 2, ... in order of x, skipping
-        given numbers.
-    segments : iterable of Segment
-        Sections that form separate groups; together they must cover the beam once. By default, one
-        group ``"beam"``. Tuples ``(name, start, end)`` are accepted.
-    supports : iterable of BeamSupport
-        Springs and dampers to ground.
-    masses : iterable of BeamMass
-        Rigid masses.
-    title : str
-        Title, for documentation.
-
-    Returns
-    -------
-    Model
-        DOFs ``node:Z`` and ``node:RY`` of each node in order of x; groups: the segments, the
-        supports, the masses; geometry with the beam drawn along X.
-
-    Raises
-    ------
-    ModelError
-        If a number is invalid, a position lies off the beam, segments overlap or leave a gap, or
-        names collide.
+    All arguments are in SI units. `shear_coefficient` is effective over true shear area, by default
+    10 (1 + nu) / (12 + 11 nu) of a rectangle (Cowper, J. Applied Mechanics 33 (1966) 335). `nodes`
+    gives all node positions; otherwise `stations`, segment ends, supports and masses are nodes, and
+    no element is longer than `length` / `n_elements` (100). Nodes are numbered in order of x,
+    except `stations` with given numbers.
     """
     common = {"E": E, "rho": rho, "width": width, "height": height}
     for name, value in {"length": length, **common}.items():
@@ -244,25 +198,7 @@ def beam(
 
 
 def beam_from_table(table: Mapping[str, Any]) -> Model:
-    """Build a beam from a table of a job file, ``[model] kind = "beam"``.
-
-    Parameters
-    ----------
-    table : mapping
-        ``kind`` (``"beam"``, optional) and the keyword arguments of `beam` by name. ``segments``,
-        ``supports`` and ``masses`` are arrays of tables with the fields of `Segment`, `BeamSupport`
-        and `BeamMass`; ``stations`` is an array of positions in m, or a table from node number to
-        position.
-
-    Returns
-    -------
-    Model
-
-    Raises
-    ------
-    ModelError
-        If a key is missing or unknown (the message gives the nearest), or as `beam`.
-    """
+    """Build a beam from a table ``[model] kind = "beam"`` with the arguments of `beam` as keys."""
     data = dict(table)
     kind = data.pop("kind", "beam")
     if kind != "beam":
@@ -493,12 +429,7 @@ def _node_positions(
     n_elements: int | None,
     nodes: ArrayLike | None,
 ) -> NDArray[np.float64]:
-    """Return ascending node positions in m that include given places.
-
-    The beam extends from 0 to `length` in m; `places` are names and positions that need a node.
-    `nodes` gives all positions; otherwise no element is longer than `length` / `n_elements`
-    (default 100).
-    """
+    """Return ascending node positions in m that include `places`, pairs of name and position."""
     checked = [(what, check_number(what, "position", x)) for what, x in places]
     for what, x in checked:
         if not -_SAME * length <= x <= (1 + _SAME) * length:
@@ -632,10 +563,8 @@ def element_matrices(
     """Return stiffness, translational and rotary mass of two-node Timoshenko elements.
 
     Each has shape (n, 4, 4) in (w1, t1, w2, t2): deflections w (m), section rotations t = dw/dx -
-    shear strain (rad). `length` (n,) is in m, EI in N m2, rho A in kg/m, rho I in kg m; `shear` is
-    E I / (kappa G A) in m2, with phi = 12 shear / length^2 (0 for Euler-Bernoulli). Sources:
-    Przemieniecki 1968, section 5.6; Friedman & Kosmatka 1993, stiffness, translational and rotary
-    inertia matrices of the locking-free element.
+    shear strain (rad). `shear` is E I / (kappa G A) in m2, with phi = 12 shear / length^2 (0 for
+    Euler-Bernoulli). Przemieniecki 1968, section 5.6; Friedman & Kosmatka 1993.
     """
     l = np.asarray(length, dtype=np.float64)  # noqa: E741 - the field's letter
     p = 12.0 * shear / l**2

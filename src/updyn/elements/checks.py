@@ -200,10 +200,7 @@ def field_names(kind: type[Any]) -> tuple[list[str], list[str]]:
 
 
 def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
-    """Return objects of a dataclass; tuples of its fields in order are converted.
-
-    A `ModelError` is raised for other items, and for tuples with too few or too many fields.
-    """
+    """Return objects of a dataclass; tuples of its fields in order are converted."""
     names = ", ".join(field_names(kind)[0])
     out = []
     for item in given:
@@ -220,10 +217,7 @@ def make_parts(kind: type[_T], given: Iterable[Any]) -> list[_T]:
 
 
 def read_parts(table: Mapping[str, Any], key: str, kind: type[_T]) -> list[_T]:
-    """Return the objects of a dataclass in an array of tables ``[[model.key]]``.
-
-    A `ModelError` is raised if it is not such an array, or a key of a row is missing or unknown.
-    """
+    """Return the objects of a dataclass in an array of tables ``[[model.key]]``."""
     return read_rows(table, key, lambda where, row: read_row(kind, where, row))
 
 
@@ -232,8 +226,7 @@ def read_rows(
 ) -> list[_T]:
     """Read the rows of an array of tables ``[[model.key]]``; empty if the key is missing.
 
-    `read` converts the place of a row (for messages) and the row to an object. A `ModelError` is
-    raised if it is not an array of tables.
+    `read` converts the place of a row (for messages) and the row to an object.
     """
     rows = table.get(key, [])
     if not isinstance(rows, list | tuple):

@@ -1,9 +1,8 @@
 """Constraints between DOFs, and models joined by common DOFs, by a transformation u = T q.
 
-A tie is an `Equation`: one DOF is a fixed combination of others (a rigid link, a gear of fixed
-ratio, a multi-point constraint). All ties together give u = T q, and each group's matrix A becomes
-T^T A T. The model therefore remains a sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and
-Applications of Finite Element Analysis, 4th ed. 2002, section 13.2).
+All ties together give u = T q, and each group's matrix A becomes T^T A T, so the model remains a
+sum of its groups (Cook, Malkus, Plesha & Witt, Concepts and Applications of Finite Element
+Analysis, 4th ed. 2002, section 13.2).
 """
 
 from __future__ import annotations

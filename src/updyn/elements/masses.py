@@ -19,11 +19,9 @@ __all__ = ["add_masses", "add_sensor_masses", "sensor_group"]
 
 
 def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mass") -> Model:
-    """Return the model with masses on some of its DOFs, as an additional group `name`.
+    """Return the model with an additional group of masses in kg or kg m2 by DOF.
 
-    `masses` maps DOFs to kg (translations) or kg m2 (rotations), above 0; a mass that moves in
-    several directions is given for each. A `ModelError` is raised for other values or an existing
-    group, a `DofError` if a DOF is not in the model.
+    A mass that moves in several directions is given for each.
     """
     if name in model.groups:
         raise ModelError(f"the model has a group {name!r} already")
@@ -35,10 +33,7 @@ def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mas
 def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
     """Return the model with the mass of each sensor in kg, as a group ``sensor NODE`` each.
 
-    `masses` has masses above 0 by label or node; each acts in all translations of the model at the
-    node. A `ModelError` is raised for other values, two sensors on one node, a node without
-    translations or an existing group, a `DofError` if a label is invalid or a node not in the
-    model.
+    `masses` is by label or node; each mass acts in all translations of the model at its node.
     """
     if not isinstance(masses, Mapping) or not masses:
         raise ModelError(

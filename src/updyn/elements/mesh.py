@@ -340,7 +340,7 @@ def _orient_outwards(cells: _CellBlock, xyz: NDArray[np.float64]) -> _CellBlock:
     """Return solids in the node order that encloses a positive volume.
 
     The node order of MED is mirrored relative to VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex),
-    but meshio writes and reads it in the order of VTK. Both have the same edges.
+    but meshio writes and reads it in the order of VTK.
     """
     order = _MIRRORED.get(cells.type)
     if order is None or not len(cells.data) or cells.data.shape[1] != len(order):
@@ -521,8 +521,7 @@ def _node_numbers(path: Path) -> NDArray[np.int64] | None:
     """Return the node numbers of a mesh file, in its order; None if the format has none.
 
     A `FormatError` is raised if the numbers are missing, or meshio would misread the groups of an
-    Abaqus deck: element blocks without a set in addition to blocks with one, one set in two
-    blocks, several blocks of nodes, parts and includes.
+    Abaqus deck.
     """
     suffix = path.suffix.lower()
     if suffix == ".inp":

@@ -46,15 +46,7 @@ _Block: TypeAlias = tuple[tuple[int, ...], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Train:
-    """A train as springs, inertias, rigid ratios and fixed nodes.
-
-    Parameters
-    ----------
-    pieces : tuple of (str, Piece)
-        The pieces, each with the name of its part.
-    nodes : tuple of int
-        All nodes, ascending.
-    """
+    """A train as springs, inertias, rigid ratios and fixed nodes."""
 
     pieces: tuple[tuple[str, Piece], ...]
     nodes: tuple[int, ...]
@@ -220,11 +212,7 @@ def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list
 
 
 def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:
-    """Return the pieces of all parts, after a check of names and nodes.
-
-    A `ModelError` is raised for an object that is not a part, a name of two kinds, or an unknown
-    node to be fixed.
-    """
+    """Return the pieces of all parts, after a check of names and nodes."""
     checked = _check_parts(parts)
     named: set[int] = set()
     for part in checked:

@@ -1,8 +1,7 @@
 """Pieces of a drive train: springs, inertias, rigid ratios and fixed nodes.
 
-A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T, which is
-positive semi-definite and stores no energy in a motion with row . theta = 0. Such motions satisfy
-the rigid ratio of the part. `solve_ratios` solves the rigid ratios of a train.
+A spring has one deformation, delta = row . theta; its stiffness matrix is k row row^T. Motions with
+row . theta = 0 satisfy the rigid ratio of the part.
 """
 
 from __future__ import annotations
@@ -190,9 +189,8 @@ def relative_deformation(
 ) -> tuple[tuple[int, ...], tuple[float, ...]]:
     """Return nodes and row of a deformation relative to a housing that may rotate.
 
-    `row` are the coefficients for a housing at rest. The rotation of the housing (a node, or None
-    for the ground) is subtracted with `housing_factor`, by default the sum of `row`, for shafts
-    parallel to its axis. A `ModelError` is raised if a node is not a whole number or occurs twice.
+    `row` are the coefficients for a housing at rest; `housing_factor` is by default their sum, for
+    shafts parallel to the axis of the housing.
     """
     checked = [check_whole(what, "node", node) for node in nodes]
     values = [check_number(what, "coefficient", value) for value in row]
@@ -219,9 +217,8 @@ def make_transmission(
 ) -> TorsionSpring | RigidRatio:
     """Return the spring or, without stiffness, the rigid ratio of a part that transmits motion.
 
-    `part` has `name`, `viscous`, `loss_factor` and `housing`; the second node of a rigid ratio is
-    the dependent one. The stiffness is in N m/rad, or in N/m for a length (`along`). A
-    `ModelError` is raised for invalid numbers, or damping of a rigid part.
+    The second node of a rigid ratio is the dependent one. A `ModelError` is raised for invalid
+    numbers, or damping of a rigid part.
     """
     every, values = relative_deformation(what, nodes, row, part.housing, housing_factor)
     viscous, loss = check_damping(what, part)
@@ -239,10 +236,10 @@ def solve_ratios(
 ) -> dict[int, dict[int, float]]:
     """Solve the rigid ratios for the dependent nodes: their coefficients by independent node.
 
-    Gauss-Jordan elimination in the order of the train: first the ratios, then the fixed nodes, to
-    distinguish contradicting ratios from wheels that are fixed. Nodes in `keep` remain
-    independent. A ratio implied by others is accepted; a node at rest has no coefficients. A
-    `ModelError` is raised if ratios contradict each other, or a node in `keep` must be dependent.
+    Gauss-Jordan elimination, first the ratios, then the fixed nodes, to distinguish contradicting
+    ratios from wheels that are fixed. Nodes in `keep` remain independent. A node at rest has no
+    coefficients. A `ModelError` is raised if ratios contradict each other, or a node in `keep` is
+    dependent.
     """
     kept = set(keep)
     known: dict[int, dict[int, float]] = {}

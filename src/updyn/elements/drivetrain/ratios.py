@@ -39,10 +39,9 @@ def inverted_ratios(
 ) -> list[str]:
     """Return a question about each gear ratio whose inverse gives more plausible frequencies.
 
-    With the `band` of a test in Hz, a ratio is doubtful if no natural frequency lies within an
-    octave of the band but one does with the inverse; without a band, if more frequencies are
-    `PLAUSIBLE` with the inverse. `build` returns the model of parts. Too large trains are not
-    examined.
+    A ratio is doubtful if only its inverse has a natural frequency within an octave of `band` in
+    Hz; without a band, if more frequencies are `PLAUSIBLE` with the inverse. Too large trains are
+    not examined.
     """
     geared = [at for at, part in enumerate(parts) if part.speeds is not None]
     if not geared:

@@ -1,9 +1,8 @@
 """`reflected`: stiffnesses and inertias of a drive train, reflected to one of its nodes.
 
-With n_i the speed ratio of a shaft to the node for rigid parts, a stiffness k_i is reflected as
-k_i n_i^2 and an inertia J_i as J_i n_i^2. The stiffness of a series of parts follows from 1/k =
-sum 1/(k_i n_i^2) (Friswell, Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010, section
-9.6).
+With n_i the speed ratio of a shaft to the node, a stiffness k_i is reflected as k_i n_i^2 and an
+inertia J_i as J_i n_i^2. The stiffness of a series follows from 1/k = sum 1/(k_i n_i^2) (Friswell,
+Penny, Garvey & Lees, Dynamics of Rotating Machines, 2010, section 9.6).
 """
 
 from __future__ import annotations
@@ -220,10 +219,7 @@ class _RigidTrain:
         self._place = {node: i for i, node in enumerate(train.nodes)}
 
     def deformation(self, spring: TorsionSpring, to: int) -> float | None:
-        """Return the deformation of a spring for 1 rad at the node, with all other parts rigid.
-
-        None if the node cannot turn.
-        """
+        """Return the deformation for 1 rad at a node of the rigid train; None if it cannot turn."""
         others = [self._row(s) for s in self.train.springs if s is not spring and s.stiffness]
         others += [self._row(tie) for tie in self.train.rigid_ratios]
         others += [self._unit(hold.node) for hold in self.train.fixed_nodes]
@@ -260,10 +256,7 @@ class _RigidTrain:
         return dict(zip(self.nodes, ratios.tolist(), strict=True))
 
     def _supports(self) -> list[int]:
-        """Return nodes to fix until the ratios are determined.
-
-        Housings come first, then anchored members of planetary stages.
-        """
+        """Return nodes to fix until the ratios are determined: housings, then planetary anchors."""
         springs = self.train.springs
         rigid_ratios = self.train.rigid_ratios
         housings = [s.nodes[1] for s in springs if s.anchor and len(s.nodes) == 2]

@@ -157,12 +157,7 @@ _SHAPES: dict[str, tuple[Callable[..., Section], list[str], list[str]]] = {
 
 
 def section_from_table(where: str, given: Any) -> Section:
-    """Return the section of a beam from a table of a job file.
-
-    The table has the fields of `Section`, or ``shape`` (``"rectangle"``, ``"tube"``) and
-    dimensions in m. A `ModelError` that begins with `where` is raised for a missing or unknown
-    key.
-    """
+    """Return the section of a beam from a table: its fields, or ``shape`` and dimensions."""
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: section {given!r}; expected a table")
     if "shape" not in given:
@@ -253,8 +248,8 @@ class Beam(Element):
     ) -> NDArray[np.float64]:
         """Return a vector in the local xy plane of each beam, shape (m, 3).
 
-        Without an orientation, both bending planes are equal, and any vector across the beam can
-        be used.
+        Without an orientation, both bending planes are equal, and any vector across the beam can be
+        used.
         """
         along = ends[:, 1] - ends[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)

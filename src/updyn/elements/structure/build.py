@@ -264,10 +264,7 @@ def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
 
 
 def _faces(elements: Iterable[Element]) -> NDArray[np.int64]:
-    """Return the unique faces to draw as node numbers, shape (n, 4); triangles repeat the last.
-
-    A face that two solids share is an inner face and omitted.
-    """
+    """Return the unique faces to draw as node numbers, shape (n, 4); triangles repeat the last."""
     found = {True: [np.empty((0, 4), dtype=np.int64)], False: [np.empty((0, 4), dtype=np.int64)]}
     for element in elements:
         found[element.encloses].append(as_quadrangles(element.faces()))

@@ -1,9 +1,7 @@
 """`Element`: finite elements of one kind in one group, and `ELEMENTS`, the registry of kinds.
 
-To add a kind, in this package or another, define a dataclass derived from `Element` and register
-it with ``ELEMENTS.register("kind", Kind)`` (or an entry point of the group ``updyn.elements``):
-`updyn.elements.structure.structure` then accepts its objects, and a job file its rows
-``[[model.kind]]``.
+To add a kind, register a dataclass derived from `Element` with ``ELEMENTS.register("kind", Kind)``
+or an entry point of the group ``updyn.elements``.
 """
 
 from __future__ import annotations

@@ -48,12 +48,11 @@ def beam_matrices(
     vectors: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of beams in global axes, each shape (m, 12, 12).
+    """Return stiffness and consistent mass of beams in global axes, each shape (m, 12, 12), in SI.
 
-    Units are N/m, N, N m and kg, kg m, kg m2; E and G are in Pa, rho in kg/m3. `vectors` (m, 3)
-    lie in the local xy planes, `ends` (m, 2, 3) are positions in m. Timoshenko beams with the
-    displacement functions of static equilibrium (Luo, Adv. Theor. Appl. Mech. 1 (2008) 95; Petyt,
-    Introduction to Finite Element Vibration Analysis, 2nd ed. 2010, section 3.9).
+    `vectors` (m, 3) lie in the local xy planes. Timoshenko beams with the displacement functions of
+    static equilibrium (Luo, Adv. Theor. Appl. Mech. 1 (2008) 95; Petyt, Introduction to Finite
+    Element Vibration Analysis, 2nd ed. 2010, section 3.9).
     """
     fe = _library()
     prop = fe.beamprop.BeamProp()
@@ -86,10 +85,7 @@ def _shear_modulus(coefficient: float | None, E: float, G: float) -> float:
 def truss_matrices(
     A: float, E: float, rho: float, ends: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in N/m and kg.
-
-    A is in m2, E in Pa, rho in kg/m3; `ends` (m, 2, 3) are positions in m.
-    """
+    """Return stiffness and consistent mass of bars, each shape (m, 6, 6), in SI."""
     fe = _library()
     prop = fe.beamprop.BeamProp()
     prop.A = A
@@ -111,12 +107,11 @@ def truss_matrices(
 def plate_matrices(
     what: str, thickness: float, E: float, nu: float, rho: float, local: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of flat shells in local axes, each shape (m, 6 k, 6 k).
+    """Return stiffness and mass of flat shells in local axes, shape (m, 6 k, 6 k), in SI.
 
     First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989).
     Triangles have the transverse shear of the discrete shear gap; quadrilaterals have none here.
-    The thickness is in m, E in Pa, rho in kg/m3; `local` (m, k, 3) are positions in m with a third
-    coordinate of 0. A `ModelError` is raised if pyfe3d rejects the material.
+    The third coordinate of `local` is 0.
     """
     fe = _library()
     try:

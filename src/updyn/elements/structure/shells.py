@@ -1,10 +1,9 @@
 """Flat shells: local axes, warped quadrilaterals, and the transverse shear of four-node shells.
 
-Membrane, bending and drilling come from pyfe3d. The transverse shear of four-node shells is that
-of Dvorkin & Bathe, Engineering Computations 1 (1984) 77-88 (MITC4): sampled at the middles of the
-edges, free of locking and of spurious modes. A node off the mean plane of its quadrilateral is
-connected to that plane by a rigid arm along the normal, which keeps rigid rotations free of strain
-(MacNeal, Finite Elements: Their Design and Performance, 1994, ch. 10).
+Membrane, bending and drilling come from pyfe3d. Transverse shear: MITC4 of Dvorkin & Bathe,
+Engineering Computations 1 (1984) 77-88. A rigid arm connects a node off the mean plane of its
+quadrilateral, which keeps rigid rotations free of strain (MacNeal, Finite Elements: Their Design
+and Performance, 1994, ch. 10).
 """
 
 from __future__ import annotations
@@ -171,10 +170,7 @@ class Shell(Element):
         return f"{self.label}: the element of nodes {numbers[int(np.argmax(chosen))].tolist()}"
 
     def _shear_stiffness(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the transverse shear stiffness of quadrilaterals, shape (m, 24, 24).
-
-        `xy` holds their corners in the plane, shape (m, 4, 2).
-        """
+        """Return the transverse shear stiffness of quadrilaterals, shape (m, 24, 24)."""
         shear = 5 / 6 * self.E / (2 * (1 + self.nu)) * self.thickness
         bottom = _covariant(xy, 0, (0.0, -1.0))
         top = _covariant(xy, 0, (0.0, 1.0))

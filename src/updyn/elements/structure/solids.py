@@ -136,10 +136,9 @@ def solid_matrices(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stiffness and mass of solid elements, each shape (m, 3 k, 3 k), in N/m and kg.
 
-    `xyz` (m, k, 3) are positions in m of k = 4, 8, 10 or 20 nodes in the order of VTK, none of the
-    elements inside out (`inside_out`); E is in Pa, nu below 0.5, rho in kg/m3. A lumped mass is
-    scaled from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake Eng.
-    Struct. Dyn. 4 (1976) 245-249). A `ModelError` is raised if scikit-fem is missing.
+    The nodes are in the order of VTK, and no element may be `inside_out`. A lumped mass is scaled
+    from the diagonal of the consistent one (Hinton, Rock & Zienkiewicz, Earthquake Eng. Struct.
+    Dyn. 4 (1976) 245-249).
     """
     k = xyz.shape[1]
     at_stiffness = _shape(k, mass=False)
@@ -161,10 +160,7 @@ def solid_matrices(
 
 
 def inside_out(xyz: NDArray[np.float64]) -> int | None:
-    """Return the index of the first element with a point of non-positive volume, or None.
-
-    `xyz` has the positions of the nodes in m, shape (m, k, 3).
-    """
+    """Return the index of the first element with a point of non-positive volume, or None."""
     k = xyz.shape[1]
     good = np.ones(len(xyz), dtype=np.bool_)
     for mass in (False, True):
@@ -175,10 +171,7 @@ def inside_out(xyz: NDArray[np.float64]) -> int | None:
 def _gradients(
     shape: _Shape, xyz: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the slopes along x, y, z and the volumes of the quadrature points.
-
-    Their shapes are (m, q, 3, k), in 1/m, and (m, q), in m3.
-    """
+    """Return slopes (m, q, 3, k) in 1/m and volumes (m, q) in m3 of the quadrature points."""
     J = shape.slopes @ xyz[:, None]
     dN = np.broadcast_to(shape.slopes, (len(xyz), *shape.slopes.shape))
     return np.asarray(np.linalg.solve(J, dN), dtype=np.float64), np.linalg.det(J) * shape.w

@@ -246,10 +246,7 @@ def _quadratic(diagonal: NDArray[np.float64], G: NDArray[np.float64]) -> NDArray
 
 
 def _rigid_arm(arm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the motion of the end of a rigid arm from that of its start, shape (6, 6).
-
-    The end moves by u + theta x arm and rotates by theta.
-    """
+    """Return the (6, 6) matrix of a rigid arm, whose end moves by u + theta x arm."""
     x, y, z = arm
     out = np.eye(6)
     out[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
