@@ -53,43 +53,12 @@ def compare_job(
     engine: int | Client | Engine | None = None,
     **options: Any,
 ) -> Comparison:
-    """Run every method on the inputs of a job and write the comparison.
+    """Run every method on the inputs of a job and write ``compare.json`` and ``compare.html``.
 
-    Model, data, unknowns, lines, noise and validation set are those of the job. The options in
-    ``[method]`` apply to that method only; measured modes are passed to every method that fits
-    modes.
-
-    Parameters
-    ----------
-    job : Job
-        From `load_job`.
-    out : path, optional
-        The folder; by default the job's stem with ``-compare``, next to the job.
-    callback : callable, optional
-        As for `updyn.compare`.
-    methods : iterable of str, optional
-        Names; by default every method.
-    truth : path, optional
-        File with true values, as `read_truth` takes it.
-    prepared : Prepared, optional
-        From `prepare`, if already called.
-    engine : None, int, dask.distributed Client or Engine
-        As for `updyn.update`.
-    **options
-        ``fewest``, ``tolerance`` and ``chosen`` of `updyn.compare`.
-
-    Returns
-    -------
-    Comparison
-        Written to `out` as ``compare.json`` and ``compare.html``, replaced together; a stopped
-        comparison has the rows computed so far.
-
-    Raises
-    ------
-    InputError
-        If the job, a file, an option or the output folder cannot be used; nothing is written then.
-    SolverError
-        If the model cannot be solved at its start values; nothing is written.
+    The options in ``[method]`` apply to that method only; measured modes are passed to every method
+    that fits modes. `out` is by default the job's stem with ``-compare``, `options` are ``fewest``,
+    ``tolerance`` and ``chosen`` of `updyn.compare`. A stopped comparison has the rows computed so
+    far. Nothing is written after an `InputError` or `SolverError`.
     """
     from updyn.report import write_comparison
 

@@ -32,8 +32,8 @@ def check_encodable(name: str) -> None:
 def existing_file(job: Document, file: str, table: str, key: str) -> Path:
     """Return the path of a file named by ``table.key`` of a job.
 
-    An `OptionError` with the nearest file name is raised if it does not exist or is a folder, an
-    `InputError` if it lies outside the folder to which this process is confined.
+    An `OptionError` with the nearest name is raised if it is not an existing file, an `InputError`
+    if it is outside the folder to which this process is confined.
     """
     path = job.beside(file)
     with key_path(table, key):

@@ -72,9 +72,9 @@ def outputs(job: Job) -> tuple[str, ...]:
 def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
     """Return the files of an earlier run in a folder that a new run removes or replaces.
 
-    These are listed in the folder's manifest, have a fixed output name
-    (`updyn.outputs.manifest.is_output`), and are not inputs of the job. An `UpdynWarning` lists
-    files of an earlier run with other names: chosen by its job, or the manifest is forged.
+    These are listed in the folder's manifest, have a fixed output name (`is_output`), and are not
+    inputs of the job. An `UpdynWarning` lists files of an earlier run with other names: chosen by
+    its job, or the manifest is forged.
     """
     inputs = {_resolve_links(path) for path in _list_inputs(job)}
     now = outputs(job)

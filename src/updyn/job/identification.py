@@ -66,11 +66,9 @@ def modes_job(
 ) -> ModeSet:
     """Identify the modes of a job's test and write ``modes.html`` and ``modes.unv`` to `out`.
 
-    The job has one test and may lack ``[modes]``; `out` is by default the job's stem with
-    ``-modes``, next to the job. `say` is called with a sentence for each picked pole that is
-    refined to a mode. A `JobError` is raised, and nothing written, if an input or the folder
-    cannot be used, no mode is near a pick, or a picked pole converges to another mode; a
-    `DataError` if no mode is found.
+    The job has one test and may lack ``[modes]``. `say` is called with a sentence for each picked
+    pole that is refined to a mode. Nothing is written if a `JobError` (bad input or folder, no mode
+    near a pick, or a pole converges to another mode) or `DataError` (no mode) is raised.
     """
     from updyn.report.identified import write_modes_page
 
@@ -100,16 +98,9 @@ def modes_job(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PickedModes:
-    """The picked modes.
+    """The picked modes, refined poles included, and the modes left out.
 
-    Attributes
-    ----------
-    modes : ModeSet
-        The picked modes, refined poles included.
-    poles : list of float or None
-        For each mode, the frequency in Hz of the picked pole it was refined from, or None.
-    left_out : ModeSet or None
-        The other modes found.
+    `poles` has for each mode the frequency (Hz) of the pole it was refined from, or None.
     """
 
     modes: ModeSet
@@ -162,8 +153,8 @@ def _check_unique(frequencies: list[float], what: str) -> None:
 def _find_pole(found: ModeSet, frequency: float) -> float | None:
     """Return the frequency of the picked pole; None if a mode was picked.
 
-    A click gives the frequency to seven digits; a frequency written by hand means the nearest
-    mode, or a peak without a mode if that is nearer.
+    A click gives the frequency to seven digits; a frequency written by hand means the nearest mode,
+    or a peak without a mode if that is nearer.
     """
     diagram = found.diagram
     if diagram is None:

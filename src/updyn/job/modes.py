@@ -19,10 +19,7 @@ __all__ = ["modal_texts", "start_modes_text", "with_modes"]
 
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
-    """Return a result with the modal table of each test, and the verdict based on them.
-
-    The tables are empty if the user stopped the run.
-    """
+    """Return a result with a modal table per test (empty if stopped) and the verdict from them."""
     largest = 0 if result.status == "stopped" else LARGEST
     if isinstance(result, UpdateResult):
         table = modal_table(result, largest=largest)

@@ -96,39 +96,12 @@ def plan_job(
     engine: int | Client | Engine | None = None,
     resume: bool = False,
 ) -> Plan:
-    """Select the sensors and forces requested in ``[plan]`` of a job, and write the plan.
+    """Select the sensors and forces of ``[plan]`` of a job; write ``plan.json`` and ``plan.html``.
 
-    Model, damping, unknowns and the configuration of the test (fixed DOFs, added masses), if any,
-    are those of the job. Measured data are not used.
-
-    Parameters
-    ----------
-    job : Job
-        From `load_job`; its ``[test]`` may be left out.
-    out : path, optional
-        The folder; by default the job's stem with ``-plan``, next to the job.
-    callback : callable, optional
-        As for `updyn.plan`.
-    engine : None, int, dask.distributed Client or Engine
-        As for `updyn.plan`.
-    resume : bool
-        Resume the plan in `out` that was stopped or interrupted. The result equals that of an
-        uninterrupted plan. If nothing was saved, it starts from the beginning, with a warning.
-
-    Returns
-    -------
-    Plan
-        Written to `out` as ``plan.json`` and ``plan.html``, replaced together. Until then the
-        folder holds ``plan.journal``, which `resume` needs.
-
-    Raises
-    ------
-    JobError
-        If the job, a file or the output folder cannot be used; nothing is written then.
-    SolverError
-        If the model cannot be solved at a line; nothing is written.
-    StoppedError
-        If the callback asks to stop; intermediate results are in ``plan.journal``.
+    The job may lack ``[test]``; measured data are not used. `out` is by default the job's stem with
+    ``-plan``. Until the end, it holds ``plan.journal``, from which `resume` continues a stopped
+    plan with the same result. Nothing else is written if a `JobError`, `SolverError` or
+    `StoppedError` is raised.
     """
     from updyn.report import write_plan
 

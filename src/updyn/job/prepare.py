@@ -99,8 +99,7 @@ def prepare(job: Job) -> Prepared:
 def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
     """Return the model of a job, configured as in its first test, and its unknowns.
 
-    The measurement is not read. A `JobError` is raised if the model's file cannot be read, a group
-    is not in the model, or the like.
+    The measurement is not read. A `JobError` is raised if the model or an unknown is invalid.
     """
     with job.located():
         model = apply_damping(job, _build_model(job))
@@ -330,11 +329,9 @@ T = TypeVar("T")
 def match_measurement(
     job: Job, model: Model, data: FRF | ModeSet, others: Sequence[FRF | ModeSet] = ()
 ) -> Matching:
-    """Match the measurement of a job to its model, as in ``[match]``.
+    """Match the measurement of a job to its model, as in ``[match]``; `JobError` if impossible.
 
-    `others` are the data of the job's other tests; entries of ``[match]`` about their sensors are
-    ignored. A `JobError` with the line is raised if a sensor is not a DOF of the model, or the
-    like.
+    Entries of ``[match]`` about sensors of `others`, the data of the other tests, are ignored.
     """
     table = job.match
     geometry = None
@@ -365,9 +362,9 @@ def match_measurement(
 def relabel_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     """Return modes with the DOF labels of the model.
 
-    DOFs that the FRFs have too are matched as their sensors and forces; all others must have the
-    labels of the model. A `DofError` is raised if a DOF is not in the model, lies at a node
-    rotated along an oblique sensor, or two become the same DOF.
+    DOFs that the FRFs also have are matched as their sensors and forces; others must have labels of
+    the model. A `DofError` is raised if a DOF is not in the model, lies at a node rotated along an
+    oblique sensor, or two become the same DOF.
     """
     rows = {row.sensor: row for row in matching.table}
     named = []

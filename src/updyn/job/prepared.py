@@ -20,22 +20,11 @@ __all__ = ["Prepared", "PreparedTest"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedTest:
-    """One test of a job, with its configuration of the model.
+    """One test of a job, with its configuration of the model at the start.
 
-    Attributes
-    ----------
-    job : Job
-        The job, with this test.
-    model : Model
-        The model at its start; DOFs of nodes with oblique sensors are rotated along them.
-    data : FRF or ModeSet
-        The data in the job's band, with the DOF labels of the model.
-    fitted : FRF or ModeSet
-        The fitted part of the data: all but the validation set.
-    matching : Matching
-        Sensors and forces matched to DOFs of the model.
-    modes : ModeSet or None
-        Modes that the job names in addition to FRFs, with the DOF labels of the model.
+    DOFs of nodes with oblique sensors are rotated along them. `data` is in the job's band, `fitted`
+    is `data` without the validation set; they and `modes` (named in addition to FRFs) have the DOF
+    labels of the model.
     """
 
     job: Job
@@ -47,13 +36,7 @@ class PreparedTest:
 
     @property
     def frf(self) -> FRF:
-        """The measured FRFs in the job's band.
-
-        Raises
-        ------
-        OptionError
-            If modes were measured.
-        """
+        """The measured FRFs in the job's band; `OptionError` if modes were measured."""
         if isinstance(self.data, FRF):
             return self.data
         raise OptionError("the test measured modes; this takes FRFs", key=("test", "modes"))

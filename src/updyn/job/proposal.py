@@ -1,7 +1,6 @@
 """`job_text`: propose a commented job file from a model and a measurement.
 
-Comments next to the keys give the properties of the inputs that decide them; the meaning of a key
-is the description of its field in `updyn.job.schema`.
+Comments state the properties of the inputs that determine a key, and its meaning (from the schema).
 """
 
 from __future__ import annotations
@@ -53,29 +52,10 @@ _WIDTH = 100
 class Inputs:
     """Model and measurement read from the two files, and the result of matching them.
 
-    Attributes
-    ----------
-    model_file, frf_file : Path
-        The files.
-    model : Model
-        The model.
-    frf : FRF
-        The measurement.
-    options : dict of str to object
-        Reader options given by the user, by name: ``quantity``, ``scale``, ``unit``.
-    has_quantity : bool
-        Whether the file or the options give the measured quantity.
-    matching : Matching or None
-        Sensors and forces matched to the model; None if any of them is not a DOF of the model.
-    unmatched : tuple of str
-        Labels (in the test) of the sensors and forces without a DOF.
-    match_error : str
-        Why matching by label failed; empty if it succeeded.
-    match_options : dict of str to object
-        Options of `match` other than ``by`` that were used.
-    counterparts : Counterparts or None
-        Number of measured modes with a counterpart in the model; None if the sensor positions are
-        unknown.
+    `options` are the reader options ``quantity``, ``scale`` and ``unit`` of the user. `matching` is
+    None, and `unmatched` has labels of the test, if some are not DOFs of the model; `match_error`
+    says why matching by label failed, and `match_options` are those of `match` without ``by``.
+    `counterparts` is None if the sensor positions are unknown.
     """
 
     model_file: Path
@@ -121,8 +101,8 @@ class Inputs:
 def read_inputs(model_file: Path, frf_file: Path, options: dict[str, Any]) -> Inputs:
     """Read model and measurement and match them by label, otherwise by coordinates.
 
-    `options` holds ``unit`` of the model's deck and ``quantity`` and ``scale`` of the measurement;
-    None if one is not given. An `InputError` is raised if a file cannot be read.
+    `options` are ``unit`` of the model's deck, ``quantity`` and ``scale`` of the measurement, or
+    None. An `InputError` is raised if a file cannot be read.
     """
     given = {name: value for name, value in options.items() if value is not None}
     of_model = {name: value for name, value in given.items() if name == "unit"}
