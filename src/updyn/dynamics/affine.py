@@ -2,17 +2,15 @@
 
     Z(omega) = sum over terms of  c_t(omega, state) A_t,
 
-with one term for each matrix of a group. All matrices are stored once, on a fixed pattern. A change
-of the unknowns changes only the coefficients, and derivatives use the same matrices (Bao, Wang &
-Cheng 2010, eqs. 13-16, corrected: the loss factor acts on the updated stiffness, and the Rayleigh
-coefficients act on updated mass and stiffness):
+one term for each matrix of a group (Bao, Wang & Cheng 2010, eqs. 13-16, corrected: the loss factor
+acts on the updated stiffness, and the Rayleigh coefficients act on updated mass and stiffness):
 
     stiffness   kappa (1 + i gamma r(f) + i omega beta)
     mass        mu (-omega^2 + i omega alpha)
     viscous     nu i omega
 
-If the records of the data were multiplied by exp(-a t) with the `decay` a, the data are H at
-i omega + a. Then i omega + a replaces i omega in all of these.
+If the records of the data were multiplied by exp(-a t) with the `decay` a, i omega + a replaces
+i omega.
 """
 
 from __future__ import annotations
@@ -50,21 +48,20 @@ _FEW = 2**14
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
-    """One stored matrix of one group.
+    """One stored matrix of one group, with entries `data` in the order of `slots`.
 
     Attributes
     ----------
     group, quantity : str
         Name of the group; ``stiffness``, ``mass`` or ``viscous``.
     rows : ndarray of int, shape (n_t,)
-        DOFs of the group's rows that are not empty, ascending. Terms of equal rows share one array.
+        DOFs of rows that are not empty, ascending. Terms of equal rows share one array.
     local : ndarray or sparse, shape (n_t, n_t), real
         The matrix on these DOFs. If it is sparse or full, it shares its entries with `data`.
     slots : ndarray of int
-        Positions of its entries among the values of the system's pattern, ascending. Terms of one
-        pattern share the array.
+        Positions of its entries among the values of Z, ascending; shared by terms of one pattern.
     data : ndarray of float
-        Its entries in this order: the model's own array.
+        Its entries: the model's own array.
     table : LossTable, optional
         The loss factors of a stiffness over frequency.
     """
@@ -96,17 +93,10 @@ class Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The variable numbers of a model: a factor, a loss factor and a viscous rate for each term.
+    """The variable numbers of a model, each of shape (n_terms,).
 
-    Attributes
-    ----------
-    factor : ndarray of float, shape (n_terms,)
-        kappa, mu or the viscous factor nu; 1 in the compiled model.
-    loss : ndarray of float, shape (n_terms,)
-        Loss factor gamma of stiffness terms, 0 for other terms.
-    rate : ndarray of float, shape (n_terms,)
-        The factor of i omega: alpha (1/s) of mass terms, beta (s) of stiffness terms, 1 of viscous
-        terms.
+    `factor` is kappa, mu or nu, 1 in the compiled model; `loss` is gamma, 0 for terms other than
+    stiffness; `rate` multiplies i omega: alpha (1/s) of mass, beta (s) of stiffness, 1 of viscous.
     """
 
     factor: NDArray[np.float64]
@@ -116,22 +106,11 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AffineSystem:
-    """A compiled model.
+    """A compiled model with N DOFs.
 
-    Attributes
-    ----------
-    terms : tuple of Term
-        Every matrix of every group.
-    start : State
-        The state of the compiled model.
-    indptr, indices : ndarray of int
-        CSR pattern of Z, symmetric, with a full diagonal.
-    dofs : DofSet
-        The N degrees of freedom of the model.
-    columns : sparse CSC, shape (nnz, n_terms), real, or None
-        The entries of each term in a column, in small systems.
-    decay : float
-        Rate of the exponential window on the measured data, in 1/s.
+    `indptr` and `indices` are the symmetric CSR pattern of Z with a full diagonal. `columns`,
+    sparse of shape (nnz, n_terms), has the entries of each term in small systems, else it is None.
+    `decay` is the rate of the exponential window on the measured data, in 1/s.
     """
 
     terms: tuple[Term, ...]
@@ -229,17 +208,8 @@ class AffineSystem:
     def relative(self, at: Iterable[int], omega: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return relative loss factors, shape (n_terms, n_lines), or (n_terms, 1) without tables.
 
-        Parameters
-        ----------
-        at : iterable of int
-            Terms with tables to evaluate; the value is 1 for terms without a table.
-        omega : ndarray of float, shape (n_lines,)
-            In rad/s.
-
-        Raises
-        ------
-        ModelError
-            If a line is outside a table.
+        `at` are the terms with tables to evaluate; others have 1. Raises ModelError if a line is
+        outside a table.
         """
         out = np.ones((len(self.terms), 1))
         for t in at:
@@ -252,10 +222,7 @@ class AffineSystem:
         return out
 
     def values(self, coefficients: NDArray[Any]) -> NDArray[Any]:
-        """Return the entries of Z, shape (nnz, n_lines); those of a line are contiguous.
-
-        Real coefficients, shape (n_terms, n_lines), give real entries.
-        """
+        """Return the entries of Z, (nnz, n_lines), contiguous by line; real if the input is."""
         out = np.empty((coefficients.shape[1], len(self.indices)), dtype=coefficients.dtype)
         self._write(coefficients, out)
         return out.T
@@ -267,11 +234,7 @@ class AffineSystem:
         return out
 
     def write(self, weights: NDArray[Any], out: NDArray[Any]) -> None:
-        """Write the entries of the terms' sum into `out`, shape (nnz,).
-
-        `weights`, shape (n_terms,), are the coefficients of one line or any real numbers. `out` has
-        the same dtype and is overwritten.
-        """
+        """Write the sum of terms times `weights` (n_terms,) into `out` (nnz,) of the same dtype."""
         self._write(weights[:, None], out[None, :])
 
     def _write(self, c: NDArray[Any], out: NDArray[Any]) -> None:
@@ -315,10 +278,7 @@ class AffineSystem:
 
 
 def _mix(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
-    """Return the sum of c_t times `entries` of term t, shape (n_lines, n_entries).
-
-    For one line the shape is (n_entries,).
-    """
+    """Return the sum of c_t times `entries` of term t, (n_lines, n_entries); 1-D for one line."""
     mixed: NDArray[Any]
     if c.size == 1:
         mixed = entries[0] * c[0, 0]
@@ -344,8 +304,7 @@ def _combine_terms(terms: tuple[Term, ...], nnz: int) -> Any:
 def _union(matrices: list[Any], n: int) -> Any:
     """Return the pattern of a sum and of the identity, as a sorted CSR array of booleans.
 
-    Neighbours are added in pairs, so that each entry is copied once for each doubling instead of
-    once for each matrix. With booleans no entries cancel to zero.
+    Adding neighbours in pairs copies each entry once per doubling; booleans never cancel to zero.
     """
     if sum(m.nnz for m in matrices) + n <= _FEW:
         numbers = np.unique(np.concatenate([_full_positions(m) for m in matrices] + [_diagonal(n)]))

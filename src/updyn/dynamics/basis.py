@@ -26,17 +26,7 @@ ROWS = 1 << 16
 class Basis:
     """Real basis vectors V and the projected matrices V^T A_t V of every term t.
 
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model with N DOFs.
-    weight : ndarray of float, shape (N,)
-        Scale of each DOF, for comparable translations and rotations. Columns are orthonormal in it.
-
-    Attributes
-    ----------
-    terms : list of ndarray of float, shape (r, r)
-        The projected matrices, one for each term of the system.
+    V is orthonormal in `weight`, shape (N,), which makes translations and rotations comparable.
     """
 
     system: AffineSystem

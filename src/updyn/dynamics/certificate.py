@@ -1,7 +1,6 @@
 """The stated error of a reduced model.
 
-It is the sum of the difference to a larger basis, the error of that basis by its residuals, and
-rounding.
+It is the difference to a larger basis, the error of that basis by residuals, and rounding.
 """
 
 from __future__ import annotations
@@ -45,8 +44,8 @@ class Certificate:
     error : float
         Largest of `errors` relative to the largest |H| of its line, rounding included.
     channel : float
-        Largest error of a channel relative to its rms |H|, at most 1. Unlike `error`, it shows
-        errors of weak channels.
+        Largest error of a channel relative to its rms |H|, at most 1; shows errors of weak
+        channels.
     rounding : float
         The part of `error` due to rounding.
     errors : ndarray of float, shape (n_f, n_rows, n_columns)
@@ -68,18 +67,10 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorEstimate:
-    """The error of a reduced model at all lines, for all loaded DOFs and references.
+    """The error of a reduced model at all lines; arrays (n_f, loaded DOFs, references).
 
-    Attributes
-    ----------
-    channels : ChannelDofs
-        The loaded and read DOFs.
-    H : ndarray of complex, shape (n_f, k, n_j)
-        Receptance in the larger basis.
-    level : ndarray of float, shape (n_f, k, n_j)
-        The largest |H| of the line among entries of the same unit.
-    reduced, rounded : ndarray of float, shape (n_f, k, n_j)
-        Stated errors by the reduction and by rounding.
+    `H` is the receptance in the larger basis, `level` the largest |H| of the line among entries of
+    the same unit, `reduced` and `rounded` are the stated errors by reduction and by rounding.
     """
 
     channels: ChannelDofs
@@ -100,29 +91,11 @@ class ErrorEstimate:
         state: State,
         freq: _Real,
     ) -> ErrorEstimate:
-        """Estimate the error of a basis by comparison with a larger basis that contains it.
+        """Return the error of a basis by comparison with a larger basis that contains it.
 
-        Parameters
-        ----------
-        wide, narrow : ReducedSolver
-            Solvers in the larger basis and in its first vectors.
-        basis : Basis
-            The larger basis.
-        channels : ChannelDofs
-            The loaded and read DOFs.
-        P : ndarray of float, shape (r, r)
-            K + omega_max^2 M in the larger basis.
-        definite : Factorised
-            P of the full model at this or a close state.
-        state : State
-            The state of the model.
-        freq : ndarray of float, shape (n_f,)
-            All frequency lines in Hz.
-
-        Raises
-        ------
-        SolverError
-            If a reduced model is singular at a line.
+        `narrow` has the first vectors of `basis`, `wide` all. `P` is K + omega_max^2 M in `basis`,
+        `definite` that of the full model at this or a close state. Raises SolverError if a reduced
+        model is singular at a line.
         """
         eps = float(np.finfo(np.float64).eps)
         loaded, forced = channels.loaded, channels.forced

@@ -1,9 +1,8 @@
 """Lowest eigenpairs of (K, M). Both may be singular, but not on the same motion.
 
-With a shift s > 0 the pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), has a definite
-right-hand side: massless motions have nu = 0 and rigid-body motions nu = 1 / s, both harmless. The
-relative error of lambda is about eps (lambda + s)^2 / (lambda s), so two passes move s near the
-wanted eigenvalues.
+The pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), s > 0, is definite: nu = 0 for massless
+motions, 1 / s for rigid-body motions. The relative error of lambda is about eps (lambda + s)^2 /
+(lambda s), so two passes move s near the wanted eigenvalues.
 """
 
 from __future__ import annotations
@@ -50,11 +49,7 @@ Pairs = tuple[NDArray[Any], NDArray[Any]]
 def mass_rank(M: Any) -> int:
     """Return the number of independent motions with mass: the number of finite eigenvalues.
 
-    Parameters
-    ----------
-    M : sparse, shape (N, N)
-        Mass in kg (kg m2). If more than `DENSE_LIMIT` DOFs have mass, their number is returned as
-        an upper limit.
+    With more than `DENSE_LIMIT` DOFs with mass, their number is returned as an upper limit.
     """
     massive = np.flatnonzero(np.diff(M.indptr))
     massive = massive[M.diagonal()[massive] != 0.0]
@@ -77,25 +72,10 @@ def weakest_dof(K: Any, M: Any) -> int:
 
 @use_one_thread
 def real_pairs(K: Any, M: Any, n: int) -> Pairs:
-    """Return the n lowest eigenvalues of K phi = lambda M phi and their vectors.
+    """Return the n lowest eigenvalues of K phi = lambda M phi (1/s2, ascending), and their vectors.
 
-    Parameters
-    ----------
-    K, M : sparse, shape (N, N), real symmetric
-        Stiffness and mass, both positive semidefinite except for rounding.
-    n : int
-        Number of eigenvalues.
-
-    Returns
-    -------
-    value : ndarray of float, shape (n,)
-        In 1/s2, ascending.
-    vectors : ndarray of float, shape (N, n)
-
-    Raises
-    ------
-    SolverError
-        If K + s M is singular for every s, or modes were missed.
+    K and M must be positive semidefinite except for rounding. Raises SolverError if K + s M is
+    singular for every s, or modes were missed.
     """
     N = K.shape[0]
     heavy = np.flatnonzero(np.diff(M.indptr))
@@ -123,23 +103,8 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
 def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple[Any, Any, Any]]:
     """Return the n lowest eigenpairs of a small model, and a basis that diagonalises it.
 
-    Parameters
-    ----------
-    K, M, n
-        As in `real_pairs`.
-
-    Returns
-    -------
-    value, vectors : ndarray of float
-        As in `real_pairs`.
-    whole : (ndarray, ndarray, ndarray)
-        V, shape (N, N), and the diagonals of V^T K V and of V^T M V, shape (N,); the latter is 0
-        for motions without mass.
-
-    Raises
-    ------
-    SolverError
-        If K + s M is singular for every s.
+    The basis is (V, diagonal of V^T K V, diagonal of V^T M V), the last 0 for motions without mass.
+    Raises SolverError if K + s M is singular for every s.
     """
     k, m = K.toarray(), M.toarray()
     shift, value = _definite(partial(_dense, k, m, n), _first_shift(K, M))
@@ -244,10 +209,7 @@ def _factor(A: Any) -> Any:
 def _sparse(
     K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None
 ) -> Pairs:
-    """Compute modes by shift-invert Lanczos (ARPACK mode 3).
-
-    Grimes, Lewis & Simon, SIAM J. Matrix Anal. 15 (1994) 228-272.
-    """
+    """Return modes by shift-invert Lanczos, ARPACK mode 3 (Grimes, Lewis & Simon, SIMAX 1994)."""
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
     lu = _factor(K + shift * M)
@@ -283,8 +245,7 @@ def _solve_counted(K: Any, M: Any, n: int, shift: float) -> Pairs:
 def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[int, int] | None:
     """Return the number of eigenvalues below a gap after the n-th, and the number found there.
 
-    It is None if there is no gap, or if the factorisation pivoted off the diagonal, because its
-    signs are then invalid.
+    None if there is no gap, or if pivots off the diagonal make the signs of the factors invalid.
     """
     gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:]))
     gaps = gaps[gaps >= n - 1]
@@ -299,29 +260,10 @@ def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[in
 
 @use_one_thread
 def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
-    """Return eigenpairs of the complex symmetric K phi = lambda M phi near zero.
+    """Return at least n eigenpairs of complex symmetric K phi = lambda M phi near zero, in 1/s2.
 
-    Parameters
-    ----------
-    K : sparse, shape (N, N), complex symmetric
-        Stiffness with structural damping.
-    M : sparse, shape (N, N), real symmetric
-        Mass.
-    n : int
-        Smallest number of eigenpairs.
-    omega : float
-        Highest wanted circular frequency in rad/s, as a scale.
-
-    Returns
-    -------
-    value : ndarray of complex, shape (m,)
-        In 1/s2, without eigenvalues of massless motions.
-    vectors : ndarray of complex, shape (N, m)
-
-    Raises
-    ------
-    SolverError
-        If the solver fails.
+    Massless motions are omitted; `omega` in rad/s, the highest wanted frequency, is a scale. Raises
+    SolverError if the solver fails.
     """
     N = K.shape[0]
     shift = _BELOW_SPARSE * omega**2
@@ -352,27 +294,10 @@ def complex_pairs(K: Any, M: Any, n: int, omega: float) -> Pairs:
 def state_space_pairs(K: Any, C: Any, M: Any, omega: float) -> Pairs:
     """Return lambda = -s^2 and vectors of s^2 M + s C + K for the roots s above the real axis.
 
-    Parameters
-    ----------
-    K : sparse, shape (N, N), complex symmetric
-        Stiffness with structural damping.
-    C, M : sparse, shape (N, N), real symmetric
-        Viscous damping and mass.
-    omega : float
-        Highest wanted circular frequency in rad/s, as a scale.
-
-    Returns
-    -------
-    value : ndarray of complex, shape (m,)
-        In 1/s2, omega^2 (1 + i eta).
-    vectors : ndarray of complex, shape (N, m)
-
-    Notes
-    -----
-    First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, eq. 3.4),
-    with the time scaled by `omega` and each DOF to a unit diagonal. It is regular even if M is
-    singular. Structural damping is defined for positive frequencies only, so only roots above the
-    real axis are valid.
+    Only these are valid, because structural damping (complex K) is defined for positive
+    frequencies. First companion linearisation (Tisseur & Meerbergen, SIAM Review 43 (2001) 235, eq.
+    3.4), with the time scaled by `omega` and each DOF to a unit diagonal: regular even if M is
+    singular. lambda = omega^2 (1 + i eta).
     """
     k, c, m = K.toarray(), omega * C.toarray(), omega**2 * M.toarray()
     unit = 1.0 / np.sqrt(np.abs(np.diag(k)) + np.abs(np.diag(c)) + np.abs(np.diag(m)))

@@ -1,7 +1,6 @@
-"""Fields: solutions of Z(omega) X = B at many lines, which take most of the computing time.
+"""Fields: solutions of Z(omega) X = B at many lines, arrays (N, n_lines, n_columns).
 
-Small models are solved in batches of lines; larger models by one sparse factorisation per line.
-Fields are arrays (N, n_lines, n_columns) in the memory order of the solver.
+Small models are solved in batches of lines; larger ones by one sparse factorisation per line.
 """
 
 from __future__ import annotations
@@ -91,10 +90,9 @@ class FieldSolver(Protocol):
         """Return the number of lines in a block."""
 
     def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
-        """Return a solver for many lines of a state at once, or None if it does not save time.
+        """Return a solver for many lines (Hz) of a state at once, or None if it does not save time.
 
-        The choice depends on the model, its state and all its lines (Hz), not on their distribution
-        over blocks and processes.
+        The choice does not depend on the distribution of the lines over blocks and processes.
         """
 
     def solve(
@@ -137,16 +135,7 @@ class FieldSolver(Protocol):
 class LineSolver:
     """Solver of Z, or of its part on some DOFs, at blocks of lines.
 
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model.
-    tier : {"dense", "sparse"}
-        The way of solving.
-    backend : str
-        Sparse factorisation, see `updyn.linalg`.
-    variant : str
-        Name of a variant of the model within a run; empty for the model itself.
+    `tier` is "dense" or "sparse"; `variant` names a variant of the model within a run, else empty.
     """
 
     system: AffineSystem
@@ -159,13 +148,7 @@ class LineSolver:
     def choose(
         cls, system: AffineSystem, tier: str | None = None, backend: str | None = None
     ) -> LineSolver:
-        """Choose tier and backend by size and fill, unless given.
-
-        Raises
-        ------
-        OptionError
-            If a name is unknown.
-        """
+        """Return a solver with tier and backend by size and fill, unless given."""
         if tier is None:
             filled = system.n <= _LARGEST_DENSE and len(system.indices) > DENSE_FILL * system.n**2
             tier = "sparse"
@@ -222,10 +205,7 @@ class LineSolver:
         return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
 
     def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
-        """Return a solver for many lines of a state at once, or None if it does not save time.
-
-        `lines` are all lines of this state, in Hz.
-        """
+        """Return a solver for all `lines` (Hz) of a state, or None if it does not save time."""
         if self.tier != "dense":
             return None
         kept = self._kept.setdefault(b"pencil", (PencilCache(),))
@@ -238,28 +218,10 @@ class LineSolver:
         freq: NDArray[np.float64],
         pencil: Pencil | None = None,
     ) -> NDArray[np.complex128]:
-        """Solve Z X = E at a block of lines, E the columns `columns` of the identity.
+        """Return X of Z X = E, (N, n_lines, r) in m/N; E are columns of the identity.
 
-        Parameters
-        ----------
-        coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Coefficients of Z.
-        columns : ndarray of int, shape (r,)
-            DOFs with a unit force.
-        freq : ndarray of float, shape (n_lines,)
-            Frequencies in Hz; without a pencil only for messages.
-        pencil : Pencil, optional
-            The pencil of the same state.
-
-        Returns
-        -------
-        ndarray of complex, shape (N, n_lines, r)
-            Motion of every DOF for each unit force, in m/N.
-
-        Raises
-        ------
-        SolverError
-            If Z is singular at a line. The message contains the line.
+        A `pencil` must be that of the same state. Raises SolverError, with the line, if Z is
+        singular.
         """
         n, r = self.system.n, len(columns)
         B = make_unit_loads(n, columns)
@@ -295,25 +257,8 @@ class LineSolver:
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Solve Z X = E as `solve`, and then Z Y = F(X); sparse, by one factorisation of each line.
 
-        Parameters
-        ----------
-        coefficients, columns, freq
-            As in `solve`.
-        forces : callable
-            Returns F, shape (N, n, k) in N, for the fields X at n lines, shape (N, n, r), and the
-            slice of these lines.
-
-        Returns
-        -------
-        X : ndarray of complex, shape (N, n_lines, r)
-            In m/N.
-        Y : ndarray of complex, shape (N, n_lines, k)
-            In m.
-
-        Raises
-        ------
-        SolverError
-            If Z is singular at a line. The message contains the line.
+        `forces` gets X at n lines, (N, n, r), and the slice of these lines; it returns F, (N, n,
+        k).
         """
         if self.tier == "dense":
             X = self.solve(coefficients, columns, freq)
@@ -336,27 +281,7 @@ class LineSolver:
         forces: NDArray[np.complex128],
         freq: NDArray[np.float64],
     ) -> NDArray[np.complex128]:
-        """Solve Z X = F at a block of lines for forces on all DOFs.
-
-        Parameters
-        ----------
-        coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Of Z.
-        forces : ndarray of complex, shape (N, n_lines, r)
-            Columns, in N.
-        freq : ndarray of float, shape (n_lines,)
-            In Hz, for messages.
-
-        Returns
-        -------
-        ndarray of complex, shape (N, n_lines, r)
-            In m.
-
-        Raises
-        ------
-        SolverError
-            If Z is singular at a line; the message names it.
-        """
+        """Return X of Z X = F, shape (N, n_lines, r), for forces on all DOFs; errors as `solve`."""
         if self.tier == "dense":
             Z = self._dense(self.system.values(coefficients))
             loads = forces.transpose(1, 0, 2)
@@ -381,27 +306,9 @@ class LineSolver:
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Condense Z exactly onto the retained DOFs (Bao, Wang & Cheng 2010, eqs. 8, 9).
 
-        Parameters
-        ----------
-        coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Coefficients of Z.
-        retained : ndarray of int, shape (n,)
-            DOFs to keep, in the desired order.
-        freq : ndarray of float, shape (n_lines,)
-            In Hz, for messages.
-
-        Returns
-        -------
-        Z_red : ndarray of complex, shape (n_lines, n, n)
-            Z_nn - Z_ns Z_ss^-1 Z_sn.
-        T : ndarray of complex, shape (N, n_lines, n)
-            [I; -Z_ss^-1 Z_sn], rows in the order of the model's DOFs.
-
-        Raises
-        ------
-        SolverError
-            If Z_ss is singular at a line: a natural frequency of the structure with its retained
-            DOFs fixed.
+        Returns Z_nn - Z_ns Z_ss^-1 Z_sn, (n_lines, n, n), and T = [I; -Z_ss^-1 Z_sn], (N, n_lines,
+        n), rows in the order of the model's DOFs. Raises SolverError if Z_ss is singular at a line:
+        a natural frequency of the structure with fixed retained DOFs.
         """
         partition, solver = self._partition(retained)
         eliminated, n = partition.eliminated, len(retained)
@@ -499,25 +406,9 @@ def solve_lines(
     B: NDArray[np.float64],
     exact: Callable[[NDArray[np.intp]], NDArray[np.complex128]],
 ) -> NDArray[np.complex128]:
-    """Solve a block of lines by the pencil of their state, and remaining lines one by one.
+    """Return solutions, (n, n_lines, r), by the pencil of the state; other lines one by one.
 
-    Parameters
-    ----------
-    pencil : Pencil or None
-        The pencil of the state; without it every line is solved by itself.
-    freq : ndarray of float, shape (n_lines,)
-        In Hz.
-    decay : float
-        Decay of the data, in 1/s.
-    B : ndarray of float, shape (n, r)
-        Loads, the same at every line.
-    exact : callable
-        Solves the lines at some positions of the block by factorisations. It returns fields, shape
-        (n, n_positions, r), and its errors name a singular line.
-
-    Returns
-    -------
-    ndarray of complex, shape (n, n_lines, r)
+    `B`, (n, r), is the same at every line. `exact` solves the lines at some positions of the block.
     """
     if pencil is None:
         return exact(np.arange(len(freq)))
@@ -538,30 +429,10 @@ def solve_dense(
     *,
     size: NDArray[np.float64] | None = None,
 ) -> NDArray[np.complex128]:
-    """Solve Z X = B at a block of lines with dense matrices, and check that none is singular.
+    """Return X of Z X = B for dense Z, (n_lines, n, n); SolverError if one is singular.
 
-    Parameters
-    ----------
-    Z : ndarray of complex or float, shape (n_lines, n, n)
-        Matrices.
-    B : ndarray of complex or float, shape (n_lines, n, r)
-        Right-hand sides.
-    freq : ndarray of float, shape (n_lines,)
-        In Hz, for messages.
-    held : str
-        Text on the fixed DOFs, for messages.
-    size : ndarray of float, shape (n_lines, n), optional
-        Diagonal magnitudes without cancellation of terms, by default those of Z. They
-        scale rows and columns for the checks.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_lines, n, r)
-
-    Raises
-    ------
-    SolverError
-        If a matrix is singular. The message contains the line.
+    `size`, (n_lines, n), are diagonal magnitudes without cancellation of terms (by default those of
+    Z). They scale rows and columns for the checks. `held` is the text on fixed DOFs for messages.
     """
     if size is None:
         size = np.abs(np.einsum("fii->fi", Z))
@@ -601,18 +472,11 @@ def _solve_or_infinite(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
-    """Blocks of Z on one pattern.
+    """Blocks of Z on one pattern for the retained (n) and the eliminated (s) DOFs.
 
-    Attributes
-    ----------
-    retained, eliminated : ndarray of int
-        DOFs, n and s of them.
-    nn, sn : sparse CSR of int
-        Position of each entry of the block among the values of Z.
-    ss : sparse CSC of complex
-        The block of the last line. All lines share its memory, and its pattern is checked once.
-    ss_places : ndarray of int
-        Position of each of its entries among the values of Z.
+    `nn`, `sn` and `ss_places` have the position of each entry of a block among the values of Z.
+    `ss` is the complex block of the last line; all lines share its memory, and its pattern is
+    checked once.
     """
 
     retained: NDArray[np.intp]
@@ -651,10 +515,7 @@ class Partition:
 
 
 def make_empty_matrix(indptr: NDArray[Any], indices: NDArray[Any]) -> Any:
-    """Return a complex CSC array of a symmetric CSR pattern, with zeros to overwrite.
-
-    For a symmetric matrix, the arrays of CSR and of CSC are equal.
-    """
+    """Return a complex CSC array of zeros of a symmetric CSR pattern (its CSC arrays are equal)."""
     n = len(indptr) - 1
     return sp.csc_array(
         (np.zeros(len(indices), dtype=np.complex128), indices, indptr), shape=(n, n)

@@ -24,28 +24,11 @@ _LOOSE = (
 
 
 def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]:
-    """Reduce the mass of a model to some DOFs by static condensation.
+    """Return T^T M T, T = [I; -K_ss^-1 K_sn], in kg (kg m2) (Guyan, AIAA J. 3 (1965) 380).
 
-    Parameters
-    ----------
-    model : Model
-        The structure.
-    dofs : iterable of str or Dof
-        The n DOFs to keep, each once; a sign reverses the DOF.
-
-    Returns
-    -------
-    ndarray of float, shape (n, n)
-        T^T M T with T = [I; -K_ss^-1 K_sn], in kg (kg m2), symmetric (Guyan, AIAA J. 3 (1965) 380).
-        It is accurate for modes that resemble the deformation under static loads at these DOFs. The
-        cross-orthogonality of the model's modes with each other shows whether they do.
-
-    Raises
-    ------
-    DofError
-        If a DOF is not in the model.
-    SolverError
-        If the structure with these DOFs fixed has a motion without stiffness.
+    A sign reverses a DOF. The mass is accurate for modes that resemble the deformation under static
+    loads at these DOFs. Raises DofError for a DOF that is not in the model, and SolverError if the
+    structure with these DOFs fixed has a motion without stiffness.
     """
     kept = DofSet(dofs)
     match = model.dofs.match(kept, "DOF to keep")

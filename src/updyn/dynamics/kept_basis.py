@@ -20,12 +20,9 @@ _LARGEST = 1 << 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeptBasis:
-    """A basis of a model, and the band in which it misses no mode.
+    """An immutable basis of a model, and the band in Hz in which it misses no mode.
 
-    It is immutable, so users of it do not affect each other. It stays in this process: a pickle or
-    a copy of it is None.
-
-    `basis` takes 8 bytes for each DOF and vector; `band` is in Hz.
+    It stays in this process: a pickle or a copy of it is None.
     """
 
     model: Model
@@ -57,26 +54,8 @@ def begin_reduction(
 ) -> None:
     """Begin a reduction with the kept basis if it serves, or else with a new one.
 
-    Other sensors and a single state need fewer vectors, so the basis is compressed. As with a new
-    basis, the reduction solves the full model for missing vectors.
-
-    Parameters
-    ----------
-    reduction : Reduction
-        A reduction without a basis.
-    model : Model
-        The model of the reduction.
-    kept : KeptBasis or None
-        A basis of this or another model.
-    state : State
-        The state of the model.
-    freq : ndarray of float, shape (n_f,)
-        All frequency lines in Hz.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at the state.
+    The kept basis is compressed, because other sensors and a single state need fewer vectors.
+    Raises SolverError if the model cannot be solved at the state.
     """
     if kept is not None and kept.is_valid_for(model, reduction.band):
         reduction.basis = kept.basis.take_leading(kept.basis.size)

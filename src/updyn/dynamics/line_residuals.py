@@ -19,19 +19,8 @@ _Complex = NDArray[np.complex128]
 class ChannelDofs:
     """The DOFs of responses and references of a reduced model.
 
-    Parameters
-    ----------
-    rows, columns : ndarray of int
-        DOFs of responses and of references.
-    dofs : DofSet
-        All DOFs of the model.
-
-    Attributes
-    ----------
-    loaded : ndarray of int, shape (k,)
-        The union of both, ascending.
-    read, forced : ndarray of int
-        Positions of responses and references in `loaded`.
+    `loaded` is the union of both, ascending, shape (k,); `read` and `forced` are their positions in
+    it.
     """
 
     __slots__ = ("_turning", "forced", "loaded", "read")
@@ -45,11 +34,7 @@ class ChannelDofs:
         self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
 
     def levels(self, H: _Complex) -> _Real:
-        """Return the largest measured |H| of each line among entries of the same unit.
-
-        H is the receptance of all loaded DOFs for the references. H and the result have the shape
-        (n_lines, k, n_j).
-        """
+        """Return the largest |H| of each line among entries of the same unit, in the shape of H."""
         size, turning = np.abs(H), self._turning
         measured = np.isin(np.arange(len(turning)), self.read)
         out = np.empty(H.shape)
@@ -68,22 +53,9 @@ class ChannelDofs:
 class LineResiduals:
     """Responses of the reduced model at some lines, and their residuals in the full model.
 
-    Complex fields are stored as real arrays, because the matrices of the full model are real. Their
-    shape is (N, n_lines 2 n_j): for each line the real parts for all references, then the imaginary
-    parts. Products with many columns take half the time of separate lines.
-
-    Parameters
-    ----------
-    solver : ReducedSolver
-        The reduced model.
-    basis : Basis
-        Its basis.
-    channels : Channels
-        Its loaded and read DOFs.
-    state : State
-        The state of the model.
-    freq : ndarray of float, shape (n_lines,)
-        The lines in Hz.
+    Fields are real arrays, (N, n_lines 2 n_j): for each line the real parts for all references,
+    then the imaginary parts. Products of the real matrices with many columns take half the time of
+    separate lines.
     """
 
     __slots__ = ("H", "_basis", "_c", "_channels", "_q")
@@ -108,11 +80,7 @@ class LineResiduals:
         return R
 
     def errors(self, Y: _Real) -> _Complex:
-        """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i.
-
-        Y contains the fields y_j, shape (N, n_lines 2 n_j). The result is complex, shape
-        (n_lines, k, n_j).
-        """
+        """Return e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i, shape (n_lines, k, n_j)."""
         direct = self._by_line(Y[self._channels.loaded])
         pulled = self._by_line(self._basis.project(self._times(Y)))
         direct, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (direct, pulled))
@@ -123,9 +91,9 @@ class LineResiduals:
     def magnitudes(self) -> _Real:
         """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, shape (n_lines, k, n_j).
 
-        |Z| is the sum of the magnitudes of its terms, without cancellation. Multiplied by the unit
-        roundoff it bounds the change of H_ij by a rounding error in each matrix entry (Higham,
-        Accuracy and Stability of Numerical Algorithms (2002), section 7.2).
+        |Z| is the sum of the magnitudes of its terms. Times the unit roundoff, this bounds the
+        change of H_ij by a rounding error in each matrix entry (Higham, Accuracy and Stability of
+        Numerical Algorithms (2002), section 7.2).
         """
         out = np.zeros(self.H.shape)
         for line, sum_of in enumerate(out):

@@ -1,8 +1,7 @@
 """Natural frequencies, loss factors and mode shapes, real or complex.
 
-Massless DOFs and free-free structures are permitted: mass and stiffness may both be singular, but
-not for the same motion. All solutions use the pencil with a negative shift, K + s M with s > 0,
-which is definite.
+Mass and stiffness may both be singular, but not for the same motion: all solutions use the definite
+pencil with a negative shift, K + s M with s > 0.
 """
 
 from __future__ import annotations
@@ -64,29 +63,12 @@ class Modes:
         return f"Modes({len(self)} modes: {', '.join(shown)} Hz)"
 
     def at(self, dofs: Iterable[str | Dof]) -> NDArray[Any]:
-        """Return the shapes at signed DOFs, shape (k, n), as measured by sensors there.
-
-        Raises
-        ------
-        DofError
-            If a DOF is not in the model.
-        """
+        """Return the shapes at signed DOFs, shape (k, n); DofError if one is not in the model."""
         match = self.dofs.match(DofSet(dofs))
         return np.asarray(self.shapes[match.index] * match.sign[:, None])
 
     def select(self, which: ArrayLike) -> Modes:
-        """Return some of the modes.
-
-        Parameters
-        ----------
-        which : array_like of int or bool
-            Mode numbers from 0 in the desired order, each once; or a flag for each mode.
-
-        Raises
-        ------
-        DataError
-            If a number does not exist or occurs twice, or the type is wrong.
-        """
+        """Return modes by numbers from 0 (in this order, each once) or by a flag for each."""
         at = positions(which, len(self), "modes", DataError)
         return Modes(self.frequency[at], self.loss_factor[at], self.shapes[:, at], self.dofs)
 

@@ -1,21 +1,18 @@
 """Solutions at all lines of a state by one eigendecomposition instead of a factorisation per line.
 
-If damping is hysteretic and its loss factors do not depend on frequency, then K, D and M in Z(s) =
-K + i D + s^2 M are the same at every line; s = i omega + decay. With P = K + sigma M = L L^T for a
-real sigma > 0,
+With hysteretic damping that does not depend on frequency, Z(s) = K + i D + s^2 M with the same K, D
+and M at every line; s = i omega + decay. With P = K + sigma M = L L^T for a real sigma > 0,
 
     Z(s) = L (I + i D' + (s^2 - sigma) M') L^T,    D' = L^-1 D L^-T,    M' = L^-1 M L^-T.
 
-If all stiffness has one loss factor gamma, the eigenvectors of M' diagonalise this in real
-arithmetic, as L^-1 K L^-T = I - sigma M' (Golub & Van Loan, Matrix Computations (2013), section
-8.7). Otherwise D' = U delta U^T and c = (1 + i delta)^-1/2 give the complex symmetric matrix S = c
-U^T M' U c = X theta X^-1, and
+With one loss factor, the eigenvectors of M' diagonalise this in real arithmetic, as L^-1 K L^-T =
+I - sigma M' (Golub & Van Loan, Matrix Computations (2013), section 8.7). Otherwise D' =
+U delta U^T and c = (1 + i delta)^-1/2 give the complex symmetric S = c U^T M' U c = X theta X^-1,
 
     Z(s)^-1 = F X (1 + (s^2 - sigma) theta)^-1 X^-1 F^T,    F = L^-T U c.
 
-M may be singular, for example by massless DOFs. If the eigenvectors of S are incomplete or almost
-dependent, the lines are solved one by one. Each line is checked by the residual of a combination of
-its loads and a load that excites every mode; lines that fail are solved one by one, too.
+M may be singular. If the eigenvectors of S are almost dependent, or the residual of a load that
+excites every mode is too large at a line, lines are solved one by one.
 """
 
 from __future__ import annotations
@@ -64,14 +61,9 @@ _DOUBTFUL = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateWeights:
-    """Weights of the terms in K, D and M of a state, the same at every line.
+    """Weights of the terms in K, D and M of a state, shape (n_terms,), the same at every line.
 
-    Attributes
-    ----------
-    stiffness, damping, mass : ndarray of float, shape (n_terms,)
-        Weights in K, D and M.
-    loss : float or None
-        The common loss factor of all stiffness, or None if there are several.
+    `loss` is the common loss factor of all stiffness, or None if there are several.
     """
 
     stiffness: _Real
@@ -100,18 +92,9 @@ class StateWeights:
 
 
 def saves_time(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LINES) -> bool:
-    """Return whether one eigendecomposition saves time for all lines of a state.
+    """Return whether one eigendecomposition saves time for all `n_lines` lines of a state.
 
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model.
-    state : State
-        Its state.
-    n_lines : int
-        Number of all lines of this state.
-    least : int
-        Smallest sufficient number of lines if damping makes it complex.
+    `least` is the smallest sufficient number of lines if damping makes it complex.
     """
     weights = StateWeights.find(system, state)
     return weights is not None and weights.saves_time(n_lines, least)
@@ -121,16 +104,9 @@ def saves_time(system: AffineSystem, state: State, n_lines: int, least: int = LE
 class Pencil:
     """Z(s)^-1 = V diag(1 / (constant + s^2 slope)) W^T of one state.
 
-    Attributes
-    ----------
-    V, W : ndarray of float or complex, shape (n, n)
-        Modes, and the projection of loads on them.
-    constant, slope : ndarray of float or complex, shape (n,)
-        Coefficients of the modal coordinates: no unit, and s^2.
-    refines : bool
-        Whether one step of iterative refinement follows. Without it the error is the rounding error
-        of the largest displacement of a line; with it, of each displacement, however small (Skeel,
-        Mathematics of Computation 35 (1980) 817). It takes three to five times as long.
+    With `refines`, one step of iterative refinement follows: the error is then the rounding error
+    of each displacement instead of the largest one of a line (Skeel, Mathematics of Computation 35
+    (1980) 817). It takes three to five times as long.
     """
 
     V: NDArray[np.inexact]
@@ -147,14 +123,8 @@ class Pencil:
     ) -> Pencil | None:
         """Return the pencil of a state, or None if its eigenvectors are not independent.
 
-        Parameters
-        ----------
-        K, D, M : ndarray of float, shape (n, n)
-            Stiffness and damping in N/m, mass in kg; symmetric.
-        omega : float
-            At least the highest line, in rad/s.
-        loss : float, optional
-            The common loss factor if D = loss K.
+        `omega` in rad/s is at least the highest line; `loss` is the common loss factor if D = loss
+        K.
         """
         sigma = omega**2
         P = K + sigma * M
@@ -184,21 +154,9 @@ class Pencil:
 
     @use_one_thread
     def solve(self, squares: _Complex, B: _Real) -> tuple[_Complex, NDArray[np.bool_]]:
-        """Solve Z X = B at a block of lines.
+        """Return X of Z X = B, shape (n, n_lines, r), and a mask of lines accurate to rounding.
 
-        Parameters
-        ----------
-        squares : ndarray of complex, shape (n_lines,)
-            s^2, -omega^2 without decay, in 1/s^2.
-        B : ndarray of float, shape (n, r)
-            Loads, the same at every line.
-
-        Returns
-        -------
-        X : ndarray of complex, shape (n, n_lines, r)
-            In m for loads in N.
-        accepted : ndarray of bool, shape (n_lines,)
-            Whether a line is accurate to rounding and far from singular.
+        `squares` are s^2 in 1/s^2; the loads `B`, (n, r), are the same at every line.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             amplitude = 1.0 / (self.constant[:, None] + squares * self.slope[:, None])
@@ -215,14 +173,8 @@ class Pencil:
 class _Check:
     """The residual of one load at many lines, in scaled DOFs: displacements times `scale`.
 
-    Attributes
-    ----------
-    scale : ndarray of float, shape (n,)
-        `unit_scale` of K + sigma M.
-    parts : tuple of ndarray of float, shape (n, n)
-        K, M, and D if it is not zero, scaled.
-    norms : tuple of float
-        Their maximum norms.
+    `scale` is `unit_scale` of K + sigma M; `parts` are the scaled K, M, and D if it is not zero;
+    `norms` are their maximum norms.
     """
 
     scale: _Real
@@ -273,10 +225,7 @@ class _Check:
 class PencilCache:
     """The pencils of the last state; lines of similar highest frequency share one.
 
-    Parameters
-    ----------
-    least : int
-        Smallest number of lines for a pencil if damping makes it complex.
+    `least` is the smallest number of lines for a pencil if damping makes it complex.
     """
 
     least: int = LEAST_LINES
@@ -296,16 +245,7 @@ class PencilCache:
     ) -> Pencil | None:
         """Return the pencil of a state, or None if separate solutions for each line are faster.
 
-        Parameters
-        ----------
-        system : AffineSystem
-            The compiled model.
-        state : State
-            Its state.
-        lines : ndarray of float, shape (n_f,)
-            All lines of this state, in Hz.
-        matrices : callable
-            Returns K, D and M for their weights, shape (n, n) each.
+        `lines` are all lines of the state in Hz; `matrices` returns K, D and M for their weights.
         """
         key = np.concatenate((state.factor, state.loss, state.rate)).tobytes()
         if key != self._key:

@@ -80,11 +80,7 @@ class ReducedSolver:
         backend: str,
         label: str = "reduced",
     ) -> ReducedSolver:
-        """Return the solver in an unchanged basis.
-
-        `observed` are the DOFs that will be loaded or read, ascending. `backend` names the backend
-        that made the basis, and `label` the reduced model within a run.
-        """
+        """Return the solver in an unchanged basis; `observed` are the readable DOFs, ascending."""
         r = basis.size
         rows, entries = np.arange(r), np.arange(r * r)
         terms = tuple(
@@ -117,10 +113,7 @@ class ReducedSolver:
         return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
 
     def pencil(self, state: State, lines: _Real) -> Pencil | None:
-        """Return a solver for many lines of a state at once, or None if it does not save time.
-
-        `lines` are all lines of this state, in Hz.
-        """
+        """Return a solver for all `lines` (Hz) of a state, or None if it does not save time."""
         return self._pencils.find(self.system, state, lines, self._matrices)
 
     def _matrices(self, weights: StateWeights) -> tuple[_Real, _Real, _Real]:
@@ -137,28 +130,10 @@ class ReducedSolver:
         freq: NDArray[np.float64],
         pencil: Pencil | None = None,
     ) -> NDArray[np.complex128]:
-        """Solve V^T Z V q = V^T E at a block of lines, E the columns `columns` of the identity.
+        """Return the coordinates q of V^T Z V q = V^T E, (r, n_lines, k); `at` returns the motion.
 
-        Parameters
-        ----------
-        coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Coefficients of Z.
-        columns : ndarray of int, shape (k,)
-            DOFs of the model with a unit force.
-        freq : ndarray of float, shape (n_lines,)
-            Frequencies in Hz; without a pencil only for messages.
-        pencil : Pencil, optional
-            The pencil of the same state.
-
-        Returns
-        -------
-        ndarray of complex, shape (r, n_lines, k)
-            Coordinates q; `at` returns the motion.
-
-        Raises
-        ------
-        SolverError
-            If the matrix is singular at a line. The message contains the line.
+        E are the columns `columns` of the identity. A `pencil` must be that of the same state.
+        Raises SolverError, with the line, if the matrix is singular.
         """
         loads = self._rows_of(columns).T
 
@@ -175,10 +150,7 @@ class ReducedSolver:
         freq: NDArray[np.float64],
         forces: Callable[[_Complex, slice], _Complex],
     ) -> tuple[_Complex, _Complex]:
-        """Solve for unit forces, then for forces V^T F that depend on the coordinates found.
-
-        See `LineSolver.solve_twice`.
-        """
+        """Solve for unit forces, then for forces of the coordinates (`LineSolver.solve_twice`)."""
         q = self.solve(coefficients, columns, freq)
         return q, self._solve_forces(coefficients, forces(q, slice(len(freq))), freq)
 

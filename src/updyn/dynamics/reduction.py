@@ -1,25 +1,22 @@
 """Reduced models: a basis from a few real factorisations, with an error certified by residuals.
 
 Basis. The vectors are X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, with E the unit
-loads at sensors and forces, then the next moments (K - s_k M)^-1 M X if loads are few, and (K - s_k
-M)^-1 D X for the damping. They span a block rational Krylov space (Ruhe, Linear Algebra Appl. 58
-(1984) 391; Grimme, PhD thesis, Univ. of Illinois 1997, for the moments matched from both sides). No
-complex factorisation is needed.
+loads at sensors and forces, then the next moments (K - s_k M)^-1 M X if loads are few, and
+(K - s_k M)^-1 D X for the damping: a block rational Krylov space (Ruhe, Linear Algebra Appl. 58
+(1984) 391; Grimme, PhD thesis, Univ. of Illinois 1997, for the moments matched from both sides).
 
-Error. The model is symmetric and projected on one basis from both sides. Therefore the residuals r
-= e - Z V q of the loads i and j give the exact error of the receptance: r_i^T Z^-1 r_j. The
-residual is orthogonal to the basis (V^T r = 0), so it measures only missing directions. For these,
-far from resonance, Z is close to the definite P = K + omega_max^2 M, and with y_j = P^-1 r_j
+Error. Z is symmetric and projected on one basis from both sides, so the residuals r = e - Z V q of
+the loads i and j give the exact error r_i^T Z^-1 r_j. As V^T r = 0, the residual measures only
+missing directions. For these, far from resonance, Z is close to the definite P = K + omega_max^2 M,
+and with y_j = P^-1 r_j (one solve for each reference)
 
     error_ij ~ r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j.
 
-This takes one solve for each reference, for any number of responses. The basis is enriched by the
-y_j, the main missing directions, until the error is small enough at some lines. Causes of errors
-are changed unknowns, strong local damping, and bands with too few shifts. The stated error covers
-all lines and channels. It is the difference to a larger basis, which includes the y_j not added,
-plus the error by the residuals in that basis. It is valid also near natural frequencies missing in
-the basis, where Z is not close to P. Sylvester's law of inertia at the shifts proves for a new
-basis that no mode in the band is missing.
+The basis is enriched by the y_j until the error is small enough at some lines. The stated error
+covers all lines and channels: the difference to a larger basis, which includes the y_j not added,
+plus the error by residuals in that basis. It is valid also near natural frequencies missing in the
+basis, where Z is not close to P. Sylvester's law of inertia at the shifts proves for a new basis
+that no mode in the band is missing.
 """
 
 from __future__ import annotations
@@ -88,16 +85,9 @@ _PASSES = 24
 class VectorsPerState:
     """The vectors that each state adds to a basis for many states.
 
-    Attributes
-    ----------
-    shifts : tuple of float
-        In squares of the highest frequency; each state uses the next one.
-    depth : int
-        Number of moments at the shift.
-    combinations : int
-        Number of random combinations of the sensors, in addition to the references.
-    lossy : bool
-        Whether the forces of damping add vectors, too.
+    `shifts` are in squares of the highest frequency, one for each state in turn; `depth` is the
+    number of moments; `combinations` are random ones of the sensors, in addition to the references;
+    `lossy` adds vectors for the forces of damping.
     """
 
     shifts: tuple[float, ...] = (_SEARCH_SHIFT,)
@@ -110,7 +100,7 @@ class VectorsPerState:
 class Reduction:
     """A growing basis for the receptance of a model between some DOFs, in a band.
 
-    Parameters
+    Attributes
     ----------
     system : AffineSystem
         The compiled model.
@@ -126,9 +116,6 @@ class Reduction:
         Other readable DOFs, without certified accuracy.
     poll : callable, optional
         Called after every long step; its exceptions stop the work.
-
-    Attributes
-    ----------
     basis : Basis
         The current basis.
     shifted : Shifted
@@ -160,18 +147,7 @@ class Reduction:
 
     @use_one_thread
     def build(self, state: State) -> None:
-        """Build a new basis for one state of the model.
-
-        Parameters
-        ----------
-        state : State
-            The state of the model.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be factorised at a shift.
-        """
+        """Build a new basis for a state; SolverError if a factorisation at a shift fails."""
         self._begin(state)
         loads = np.zeros((self.system.n, len(self._loaded_dofs)), order="F")
         loads[self._loaded_dofs, np.arange(len(self._loaded_dofs))] = 1.0
@@ -191,27 +167,13 @@ class Reduction:
     def build_around(
         self, states: Sequence[State], seed: int = 0, across: VectorsPerState | None = None
     ) -> None:
-        """Build a new basis of low accuracy for many states, for a search.
+        """Build a new basis of low accuracy for many states, the start first, for a search.
 
-        Each state adds vectors by one factorisation in the lower part of the band: the solutions X
-        for the references and for two random combinations of the sensors, (K - s M)^-1 M X and (K -
-        s M)^-1 D X. The combinations differ between states, so that few vectors represent all
-        sensors (tangential interpolation: Gallivan, Vandendorpe & Van Dooren, SIAM J. Matrix Anal.
-        Appl. 26 (2004) 328).
-
-        Parameters
-        ----------
-        states : sequence of State
-            The states, with that of the start first. States that cannot be factorised are skipped.
-        seed : int
-            Seed of the random combinations.
-        across : Across, optional
-            Other shifts and more vectors, for accuracy in the whole band.
-
-        Raises
-        ------
-        SolverError
-            If no state can be factorised.
+        Each state adds, by one factorisation, the fields of the references and of two random
+        combinations of the sensors, which differ between states (tangential interpolation:
+        Gallivan, Vandendorpe & Van Dooren, SIAM J. Matrix Anal. Appl. 26 (2004) 328). States that
+        cannot be factorised are skipped; SolverError if none can. `across` gives other shifts and
+        vectors, for accuracy in the whole band.
         """
         self._begin(states[0])
         rng, across = np.random.default_rng(seed), across or VectorsPerState()
@@ -225,15 +187,7 @@ class Reduction:
 
     @use_one_thread
     def extend(self, states: Sequence[State], seed: int = 0) -> None:
-        """Extend the basis for further states by one factorisation each, as in a search.
-
-        Parameters
-        ----------
-        states : sequence of State
-            The states. States that cannot be factorised are skipped.
-        seed : int
-            Seed of the random combinations of loads.
-        """
+        """Extend the basis by one factorisation for each state; states that fail are skipped."""
         rng = np.random.default_rng(seed)
         for number, state in enumerate(states):
             shift = _BETWEEN[number % len(_BETWEEN)] * self.shifted.top
@@ -327,13 +281,6 @@ class Reduction:
         """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
 
         The dropped directions change the receptance by far less than the permitted error.
-
-        Parameters
-        ----------
-        state : State
-            The state of the model.
-        freq : ndarray of float, shape (n_f,)
-            All frequency lines in Hz.
         """
         r = self.basis.size
         gram = np.zeros((r, r))
@@ -347,24 +294,12 @@ class Reduction:
 
     @use_one_thread
     def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> _Real:
-        """Reduce the basis to that of the references' fields at many states, for a search.
+        """Reduce the basis to fields at many states; return rms changes, shape (n_rows, n_columns).
 
-        Each field of a reference is accompanied by one of a random combination of the sensors,
-        because the accuracy of a receptance depends on the fields of both.
-
-        Parameters
-        ----------
-        states : sequence of State
-            States of the fields; the first sets the scale of energies.
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz; each state uses every n-th line, with its own offset.
-        share : float
-            Root of the share of the energy of all fields that may be dropped.
-
-        Returns
-        -------
-        ndarray of float, shape (n_rows, n_columns)
-            Rms change of each channel's receptance, relative to the largest of its line.
+        `share` is the root of the share of the energy that may be dropped, on the scale of the
+        first state. Each field of a reference is accompanied by one of a random combination of the
+        sensors, because the accuracy of a receptance depends on both. Each state uses every n-th
+        line, with its own offset.
         """
         rng = np.random.default_rng(len(states))
         metric = self.basis.weighted_sum(self.shifted.weights(states[0], -self.shifted.top))
@@ -392,10 +327,7 @@ class Reduction:
         return self._measure_changes(before)
 
     def _measure_changes(self, before: Sequence[_Response]) -> _Real:
-        """Return the rms changes of receptances, shape (n_rows, n_columns).
-
-        They are relative to the largest receptance of the line.
-        """
+        """Return rms changes of receptances over the largest of the line, (n_rows, n_columns)."""
         solver = self.solver()
         found = [np.zeros((len(self.rows), 0, len(self.columns)))]
         for c, lines, H in before:
@@ -421,58 +353,21 @@ class Reduction:
     def certify(
         self, state: State, freq: _Real, *, enrich: bool = True, count: int = _COUNT
     ) -> Certificate:
-        """Compute the error at a state, and enrich the basis until the error is small enough.
+        """Return the error at a state, and enrich the basis until the error is small enough.
 
-        Every pass computes residuals at other lines, including the strongest. The last pass adds
-        nothing to the basis. The directions missing at its lines make a larger basis for the
-        estimate of the error at all lines. If that error is too large, the larger basis is kept,
-        and the next pass uses the worst lines.
-
-        Parameters
-        ----------
-        state : State
-            The state of the model.
-        freq : ndarray of float, shape (n_f,)
-            All frequency lines in Hz.
-        enrich : bool
-            False: only compute the error.
-        count : int
-            Number of lines in a pass.
-
-        Returns
-        -------
-        Certificate
-            Its error exceeds the permitted error if enrichment was insufficient.
-
-        Raises
-        ------
-        SolverError
-            If K + omega_max^2 M is not definite, or the reduced model is singular at a line.
+        Every pass computes residuals at `count` other lines, including the strongest; the last adds
+        nothing to the basis. The certified error exceeds the permitted one if enrichment was
+        insufficient. Raises SolverError if K + omega_max^2 M is not definite, or the reduced model
+        is singular at a line.
         """
         (found,) = self._certify_states([state], freq, enrich=enrich, count=count)
         return found
 
     @use_one_thread
     def certify_or_enrich(self, state: State, freq: _Real) -> Certificate | None:
-        """Compute the error at a state, or enrich the basis if it is insufficient there.
+        """Return the error at a state; if it is too large, enrich the basis and return None.
 
-        This is for a point that changes with the basis: no error is computed that a new point would
-        make invalid.
-
-        Parameters
-        ----------
-        state, freq
-            As in `certify`.
-
-        Returns
-        -------
-        Certificate or None
-            None if the basis has grown.
-
-        Raises
-        ------
-        SolverError
-            As in `certify`.
+        This is for a point that changes with the basis, which makes an earlier error invalid.
         """
         with self.shifted.hold():
             definite, size = self.shifted.factor_definite(state), self.basis.size
@@ -493,25 +388,10 @@ class Reduction:
 
     @use_one_thread
     def errors(self, states: Sequence[State], freq: _Real) -> _Real:
-        """Compute the error at several states without changes of the basis.
+        """Return `Certificate.error` at several states without changes of the basis.
 
-        Parameters
-        ----------
-        states : sequence of State
-            States of the model. Close states share a factorisation: P of one is as definite for the
-            next, and at most 1 + 0.1 times as large.
-        freq : ndarray of float, shape (n_f,)
-            All frequency lines in Hz.
-
-        Returns
-        -------
-        ndarray of float, shape (len(states),)
-            As `Certificate.error`.
-
-        Raises
-        ------
-        SolverError
-            As in `certify`.
+        Close states share a factorisation: P of one is as definite for the next, and at most 1 +
+        0.1 times as large. Raises SolverError as `certify`.
         """
         found = self._certify_states(states, freq, enrich=False, count=_COUNT)
         return np.array([certificate.error for certificate in found])
@@ -571,19 +451,7 @@ class Reduction:
     ) -> None:
         """Enrich the basis at some states until the residuals at some lines are small enough.
 
-        Unlike `certify`, it does not compute the error at all lines.
-
-        Parameters
-        ----------
-        states, freq
-            As in `errors`.
-        accuracy : float, optional
-            An accuracy other than that of the reduction.
-
-        Raises
-        ------
-        SolverError
-            As in `certify`.
+        Unlike `certify`, it does not compute the error at all lines; SolverError as `certify`.
         """
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
         for definite, state in self.shifted.factor_definites(states):
@@ -609,16 +477,9 @@ class Reduction:
 
     @use_one_thread
     def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
-        """Enrich the basis by missing directions at some lines of several states.
+        """Enrich the basis by missing directions at some lines of several states, in their order.
 
-        Parameters
-        ----------
-        states : sequence of State
-            The states, in order; each uses the basis enriched by the states before.
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz.
-        allowed : float, optional
-            Largest error that adds nothing; by default a fifth of the permitted error.
+        Errors up to `allowed`, by default a fifth of the permitted error, add nothing.
         """
         allowed = _MARGIN * self.accuracy if allowed is None else allowed
         for definite, state in self.shifted.factor_definites(states):
@@ -626,15 +487,7 @@ class Reduction:
 
     @use_one_thread
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
-        """Enrich the basis once by missing directions at several states, each at different lines.
-
-        Parameters
-        ----------
-        states : sequence of State
-            As in `errors`.
-        freq : ndarray of float, shape (n_f,)
-            All frequency lines in Hz; each state uses every n-th line, with its own offset.
-        """
+        """Enrich the basis once by missing directions at several states, at different lines."""
         stride = -(-len(freq) // _COUNT)
         for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
             lines = freq[number % stride :: stride]
@@ -642,20 +495,7 @@ class Reduction:
 
     @use_one_thread
     def measure_outside(self, state: State, X: _Real) -> _Real:
-        """Return the part of some motions' space that is outside the basis.
-
-        Parameters
-        ----------
-        state : State
-            The state of the model.
-        X : ndarray of float, shape (N, k)
-            Linearly independent motions.
-
-        Returns
-        -------
-        ndarray of float, shape (k,)
-            Squared sines of the principal angles in P = K + omega_max^2 M, ascending.
-        """
+        """Return squared sines of principal angles (in P) between motions and basis, ascending."""
         if not X.shape[1]:
             return np.zeros(0)
         weights = self.shifted.weights(state, -self.shifted.top)
@@ -676,28 +516,11 @@ class Reduction:
         number: int,
         accuracy: float,
     ) -> bool:
-        """Enrich the basis at a few lines of a state by the factorisation of another state.
+        """Enrich the basis at a few lines by P of another state; return whether it has grown.
 
         P of another state is definite, too, so P^-1 r is a preconditioned residual. A few passes
-        make the basis accurate for stiffnesses that differ by a factor of e.
-
-        Parameters
-        ----------
-        definite : Factorised
-            The result of `Shifted.factor_definite` for the other state.
-        state, freq
-            As in `certify`.
-        level : ndarray of float, shape (n_f,)
-            Approximate magnitude of the response at each line.
-        number : int
-            Number of the pass at this state; each pass uses other lines.
-        accuracy : float
-            Permitted error, as in the reduction.
-
-        Returns
-        -------
-        bool
-            Whether the basis has grown.
+        make the basis accurate for stiffnesses that differ by a factor of e. `level` is the
+        approximate magnitude of the response at each line; each pass (`number`) uses other lines.
         """
         size, lines = self.basis.size, _choose_lines(freq, level, _PIECES_PER_PASS, number)[1:-1]
         self._check_all(definite, state, lines, _MARGIN * accuracy)
@@ -705,20 +528,7 @@ class Reduction:
 
     @use_one_thread
     def residual_errors(self, states: Sequence[State], freq: _Real) -> _Real:
-        """Estimate the error at some lines of several states by residuals, without basis changes.
-
-        Parameters
-        ----------
-        states : sequence of State
-            States of the model.
-        freq : ndarray of float, shape (n_f,)
-            Lines in Hz.
-
-        Returns
-        -------
-        ndarray of float, shape (len(states),)
-            The largest error of a receptance, relative to the largest of its line.
-        """
+        """Return the largest relative error at some lines of each state, without basis changes."""
         solver, worst = self.solver(), np.zeros(len(states))
         for number, (definite, state) in enumerate(self.shifted.factor_definites(states)):
             for some in self._group_lines(freq):
@@ -730,10 +540,10 @@ class Reduction:
         return worst
 
     def _orthonormalise(self, pieces: list[_Real], state: State) -> _Real:
-        """Return a basis for the columns of all pieces, orthonormal in K + omega_max^2 M.
+        """Return a basis for the columns of pieces, (N, k) each, orthonormal in K + omega_max^2 M.
 
-        The weakest directions, due to rounding, are omitted. The pieces, of shape (N, k) each, are
-        consumed, because memory does not suffice for both them and the result.
+        The weakest directions, due to rounding, are omitted. The pieces are consumed to save
+        memory.
         """
         W = _join_columns(pieces)
         joined_basis = Basis(self.system, self.basis.weight)
@@ -755,8 +565,8 @@ class Reduction:
     ) -> ErrorEstimate:
         """Return the estimate with as many of the vectors after the first `size` as possible.
 
-        They are in order of importance. If the least important vectors make the larger model
-        singular by rounding, they are omitted.
+        The last ones, of least importance, are omitted if they make the larger model singular by
+        rounding.
         """
         while True:
             try:
@@ -821,13 +631,11 @@ class Reduction:
     def _check_lines(
         self, definite: Factorised, state: State, lines: _Real, allowed: float
     ) -> _Real:
-        """Add the important missing directions at some lines, or return all if none is important.
+        """Add important missing directions at some lines, or return all if none is important.
 
-        None is important if the largest error is within the permitted error.
-
-        Directions that are missing at several lines are added once: with Y = P^-1 R, R^T Y is their
-        Gram matrix in P for all lines. In single precision it is Y^T P Y, because R^T Y is
-        inaccurate.
+        None is important if no error exceeds `allowed`. Directions missing at several lines are
+        added once: with Y = P^-1 R, R^T Y is their Gram matrix in P (in single precision Y^T P Y,
+        because R^T Y is inaccurate).
         """
         solver = self.solver()
         checked = LineResiduals(solver, self.basis, self._channels, state, lines)

@@ -25,46 +25,18 @@ _FIRST_MODES = 20
 
 
 def even_lines(low: float, high: float, n: int) -> NDArray[np.float64]:
-    """Return lines between two frequencies: half of them evenly spaced, half by equal ratios.
-
-    Parameters
-    ----------
-    low, high : float
-        Positive frequencies in Hz.
-    n : int
-        Number of lines, at least 2.
-
-    Returns
-    -------
-    ndarray of float
-        Ascending frequencies in Hz with both ends, at most `n`.
-    """
+    """Return at most n lines between two frequencies, half evenly spaced, half by equal ratios."""
     half = max(n // 2, 2)
     lines = np.concatenate([np.linspace(low, high, half), np.geomspace(low, high, half)])
     return np.unique(np.clip(lines, low, high))
 
 
 def resonance_lines(model: Model, low: float, high: float, limit: int) -> NDArray[np.float64]:
-    """Return lines that resolve the resonances of a model in a band.
+    """Return lines in a band (Hz) that resolve resonances; none if the modes are not computable.
 
-    The lines of a natural frequency f with loss factor eta are f sqrt(1 + eta tan(theta)), with
-    evenly spaced theta: equal distances along the circle of the mode's response in the complex
-    plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625).
-
-    Parameters
-    ----------
-    model : Model
-        The structure with its damping.
-    low, high : float
-        The band in Hz.
-    limit : int
-        Largest number of lines. If it permits fewer than four lines for each mode, only the lowest
-        modes are resolved.
-
-    Returns
-    -------
-    ndarray of float
-        Ascending frequencies in Hz within the band; empty if the modes cannot be computed.
+    The lines of a mode are f sqrt(1 + eta tan(theta)) with evenly spaced theta: equal distances
+    along its circle in the complex plane (Kennedy & Pancu, J. Aeronaut. Sci. 14 (1947) 603-625). If
+    `limit` permits fewer than four lines for each mode, only the lowest modes are resolved.
     """
     found = _modes_up_to(model, high, limit // _FEWEST)
     if found is None:

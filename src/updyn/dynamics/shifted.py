@@ -36,23 +36,9 @@ _NUDGES, _NUDGES_IN_SINGLE = (0.0, 1e-4, 1e-3), (0.0, 3e-3, 1e-2)
 class Shifted:
     """Real factorisations at states of a model, one at a time; that of P can be kept.
 
-    P = K + omega_max^2 M is definite, and close to K - omega^2 M far from resonance.
-
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model.
-    top : float
-        omega_max^2 of the highest line, in 1/s^2.
-    backend : str
-        Sparse factorisation.
-    keeps : bool
-        Whether P stays in memory for close states, until `release` or the next factorisation.
-
-    Attributes
-    ----------
-    count : int
-        Number of factorisations so far.
+    P = K + omega_max^2 M is definite, and close to K - omega^2 M far from resonance. `top` is
+    omega_max^2 in 1/s^2. With `keeps`, P stays in memory for close states, until `release` or the
+    next factorisation. `count` is the number of factorisations so far.
     """
 
     system: AffineSystem
@@ -101,23 +87,10 @@ class Shifted:
         error: float = _SPANNING,
         single_only: bool = False,
     ) -> Factorised:
-        """Factorise K - s M and release the previous factorisation.
+        """Factorise K - s M (`shift` s in 1/s^2) and release the previous factorisation.
 
-        Parameters
-        ----------
-        state : State
-            The state of the model.
-        shift : float
-            s in 1/s^2.
-        error : float
-            Permitted relative error of solutions in single precision.
-        single_only : bool
-            Whether to fail if single precision is too inaccurate, instead of using double.
-
-        Raises
-        ------
-        SolverError
-            If the matrix is singular, memory is short, or single precision alone is too inaccurate.
+        Raises SolverError if it is singular, memory is short, or single precision is too inaccurate
+        for `error` and `single_only` excludes double precision.
         """
         self._definite = None
         self.count += 1
@@ -127,24 +100,10 @@ class Shifted:
         )
 
     def solve(self, state: State, shift: float, loads: _Real) -> tuple[float, Factorised, _Real]:
-        """Factorise K - s M and solve for loads, shape (N, k), with s off a natural frequency.
+        """Return s, the factorised K - s M and solutions for loads (N, k); errors as `factorise`.
 
         If s is a natural frequency, it is moved away from the middle of the band, which keeps the
         ends of the band outside.
-
-        Returns
-        -------
-        shift : float
-            The final s.
-        factorised : Factorised
-            K - s M.
-        X : ndarray of float, shape (N, k)
-            The solutions.
-
-        Raises
-        ------
-        SolverError
-            As `factorise`.
         """
         away, moves = np.copysign(self.top, shift - 0.5 * self.top), self._moves
         for far, single_only in moves:
@@ -160,7 +119,7 @@ class Shifted:
     def count_modes_below(self, state: State, frequency: float) -> int | None:
         """Return the number of modes below a frequency in Hz, by Sylvester's law of inertia.
 
-        It is None if the backend does not count, or the frequency is a natural frequency.
+        None if the backend does not count, or the frequency is a natural frequency.
         """
         try:
             return self.factorise(state, (2.0 * np.pi * frequency) ** 2).negative
@@ -170,14 +129,9 @@ class Shifted:
             self.release()
 
     def factor_definite(self, state: State) -> Factorised:
-        """Return the factorised P of a state, or an existing one of a close state.
+        """Return the factorised P of a state or a close one; SolverError if not definite.
 
         It is valid until the next factorisation or `release`.
-
-        Raises
-        ------
-        SolverError
-            If P is not definite.
         """
         if self._definite is None or not _are_close(state, self._definite[1]):
             self._definite = self.factorise(state, -self.top, error=_MEASURING), state
