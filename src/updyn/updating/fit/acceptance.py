@@ -37,12 +37,8 @@ _TWICE, _THRICE, _OFTEN = 2, 3, 6
 class Acceptance:
     """Criteria to accept the end of a try as the answer.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem of the search; its data carry the known part of the noise.
-    noise_known : bool
-        Whether the size of the noise is known; a larger misfit is then not noise.
+    The data of `problem` carry the known part of the noise. With `noise_known`, a misfit larger
+    than that of the noise is not noise.
     """
 
     problem: Problem
@@ -51,9 +47,9 @@ class Acceptance:
     def is_accepted(self, ends: Sequence[Outcome]) -> bool:
         """Return whether the best basin was found often enough.
 
-        Once is enough for exact data, twice if the residual looks like noise, three times if it may
-        be noise. Otherwise, as many times as a round has random tries: the tries before them begin
-        with the same stiffnesses and masses.
+        Once for exact data, twice if the residual looks like noise, three times if it may be noise;
+        otherwise as often as a round has random tries, because the tries before them begin with the
+        same stiffnesses and masses.
         """
         if not ends:
             return False
@@ -77,19 +73,13 @@ class Acceptance:
         return not self.noise_known and self.is_noise(end.x, _UNCORRELATED)
 
     def is_answer(self, x: _Vector, cost: float) -> bool:
-        """Return whether the residual at x looks like noise, no larger than noise of known size.
-
-        `cost` is half the sum of the squared log error at x.
-        """
+        """Return whether the residual at x looks like noise, no larger than noise of known size."""
         return self.is_noise(x, _UNCORRELATED) and (
             not self.noise_known or self._is_explained_by_noise(cost)
         )
 
     def is_noise(self, x: _Vector, most: float = _CORRELATED) -> bool:
-        """Return whether the residual at x looks like noise: small, and hardly serially correlated.
-
-        `most` is the largest accepted correlation of neighbouring lines.
-        """
+        """Return whether the residual at x is small, and its serial correlation at most `most`."""
         misfits = self._misfits(x)
         power = _power(misfits)
         if min(len(r) for r in misfits) < _ENOUGH_LINES or power > _GROSS**2:

@@ -21,22 +21,9 @@ _Vector = NDArray[np.float64]
 class Answer:
     """End of a descent.
 
-    Attributes
-    ----------
-    x : ndarray of float, shape (n,)
-        The estimate.
-    reason : str
-        Why the descent ended.
-    negative_log_likelihood : float
-        Minus the log-likelihood, except for a constant that all answers share.
-    noises : sequence of NoiseModel
-        Noise model of the last descent, for each part of the problem.
-    residual : OutputErrorSet
-        The residual whitened by this noise.
-    local : Local or None
-        The reduced problem at x, including priors; None after a stop.
-    fixed_unknown : int or None
-        Index of the fixed unknown, at the far end of a valley.
+    `negative_log_likelihood` omits a constant that all answers share. `noises` are the noise models
+    of the last descent by part, `residual` is whitened by them. `local` is the reduced problem at
+    x, including priors; None after a stop. `fixed_unknown` is set at the far end of a valley.
     """
 
     x: _Vector

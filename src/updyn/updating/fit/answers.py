@@ -1,9 +1,7 @@
 """Comparison of answers, and starting points from which to find others that fit equally well.
 
-A minimum of the misfit is an answer, but its curvature does not show whether it is the only one.
-Other answers are searched for where experience finds them: at the other ends of the search, along
-unknowns that the data hardly determine, with unknowns put back to their start, and with parts of
-the structure exchanged, as in the mirror image of a symmetric structure.
+Other answers are searched for at the other ends of the search, along unknowns that the data hardly
+determine, with unknowns reset to their start, and with parts of the structure exchanged.
 """
 
 from __future__ import annotations
@@ -73,10 +71,7 @@ _EXCHANGES, _PROMISING = 200, 4
 
 
 def has_noise_residual(problem: Problem, answer: Answer) -> bool:
-    """Return whether the residual of an answer looks like noise.
-
-    It must not be larger than noise of known size, nor serially correlated.
-    """
+    """Return whether the residual of an answer is not larger than noise, nor correlated."""
     for i, part in enumerate(problem.parts):
         H, weight = part.responses(answer.x), answer.residual.of(i).weight
         e = weight * (H - part.frf.values)
@@ -127,9 +122,8 @@ def find_rivals(
 ) -> list[Answer]:
     """Return the other answers that fit equally well and contradict the chosen one.
 
-    An answer that ran out of steps counts, because it fits equally well already. An answer with
-    larger standard deviations counts even if these include the chosen one. `tolerance` is the
-    accepted decrease of the log-likelihood.
+    An answer that ran out of steps counts, and so does one with larger standard deviations that
+    include the chosen answer. `tolerance` is the accepted decrease of the log-likelihood.
     """
     found: list[Answer] = []
     for other in sorted(
@@ -142,10 +136,7 @@ def find_rivals(
 
 
 def contradicts(other: Answer, chosen: Answer) -> bool:
-    """Return whether some unknown differs by more than the chosen answer allows.
-
-    If the other answer improves on the chosen one, its standard deviations are used instead.
-    """
+    """Return whether some unknown differs by more than the better of two answers allows."""
     if chosen.local is None or other.local is None:
         return False
     return not (
@@ -192,17 +183,14 @@ def select_as_likely(
 def is_better(answer: Answer, other: Answer) -> bool:
     """Return whether an answer fits better than another by more than `AS_WELL`.
 
-    The other one is then not an answer, and its standard deviations are meaningless: if the misfit
-    is larger than the noise, its Jacobian can be singular, as at a point between two answers.
+    The other one is then not an answer, and its standard deviations are meaningless: its Jacobian
+    can be singular, as at a point between two answers.
     """
     return answer.negative_log_likelihood < other.negative_log_likelihood - AS_WELL
 
 
 def are_distinct(a: Answer, b: Answer) -> bool:
-    """Return whether some unknown differs by more than both answers allow.
-
-    If one answer improves on the other, only its standard deviations are used.
-    """
+    """Return whether some unknown differs by more than both answers, or a better one, allow."""
     if a.local is None or b.local is None:
         return False
     for one, other in ((a, b), (b, a)):
@@ -231,8 +219,7 @@ def _standard_deviations(local: Local) -> _Vector:
 def move_uncertain_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     """Yield points, shape (n,), each with one poorly determined unknown moved.
 
-    Moving a single unknown leaves the valley of the misfit; steps along the valley were measured to
-    fall back.
+    Moving one unknown leaves the valley of the misfit; steps along it were measured to fall back.
     """
     if answer.local is None:
         return
@@ -252,7 +239,7 @@ def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> I
     """Yield points, shape (n,), with the most uncertain unknowns drawn at random about the start.
 
     They are moved together: light parts whose resonances have been exchanged cannot be corrected
-    one by one. The other unknowns keep their values.
+    one by one.
     """
     if answer.local is None:
         return
@@ -269,10 +256,10 @@ def restart_uncertain_unknowns(problem: Problem, answer: Answer, seed: int) -> I
 
 
 def reset_far_unknowns(problem: Problem, answer: Answer) -> Iterator[_Vector]:
-    """Yield points, shape (n,), with the unknowns farthest from their start reset to it.
+    """Yield points, shape (n,), with one, two, four, eight unknowns reset, farthest first.
 
-    One, two, four, eight: unknowns that the data hardly determine may have moved far together, each
-    compensating for the others. If the data determine all unknowns, no point is yielded.
+    Unknowns that the data hardly determine may have moved far together, each compensating for the
+    others. If the data determine all unknowns, no point is yielded.
     """
     if answer.local is None or _standard_deviations(answer.local).max() <= _UNSURE:
         return
@@ -290,18 +277,7 @@ def find_promising_points(
     """Return points, shape (n,), away from an answer that fit fairly well without a descent.
 
     Each unknown is moved alone, to its start and to either side, and parts of the structure are
-    exchanged.
-
-    Parameters
-    ----------
-    models : Models
-        Models in which the points are compared.
-    answer : Answer
-        The known answer.
-    negative_log_likelihood : callable
-        Returns minus the log-likelihood at a point.
-    most : int
-        Largest number of points that are evaluated, most of them on few lines.
+    exchanged. At most `most` points are evaluated, most of them on few lines.
     """
     problem = models.exact
     points = chain(exchange_groups(problem, answer.x), _move_each_unknown(problem, answer.x))
@@ -335,10 +311,7 @@ def _move_each_unknown(problem: Problem, x: _Vector) -> Iterator[_Vector]:
 
 
 def exchange_groups(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    """Yield points with groups exchanged: similar groups in mirrored order, and pairs of groups.
-
-    The stiffnesses and masses are exchanged, not their factors.
-    """
+    """Yield points with stiffnesses and masses of groups exchanged: mirrored, and in pairs."""
     indices: dict[str, dict[str, int]] = {}
     for i, p in enumerate(problem.coordinates.parameters):
         if not p.drives and not p.is_channel:

@@ -1,9 +1,7 @@
 """Checkpoint of a run: a file of its evaluations, from which an interrupted run is resumed.
 
-The file holds a header, which identifies the run, and records, each with its length and a checksum:
-a record truncated by a crash is ignored. Only arrays are written, in the npy format, and nothing is
-unpickled. A resumed run starts again from the beginning and reads the evaluations of the file
-instead of repeating them (see `updyn.updating.problem.session`).
+Records have a length and a checksum, so one truncated by a crash is ignored; arrays are in the npy
+format, never pickled. A resumed run begins anew and reads its evaluations from the file.
 """
 
 from __future__ import annotations
@@ -42,24 +40,11 @@ _SYNC_S = 1.0
 
 
 class Checkpoint:
-    """Evaluations of a run in a file; a `Cache`.
+    """Evaluations of a run in a file; a `Cache`. `head` is the header from `fingerprint`.
 
-    Parameters
-    ----------
-    path : Path
-        The file. It is created with the first evaluation and replaces an existing file.
-    head : mapping
-        Header from `fingerprint`.
-    resume : bool
-        Whether to resume the run of an existing file; without a file, the run begins anew with a
-        warning.
-
-    Raises
-    ------
-    OptionError
-        If the folder does not exist, or the file to resume belongs to another problem.
-    FormatError
-        If the file to resume is not a checkpoint.
+    The file is created with the first evaluation. With `resume` but no file, the run begins anew
+    with a warning. Raises OptionError if the folder does not exist or the file belongs to another
+    problem, and FormatError if it is not a checkpoint.
     """
 
     def __init__(self, path: Path, head: Mapping[str, Any], *, resume: bool = False) -> None:
@@ -192,14 +177,10 @@ def checkpoint_session(
     *,
     resume: bool,
 ) -> Iterator[None]:
-    """Store the evaluations of a session in a checkpoint; without a path, do nothing.
+    """Store the evaluations of a session in a checkpoint; do nothing without a path.
 
-    `head` returns the `fingerprint` of the run.
-
-    Raises
-    ------
-    OptionError, FormatError
-        As for `Checkpoint`; also if there is no path to resume from.
+    `head` returns the `fingerprint` of the run. Raises as `Checkpoint`, and OptionError if there is
+    no path to resume from.
     """
     if path is None:
         if resume:
@@ -219,8 +200,8 @@ def fingerprint(
 ) -> dict[str, Any]:
     """Return the identification of a run as plain data.
 
-    `options` are other options that change the evaluations. The number of steps is not one of them:
-    a run that ended at the largest number of steps can be resumed with more.
+    `options` are other options that change the evaluations, without the number of steps: a run that
+    reached it can be resumed with more.
     """
     model: list[object] = []
     measured: list[object] = []

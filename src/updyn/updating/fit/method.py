@@ -56,14 +56,13 @@ class Regularisation:
     Attributes
     ----------
     weight : ndarray of float, shape (n,)
-        1 / standard deviation of an equivalent prior, in addition to the unknowns' priors; 0
-        without.
+        1 / standard deviation of an equivalent prior, in addition to the unknowns' priors; or 0.
     within : ndarray of float, shape (n, k), or None
         Orthonormal directions, if the unknowns moved along these only.
     note : str
         Description in a sentence.
     record : mapping
-        The choice and the curve on which it is based, for the record.
+        The choice and the curve on which it is based.
     """
 
     weight: _Vector
@@ -74,18 +73,11 @@ class Regularisation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Starts:
-    """Starting points of a fit.
+    """Starting points of a fit: at least one, in the optimiser's coordinates, the best first.
 
-    Attributes
-    ----------
-    points : tuple of ndarray of float, shape (n,)
-        At least one, the best first.
-    agreed : bool
-        Whether tries from different starts ended in the first point.
-    exact : bool
-        Whether the residual at the first point is rounding of the data.
-    data_fault : bool
-        Whether a fault of the data ended the search; no other answers are searched for then.
+    `agreed`: tries from different starts ended in the first point. `exact`: its residual is
+    rounding of the data. `data_fault`: a fault of the data ended the search; no other answers are
+    sought.
     """
 
     points: tuple[_Vector, ...]
@@ -96,17 +88,10 @@ class Starts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
-    """Another answer that fits equally well.
+    """Another answer that fits equally well: its values `x`, in the optimiser's coordinates.
 
-    Attributes
-    ----------
-    x : ndarray of float, shape (n,)
-        Its values, in the optimiser's coordinates.
-    worse : float
-        Decrease of the log-likelihood compared with the best answer.
-    problem : Problem or None
-        Problem with the reduced model in which the answer is certified; None if the model of the
-        fit is exact there.
+    `worse` is the decrease of the log-likelihood from the best answer. `problem` has the reduced
+    model in which the answer is certified; None if the model of the fit is exact there.
     """
 
     x: _Vector
@@ -140,14 +125,14 @@ class Fit:
         if the method has none.
     unit : float
         Size of these units in the residual, if the method estimated it together with the unknowns.
-    regularisation : Pull or None
+    regularisation : Regularisation or None
         Regularisation of the fit.
     advice : str
         Experiment advice on undetermined unknowns, from a method that fits other data than FRFs; if
         empty, it is sought among lines and sensors that could be added.
     rivals : tuple of Rival
         Other answers that fit equally well.
-    describe_obstacle : str
+    cause : str
         For a fit that failed, stalled, did not settle or ran out of steps: the obstacle in model or
         data (`Method.describe_obstacle`); may be empty.
     remedy : str
@@ -369,16 +354,9 @@ def descend(
     """Minimise one residual from x, including priors, and record every step.
 
     With `relax`, loss factors may become negative on the way (`Coordinates.relaxed_lower`); if they
-    are negative at the end, the descent continues from the nearest point within the bounds. If
-    combinations of unknowns are undetermined, the point nearest to the unknowns' start is sought
-    among all that fit equally well.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at x.
-    Stopped
-        If the user stops the run before x has been evaluated.
+    are negative at the end, the descent continues from the nearest point within the bounds. Of the
+    points that fit equally well, the nearest to the unknowns' start is sought. Raises SolverError
+    if the model cannot be solved at x, and Stopped if x has not been evaluated.
     """
     lower, upper = problem.coordinates.bounds
     within = problem.coordinates.within
@@ -444,26 +422,11 @@ def descend_to_scale(
     settings: TrustRegion,
     spread: Callable[[_Vector, Local], float] | None = None,
 ) -> Outcome:
-    """Minimise a residual of unknown spread, including priors.
+    """Minimise a residual of unknown spread, including priors; raises as `descend`.
 
     A prior is weighed against the data in standard deviations of both. The spread of the residual
-    is estimated in turn with the unknowns until it changes by less than 1 %, unless it is given
-    (`Coordinates.unit`). Without priors it has no effect.
-
-    Parameters
-    ----------
-    problem, residual, x, monitor, settings
-        As for `descend`.
-    spread : callable, optional
-        Returns the standard deviation of the residual from a point and its local problem, for
-        residuals other than of measured values (default `residual_std`).
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at x.
-    Stopped
-        If the user stops the run before x has been evaluated.
+    (`spread`, by default `residual_std`) is therefore estimated in turn with the unknowns until it
+    changes by less than 1 %, unless it is given (`Coordinates.unit`).
     """
     if problem.coordinates.unit is not None:
         return descend(problem, residual, x, monitor, settings, problem.coordinates.unit)
@@ -494,8 +457,7 @@ def descend_to_scale(
 def residual_std(local: Local, n_values: int, n: int) -> float:
     """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
 
-    If there are not more measured numbers than unknowns, it cannot be estimated, and that of
-    `ASSUMED` noise is returned.
+    Return that of `ASSUMED` noise if there are not more measured numbers than unknowns.
     """
     if 2 * n_values <= n:
         return float(ASSUMED["relative"] / np.sqrt(2.0))
@@ -508,10 +470,7 @@ def divide_by_std(local: Local, sigma: float) -> Local:
 
 
 def make_stopped_fit(problem: Problem, x: _Vector) -> Fit:
-    """Return the fit that was stopped at x, with the Jacobian of the log error if it is cached.
-
-    `problem` is that of the log error, with data that carry their variance.
-    """
+    """Return the fit stopped at x, with the Jacobian of the log error `problem` if it is cached."""
     residual = make_log_error(problem)
     local = residual.local(problem, x) if is_cached(residual, problem, x) else None
     if local is None or local.cost == 0.0:
@@ -533,7 +492,7 @@ def record_correlation_length(
     """Return the record of the correlation length of the residual at x; empty after a stop.
 
     `whitened` maps the index of a part and the model's H, shape (n_f, ...), to the residual over
-    its standard deviation, same shape.
+    its standard deviation.
     """
     try:
         lengths = [
@@ -549,15 +508,7 @@ def record_correlation_length(
 
 
 def serial_correlation(whitened: NDArray[np.complex128], lag: int = 1) -> float:
-    """Return the correlation of a residual with itself at a lag; 0 for a residual of zeros.
-
-    Parameters
-    ----------
-    whitened : ndarray of complex, shape (n_f, ...)
-        Residual over its standard deviation.
-    lag : int
-        Distance in lines.
-    """
+    """Return the correlation of a residual, shape (n_f, ...), with itself at a lag; 0 for zeros."""
     power = float(np.mean(np.abs(whitened) ** 2))
     if power == 0.0:
         return 0.0
@@ -567,22 +518,9 @@ def serial_correlation(whitened: NDArray[np.complex128], lag: int = 1) -> float:
 def correlation_length(whitened: NDArray[np.complex128]) -> float:
     """Return the correlation length of a residual in lines: 1 + 2 sum of its autocorrelation.
 
-    Parameters
-    ----------
-    whitened : ndarray of complex, shape (n_f, ...)
-        Residual over its standard deviation.
-
-    Returns
-    -------
-    float
-        1 for noise that is independent from line to line. The sum ends at the first lag whose
-        correlation is within two standard deviations of zero; independent noise therefore gives
-        exactly 1 in almost all cases.
-
-    Notes
-    -----
-    Standard deviations computed for independent lines are too small by the square root of this
-    length (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
+    `whitened` has the shape (n_f, ...). The sum ends at the first lag whose correlation is within
+    two standard deviations of zero. Standard deviations for independent lines are too small by the
+    square root of this length (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
     """
     total = 1.0
     for lag in range(1, len(whitened) // 2):

@@ -18,15 +18,7 @@ __all__ = ["Models"]
 class Models:
     """One model that is accurate everywhere; derived classes refine a model at each point.
 
-    Parameters
-    ----------
-    exact : Problem
-        Data, unknowns and the full model.
-
-    Attributes
-    ----------
-    only_ranks : bool
-        Whether points are only ranked in `rough`, and judged in `near`.
+    With `only_ranks`, points are ranked in `rough` and judged in `near`.
     """
 
     exact: Problem
@@ -41,8 +33,8 @@ class Models:
     def near(self, x: NDArray[np.float64]) -> Problem:
         """Return the problem with a model that is accurate near a point.
 
-        Repeated calls for a point may refine the model further; they return the same object if it
-        is accurate enough.
+        Repeated calls may refine the model further; they return the same object if it is accurate
+        enough.
         """
         return self.exact
 
@@ -57,8 +49,5 @@ class Models:
     def leads_back(
         self, x: NDArray[np.float64], answer: Answer, negative_log_likelihood: float
     ) -> bool:
-        """Return whether a descent from a point is known to end in an answer.
-
-        `negative_log_likelihood` is minus the log-likelihood at the point.
-        """
+        """Return whether a descent from a point is known to end in an answer."""
         return False

@@ -62,22 +62,9 @@ class Progress:
 class Monitor:
     """Collects history and durations; the only mutable object of a fit.
 
-    Parameters
-    ----------
-    problem : Problem
-        The fitted problem.
-    callback : callable, optional
-        Called with a `Progress` after every step and between blocks of lines; a return value of
-        True stops the fit.
-    detect_data_fault : callable, optional
-        Examines the data and returns whether a fault of the data makes a search pointless.
-
-    Attributes
-    ----------
-    history : list of Iteration
-        All steps so far.
-    timing_s : dict of str to float
-        Duration of each stage, in seconds.
+    `callback` is called with a `Progress`; a return value of True stops the fit.
+    `detect_data_fault` examines the data and returns whether a fault makes a search pointless.
+    `timing_s` has the duration of each stage in seconds.
     """
 
     problem: Problem
@@ -101,10 +88,7 @@ class Monitor:
         return self.problem.session.stopped
 
     def has_data_fault(self) -> bool:
-        """Return whether a fault of the data makes a search pointless.
-
-        The data are examined at the first call, so a search that succeeds at once does not need it.
-        """
+        """Return whether a fault of the data, examined once, makes a search pointless."""
         if self._data_fault is None:
             self._data_fault = self.detect_data_fault is not None and self.detect_data_fault(self)
         return self._data_fault
@@ -189,25 +173,11 @@ def condition(R: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Iteration:
-    """One accepted or rejected step.
+    """One accepted or rejected step, numbered from 0 (the start) through all stages.
 
-    Attributes
-    ----------
-    stage : str
-        Part of the method that made it (``"log"``, ``"maximum-likelihood"``, ``"equation-error"``,
-        ...).
-    number : int
-        Number of the step, counted from 0 (the start) through all stages.
-    cost : float
-        Half the sum of squared weighted residuals.
-    step : float
-        Largest change of an unknown (of its logarithm for a factor).
-    condition : float
-        Condition number of the Jacobian with columns scaled to unit norm.
-    accepted : bool
-        Whether the step was accepted.
-    values : dict of str to float
-        The unknowns after the step.
+    `cost` is half the sum of squared weighted residuals, `step` the largest change of an unknown
+    (of its logarithm for a factor), `condition` that of the Jacobian with columns scaled to unit
+    norm; `values` are the unknowns after the step.
     """
 
     stage: str
@@ -225,11 +195,7 @@ class Iteration:
 
 
 def count_iterations(history: Sequence[Iteration]) -> list[int]:
-    """Return the number of iterations up to each entry of a history.
-
-    An iteration is an accepted step. Rejected steps and the starting points of stages and tries are
-    entries but not iterations.
-    """
+    """Return the number of iterations (accepted steps) up to each entry of a history."""
     made, out = 0, []
     for step in history:
         made += step.counts

@@ -49,7 +49,7 @@ class Resolution:
     Attributes
     ----------
     singular_values : ndarray of float, shape (n,)
-        Singular values of the Jacobian with columns scaled to unit norm, in descending order.
+        Those of the Jacobian with columns scaled to unit norm, in descending order.
     full_rank : bool
         Whether all of them are above `RANK_TOLERANCE` times the largest.
     null_space : ndarray of float, shape (n, k)
@@ -70,17 +70,11 @@ class Resolution:
 
 
 def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> Resolution:
-    """Return the determined and undetermined directions of a reduced Jacobian.
+    """Return the determined and undetermined directions of a reduced Jacobian, shape (k, n).
 
-    Parameters
-    ----------
-    R : ndarray of float, shape (k, n)
-        Reduced Jacobian, in units of one standard deviation of the noise.
-    inflation : float
-        Factor on the standard deviations.
-    even : ndarray of float, shape (n, n), optional
-        Jacobian of the same null space with rows of equal size, used for the rank and the singular
-        values.
+    R is in units of one standard deviation of the noise, and `inflation` is a factor on that.
+    `even`, shape (n, n), is a Jacobian of the same null space with rows of equal size, for rank and
+    singular values.
     """
     scale, s, Vt = _scaled_svd(R if even is None else even)
     visible = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)

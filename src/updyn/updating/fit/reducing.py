@@ -1,20 +1,11 @@
 """Fit in a reduced model whose error is certified at the estimate.
 
-A reduced model is exact at the point of its basis and loses accuracy with the distance from it. The
-fit therefore stays within a trust radius of that point. At its end, the full residual certifies the
-basis; if that fails, a new basis is built there and the fit continues. Values and gradients at the
-point of the basis are those of the full model, so few rounds suffice.
-
-The basis of the start has local minima that the full model lacks. If the start is far from the
-answer, a search is therefore made in another basis, of the start and of points around it, which is
-accurate enough everywhere to find the basin of attraction (benchmarks/solids.py). A fit from the
-start comes first, because it costs little compared with that basis; if its residual looks like
-noise, the search is omitted.
-
-Other answers that fit equally well are searched for around the certified one, in its basis. The
-error of that basis is some hundredths where stiffnesses differ by a factor of e, which is enough to
-exclude most points. At the others the basis is enriched with the factorisation of the answer, so no
-point needs its own. The remaining candidates are fitted and certified like the first answer.
+The fit stays within a trust radius of the point of the basis, where values and gradients are those
+of the full model. At its end the full residual certifies the basis; if that fails, the fit
+continues in a new basis. The basis of the start has local minima that the full model lacks, so a
+search is made in a basis of the start and of points around it (benchmarks/solids.py), unless a fit
+from the start leaves a residual like noise. Other answers are searched for around the certified one
+in its basis, enriched with the factorisation of the answer only.
 """
 
 from __future__ import annotations
@@ -136,14 +127,7 @@ def is_reduced(
     method: str | None = None,
     regularise: str | float | None = None,
 ) -> bool:
-    """Return whether a model with n DOFs is to be reduced.
-
-    Raises
-    ------
-    OptionError
-        If the tier is not known, or if the reduced tier is forced on a method that needs the exact
-        model.
-    """
+    """Return whether a model with n DOFs is to be reduced; OptionError for an invalid tier."""
     if tier is not None and tier not in TIERS:
         raise OptionError(f"tier {tier!r}: {suggest(str(tier), TIERS)}", key=("tier",))
     refused = ""
@@ -162,8 +146,8 @@ def make_reduction(
 ) -> Reduction:
     """Return the reduction of a part's model for its responses, references and band, not yet built.
 
-    `accuracy` is the accepted error of a receptance, relative to the largest of its line. The
-    motion of `others`, further DOFs, counts in the error too.
+    `accuracy` is the accepted error of a receptance, relative to the largest of its line; the
+    motion of `others`, further DOFs, counts too.
     """
     freq = part.frf.freq
     if others is None:
@@ -242,17 +226,8 @@ class _Certified:
 class Reducing:
     """Reduced models of a run, one for each test, renewed as the fit moves.
 
-    Parameters
-    ----------
-    exact : Problem
-        All data, and the full model of each part.
-    accuracy : float
-        Accepted error of a receptance, relative to the largest of its line.
-
-    Attributes
-    ----------
-    certified : bool
-        Whether the latest certificate belongs to the point where the fit ended.
+    `accuracy` is the accepted error of a receptance, relative to the largest of its line.
+    `certified`: the latest certificate belongs to the point where the fit ended.
     """
 
     exact: Problem
@@ -294,15 +269,7 @@ class Reducing:
         self.__post_init__()
 
     def begin(self) -> None:
-        """Build the reduced models at the start.
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved there.
-        Stopped
-            If the user stops the run.
-        """
+        """Build the reduced models at the start, where the model must be solvable."""
         self._build(self._home)
         self._enrich(self._home, _AT_START)  # serves the figures of the start
         for part in self._parts:
@@ -319,10 +286,9 @@ class Reducing:
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[Problem, Fit]:
-        """Fit from the start or, if that fails, from the end of a search around the start.
+        """Fit from the start, or from the end of a search; return the last reduced models too.
 
-        Return the problem with the last reduced models, and the last fit. `problem` is that of
-        `with_reduced_models`.
+        `problem` is that of `with_reduced_models`.
         """
         self._latest_x = self._home
         try:
@@ -338,10 +304,9 @@ class Reducing:
     def _find_start(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> _Vector:
-        """Return the point from which to fit: the end of descents from the start, or of a search.
+        """Return the point from which to fit, with its models: the end of descents, or of a search.
 
-        The reduced models are those of that point. No search is made if a fault of the data
-        explains why the descents do not settle.
+        No search is made if a fault of the data explains why the descents do not settle.
         """
         with suppress(SolverError):
             x, is_settled = self._descend_from_start(problem, noises, monitor)
@@ -363,8 +328,7 @@ class Reducing:
     ) -> tuple[_Vector, bool]:
         """Return the end of rounds from the start, and whether the residual there looks like noise.
 
-        The rounds minimise the log error, which has the widest basin of attraction, only until they
-        are near a minimum: the fit follows.
+        The rounds minimise the log error, which has the widest basin of attraction.
         """
         few = thin_problem(self.with_reduced_models(problem), noises)
         x, cost = self._home, _log_error_cost(few, self._home)
@@ -430,10 +394,7 @@ class Reducing:
         x: _Vector,
         fixed_unknown: int | None = None,
     ) -> tuple[Problem, Fit]:
-        """Fit within a box about the point of the basis, renewed until the basis is certified.
-
-        If `fixed_unknown` is given, that unknown stays at its value in x.
-        """
+        """Fit within a box about the point of the basis, renewed until the basis is certified."""
         near, remaining = False, strategy.max_iterations
         fit = Fit.without_jacobian(x, "stopped")
         is_ready = True  # the basis was built or enriched at x
@@ -481,10 +442,7 @@ class Reducing:
         monitor: Monitor,
         fit: Fit,
     ) -> tuple[Problem, Fit]:
-        """Search for other answers that fit equally well; return the preferred one with its rivals.
-
-        If a better answer is found, the search is repeated around it once.
-        """
+        """Search for other answers that fit equally well; return the preferred, with rivals."""
         chosen = self._certify_answer(problem, strategy, noises, fit)
         if chosen is None:
             return problem, fit
@@ -586,8 +544,7 @@ class Reducing:
     def _choose_start(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
         """Return the end of a search, or the start if its log error is smaller.
 
-        The log error is weighted with the noise, as in the search: values of faint channels are
-        rounding.
+        The log error is weighted with the noise: values of faint channels are rounding.
         """
         before = _log_error_cost(thin_problem(problem, noises), self._home)
         self._build(x)
@@ -709,13 +666,7 @@ class Reducing:
 
 @dataclass(slots=True, eq=False)
 class _ReducedModels(Models):
-    """Reduced models around an answer, enriched at the points where other answers are searched for.
-
-    Attributes
-    ----------
-    latest : Problem
-        Problem with the current models.
-    """
+    """Reduced models around an answer, enriched where other answers are searched for."""
 
     latest: Problem
     _reducing: Reducing

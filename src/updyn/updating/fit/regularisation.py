@@ -1,9 +1,7 @@
 """Regularisation of a fit by Tikhonov's method or by truncated singular values.
 
-The strength is found together with the unknowns: the problem is linearised at the end of a fit, the
-strength is chosen from all its singular values, and the fit is repeated from that point until the
-strength settles (for generalised cross-validation of nonlinear problems see Haber & Oldenburg,
-Comput. Geosci. 4 (2000) 41).
+The strength is chosen from the problem linearised at the end of a fit, and the fit is repeated
+until it settles (Haber & Oldenburg, Comput. Geosci. 4 (2000) 41).
 """
 
 from __future__ import annotations
@@ -54,20 +52,9 @@ _GRID = 400
 class SingularSpectrum:
     """Linear problem min |A z - b|^2, A = U diag(s) V^T, in standard deviations of the residual.
 
-    Attributes
-    ----------
-    s : ndarray of float, shape (k,)
-        Singular values in descending order.
-    beta : ndarray of float, shape (k,)
-        U^T b.
-    V : ndarray of float, shape (n, k)
-        Right singular vectors.
-    rest : float
-        Squared norm of the residual that no z can reduce.
-    n_values : float
-        Number of residuals.
-    fixed : int
-        Number of further unknowns, which are not regularised.
+    `s`, shape (k,), descends; `beta` is U^T b, and `V` has the shape (n, k). `rest` is the squared
+    norm of the residual that no z can reduce, `n_values` the number of residuals, and `fixed` the
+    number of further unknowns, which are not regularised.
     """
 
     s: _Vector
@@ -86,11 +73,7 @@ class SingularSpectrum:
         n_values: float = 0.0,
         fixed: int = 0,
     ) -> SingularSpectrum:
-        """Return the spectrum of a problem with A, shape (m, n), and b, shape (m,).
-
-        `rest` is the squared norm of a further residual that does not depend on z; `n_values` is m
-        by default.
-        """
+        """Return the spectrum for A, shape (m, n), and b; `n_values` is m by default."""
         U, s, Vt = np.linalg.svd(A, full_matrices=False)
         beta = U.T @ b
         beyond = (
@@ -173,14 +156,11 @@ def corner(spectrum: SingularSpectrum, low: float, high: float) -> float:
 
 
 def discrepancy(spectrum: SingularSpectrum, low: float, high: float) -> float:
-    """Return the largest strength in [low, high] whose misfit the noise explains.
+    """Return the largest strength in [low, high] whose misfit noise of known size explains.
 
-    The unknowns can change as many components of the residual as there are unknowns. In these
-    components a fit is expected to leave the noise of the degrees of freedom that it gives up (the
-    number of unknowns minus their effective number), and may leave one standard deviation more.
-    This is the compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010,
-    section 5.2), applied to these components only. The other components would only add their
-    scatter, sqrt(2 n_values). The size of the noise has to be known.
+    Compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section 5.2),
+    with one standard deviation more, for the components of the residual that the unknowns can
+    change only: the others would add their scatter, sqrt(2 n_values).
     """
     from scipy.optimize import brentq
 
@@ -239,13 +219,7 @@ _POINTS = 41
 def check_regularise(
     regularise: str | float | None, method: str, *, reducing: bool = False
 ) -> None:
-    """Check the option `regularise` of `updyn.update`.
-
-    Raises
-    ------
-    OptionError
-        If the option is not valid, or the method cannot be regularised or not in reduced models.
-    """
+    """Raise OptionError if the option `regularise` of `updyn.update` is not valid for a method."""
     if regularise is None:
         return
     if isinstance(regularise, str):
@@ -281,13 +255,7 @@ def keeps_to_directions(regularise: str | float | None) -> bool:
 
 
 def add_regularisation(strategy: Method, method: str, regularise: str | float | None) -> Method:
-    """Return the method with regularisation; unchanged if `regularise` is None.
-
-    Raises
-    ------
-    OptionError
-        As for `check_regularise`.
-    """
+    """Return the method with regularisation; unchanged if `regularise` is None."""
     check_regularise(regularise, method)
     if regularise is None:
         return strategy
@@ -296,19 +264,7 @@ def add_regularisation(strategy: Method, method: str, regularise: str | float | 
 
 @dataclass(frozen=True, slots=True)
 class Regularised(Method):
-    """Method with regularisation.
-
-    Parameters
-    ----------
-    method : Method
-        The method that makes each fit.
-    how : str or float
-        One of `CHOICES`, ``"tsvd:N"``, or the strength of Tikhonov's method.
-    max_iterations : int
-        Largest number of steps of each fit.
-    tolerance : float
-        As for the method.
-    """
+    """Method with regularisation: `how` is one of `CHOICES`, ``"tsvd:N"``, or a strength."""
 
     method: Method
     how: str | float
@@ -325,10 +281,7 @@ class Regularised(Method):
     ) -> Fit:
         """Fit the unknowns from x and choose the strength of the regularisation.
 
-        Raises
-        ------
-        OptionError
-            If every unknown has a prior, or more directions are requested than there are unknowns.
+        Raises OptionError if every unknown has a prior, or there are more directions than unknowns.
         """
         free, number = self._check(problem)
         once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
@@ -340,10 +293,7 @@ class Regularised(Method):
         return run.fit_given_strength(noises, x, float(self.how))
 
     def _check(self, problem: Problem) -> tuple[NDArray[np.bool_], int | None]:
-        """Return which unknowns have no prior, and the requested number of directions or None.
-
-        Called before a search, which may take long, and before a fit.
-        """
+        """Return which unknowns have no prior, and the requested number of directions or None."""
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
             raise OptionError(
@@ -367,18 +317,8 @@ class Regularised(Method):
 class _RegularisedFits:
     """Regularised fits of one problem.
 
-    Attributes
-    ----------
-    problem : Problem
-        Model, data and unknowns.
-    method : Method
-        The method that makes each fit.
-    monitor : Monitor
-        Records the steps.
-    free : ndarray of bool, shape (n,)
-        The unknowns without a prior; the others have their prior only.
-    unit : float or None
-        Unit of the residual, known after the first fit; all strengths refer to it.
+    `free`, shape (n,), are the unknowns without a prior. `unit` is the unit of the residual, known
+    after the first fit; all strengths refer to it.
     """
 
     problem: Problem

@@ -1,7 +1,6 @@
 """`Screen`: selection, from few lines, of points that may fit as well as an answer.
 
-The sum of squares over lines only grows, so a few lines suffice to show that a point is far off.
-Most of the points near an answer are so far off that one line in ten is sufficient.
+The sum of squares over lines only grows, so one line in ten excludes most points.
 """
 
 from __future__ import annotations
@@ -38,17 +37,7 @@ _FEWEST = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Piece:
-    """Some lines of a part.
-
-    Attributes
-    ----------
-    part : FRFPart
-        The part on these lines.
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        FRFs of the model at the answer.
-    weight : ndarray of float, shape (n_f, n_i, n_j)
-        Inverse standard deviations of the data.
-    """
+    """Some lines of a part, the model's FRFs at the answer, and the inverse std of the data."""
 
     part: FRFPart
     H: NDArray[np.complex128]
@@ -75,12 +64,8 @@ class _Piece:
 class Screen:
     """Separates points that are far off from those that may fit as well as an answer.
 
-    Attributes
-    ----------
-    pieces : tuple
-        Sets of lines: a few, twice as many others, and so on, each spread over the band.
-    limit : float
-        Sum of squares above which a point is far off.
+    `pieces` are sets of lines: a few, twice as many others, and so on, each spread over the band. A
+    point is far off if its sum of squares is above `limit`.
     """
 
     pieces: tuple[_Piece, ...]
@@ -105,10 +90,7 @@ class Screen:
         return cls(tuple(piece for piece in by_turns if piece is not None), limit)
 
     def select_best(self, points: Sequence[_Vector], number: int) -> list[_Vector]:
-        """Return the points of least sum of squares, best first, without those that are far off.
-
-        After each piece the worse half of the points is dropped, down to `number` points.
-        """
+        """Return the `number` points of least sum of squares that are not far off, best first."""
         kept = [(0.0, x) for x in points]
         for piece in self.pieces:
             summed = [(squares + piece.squared_error_at(x), x) for squares, x in kept]
@@ -124,12 +106,10 @@ class Screen:
     ) -> list[_Vector]:
         """Return the points of least sum of squares over distance from the answer, best first.
 
-        This is for points at which the error of the model exceeds the noise, so none can be
-        rejected by its sum of squares. Distances are in standard deviations of the data. More lines
-        add little, so three quarters of the points are dropped after each piece, down to `number`
-        points. (Measured and rejected: the sum of squares alone, which prefers points that the data
-        hardly distinguish from the answer; the sum of squares over the squared distance, which
-        prefers the farthest points.)
+        For points at which the error of the model exceeds the noise, so none can be rejected by its
+        sum of squares. (Measured and rejected: the sum of squares alone, which prefers points that
+        the data hardly distinguish from the answer; over the squared distance, which prefers the
+        farthest points.)
         """
         tiny = np.finfo(float).tiny
         kept = [(0.0, max(far, tiny), x) for far, x in zip(distances, points, strict=True)]

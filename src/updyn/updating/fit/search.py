@@ -1,19 +1,14 @@
 """Multi-start search for the basin of attraction of a local fit.
 
-The log error has the widest basin of all residuals (measured: benchmarks/basin.py). Three measures
-widen it further. Loss factors start inflated, which makes the model's resonances broad enough to
-overlap the measured ones. Loss factors may become negative on the way, because a bound at zero
-stops most searches for lightly damped parts, whose true values are at that bound. A basin is
-accepted only if further tries, with other inflated loss factors and then from random points, end in
-it too; otherwise tries continue near the best end. A basin on few lines is mostly a basin on
-all lines, so a try descends on few lines and ends on all; if the residual on all lines is more than
-noise, tries descend on all. (Measured and rejected: increasing frequencies, because the few low
-lines let the unknowns diverge; smoothed FRFs first, which takes twice the steps; a common factor on
-all stiffnesses that aligns the frequency axes beforehand, which finds no more.)
+The log error has the widest basin of all residuals (benchmarks/basin.py). Three measures widen it:
+inflated loss factors make resonances overlap the measured ones, loss factors may become negative on
+the way (a bound at zero stops most searches), and a basin is accepted only if further tries end in
+it. A try descends on few lines and ends on all. (Measured and rejected: increasing frequencies,
+because few low lines let the unknowns diverge; smoothed FRFs first, twice the steps; a common
+stiffness factor that aligns the frequency axes, no gain.)
 
-With several workers, and too few lines in one evaluation to distribute them, whole tries run in the
-workers ahead of their turn. Their evaluations are cached, and the tries are then made here as
-usual: the answer and its history do not depend on the workers.
+With several workers, tries are evaluated ahead and cached, then repeated in order, so the answer
+and its history do not depend on the workers.
 """
 
 from __future__ import annotations
@@ -98,21 +93,10 @@ _NEGLIGIBLE_DECREASE = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Multi-start search by log error.
+    """Multi-start search by log error, with at most `starts` tries of `max_iterations` steps.
 
-    Parameters
-    ----------
-    starts : int
-        Largest number of tries.
-    max_iterations : int
-        Largest number of steps of a try.
-    spread : float
-        Random tries move factors by up to this, in logarithm, and by twice as much. If none of them
-        explains the data and no two agree, the next round begins farther away.
-    seed : int
-        Seed of the random tries.
-    inflate : bool
-        Whether loss factors start inflated; otherwise every try begins with those of the start.
+    Random tries move factors by up to `spread`, in logarithm, and by twice as much. Without
+    `inflate`, every try begins with the loss factors of the start.
     """
 
     starts: int = 8
@@ -128,10 +112,7 @@ class Search:
         )
 
     def run(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return the ends of tries that are worth a fit, in order of increasing log error.
-
-        `problem` is that of `thin_problem`. The points are within the bounds.
-        """
+        """Return the ends of tries worth a fit, by increasing log error, for a `thin_problem`."""
         acceptance = Acceptance(problem, all(noise.size_known for noise in noises))
         agreed, data_fault = False, False
         ends: list[Outcome] = []
@@ -198,8 +179,8 @@ class Search:
     ) -> bool:
         """Repeat the first tries on all lines; return whether the best end is accepted.
 
-        On few lines, tries can agree on an end whose residual is more than noise, although they
-        end apart on all lines.
+        On few lines, tries can agree on an end whose residual is more than noise, although they end
+        apart on all lines.
         """
         new_ends: list[Outcome] = []
         agreed = self._run_tries(
@@ -219,9 +200,8 @@ class Search:
     ) -> None:
         """Append the ends of further descents from the best end of the latest round.
 
-        `first_new` is the index of its first end. Ends of earlier rounds are omitted, because their
-        neighbourhood is known. Another basin may be nearer to the answer even if its end is not the
-        best of all.
+        Another basin may be nearer to the answer even if its end is not the best of all. Ends
+        before `first_new`, of earlier rounds, are omitted, because their neighbourhood is known.
         """
         best = min(ends[first_new:], key=_cost, default=None)
         if best is None or any(_is_same(best, end) for end in ends[:first_new]):
@@ -253,9 +233,8 @@ class Search:
     ) -> None:
         """Append the better ends of tries near an end, and near each better one.
 
-        The tries stop when the best end may be the answer, or after a fixed number without a better
-        one. Only better ends are appended: tries that return to an end do not confirm it as tries
-        from elsewhere would.
+        Tries that return to an end are not appended: they do not confirm it as tries from elsewhere
+        would.
         """
         number = last = 0
         while number - last < _HOPS_A_TRY * self.starts and not (
@@ -272,10 +251,9 @@ class Search:
     ) -> _Vector | None:
         """Return the end, shape (n,), of try `number` near x, or None if the model is singular.
 
-        Minima of the misfit occur in groups: from a short distance the next one is more likely in
-        reach than from a start far from all of them. Every third such try begins with one unknown
-        put back to its start, in turn those far from it: the resonance of a part may have been
-        taken for that of another. `problem` is that of `thin_problem`.
+        Minima of the misfit occur in groups, so the next one is more likely near than far. Every
+        third try resets one unknown to its start: the resonance of a part may have been taken for
+        that of another.
         """
         end = self._try_nearby(problem, _select_few_lines(problem), x, number, monitor)
         return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
@@ -307,10 +285,7 @@ class Search:
     def _try_from(
         self, problem: Problem, thinned: Problem, x: _Vector, monitor: Monitor
     ) -> Outcome | None:
-        """Return the end of a try, or None if the model cannot be solved along the path.
-
-        The try descends on the lines of `thin` and ends on all lines.
-        """
+        """Return the end of a try on few lines, then all, or None if the model cannot be solved."""
         if thinned is not problem:
             with monitor.stage("search", thinned):
                 lowest = self._relaxed_descent(
@@ -394,10 +369,9 @@ class Search:
     def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
         """Return a better minimum near a minimum x of the log error, shape (n,), or x itself.
 
-        If noise leaves an unknown uncertain, the misfit can have several minima along it. Each such
-        unknown is moved alone, far outside its standard deviation, and all unknowns are fitted from
-        there. Moving a single unknown leaves the valley of the misfit; steps along the valley were
-        measured to fall back.
+        If noise leaves an unknown uncertain, the misfit can have several minima along it. Each is
+        moved alone: this leaves the valley of the misfit, while steps along it were measured to
+        fall back.
         """
         best: Outcome | None = None
         try:
@@ -494,8 +468,8 @@ def _select_few_lines(problem: Problem) -> Problem:
 def _select_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
     """Return the problem on a share of its lines; None if these are too few for the unknowns.
 
-    A false minimum on all lines is mostly not a minimum on a part of them; the answer is a minimum
-    on any.
+    A false minimum on all lines is mostly not one on a part of them; the answer is a minimum on
+    any.
     """
     if not problem.parts:
         return None

@@ -1,20 +1,14 @@
 """Nonlinear least squares with bounds: a trust region on the reduced Jacobian.
 
-Each point is represented by its reduced problem: the triangle R of the QR factors of the stacked,
-weighted Jacobian, and the projected residual q. A step minimises |R p + q| within a ball, over the
-unknowns that are not on a bound. Gauss-Newton steps are computed without the normal equations (More
+Each point is represented by the triangle R of the QR factors of the stacked, weighted Jacobian, and
+the projected residual q; a step minimises |R p + q| in a ball, without the normal equations (More
 1978, "The Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
 
-If the size of the noise is known, two rules use it. A combination of unknowns that the data do not
-determine (its standard deviation is above `WIDEST`) keeps its value while its best value is less
-than two standard deviations away: the misfit is a curved valley along it, in which a hundred short
-steps gain nothing significant. And the iteration ends when a full Gauss-Newton step, without the
-trust radius, would gain no more than a given decrease: the relative offset criterion of Bates &
-Watts, Technometrics 23 (1981) 179.
-
-If the residual is large, the Gauss-Newton model lacks the product of the residual and its second
-derivatives, and its steps have to be short. This term is learnt from the gradients (`_Curvature`)
-and used while it improves the prediction of the gain of a step.
+If the size of the noise is known, a combination of unknowns with a standard deviation above
+`WIDEST` keeps its value while its best value is less than two standard deviations away: along such
+a curved valley a hundred short steps gain nothing significant. The iteration ends when a full
+Gauss-Newton step would gain no more than a given decrease (relative offset criterion of Bates &
+Watts, Technometrics 23 (1981) 179). For large residuals see `_Curvature`.
 """
 
 from __future__ import annotations
@@ -52,19 +46,7 @@ def _zero_std(local: Local) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """Trial step, as passed to the observer.
-
-    Attributes
-    ----------
-    x : ndarray of float, shape (n,)
-        The trial point, accepted or not.
-    local : Local or None
-        The local problem there; None if it could not be evaluated.
-    length : float
-        Largest component of the step.
-    accepted : bool
-        Whether the step was accepted.
-    """
+    """Trial step, as passed to the observer; `local` is None if not evaluated."""
 
     x: _Vector
     local: Local | None
@@ -74,18 +56,10 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """End of the iteration.
+    """End of the iteration: its best point and the local problem there.
 
-    Attributes
-    ----------
-    x : ndarray of float, shape (n,)
-        Best point.
-    local : Local
-        The local problem there.
-    reason : {"converged", "stalled", "unsolvable", "max-iterations", "stopped"}
-        Why the iteration ended; unsolvable if the model cannot be solved at the points next to x.
-    radius : float
-        The next trust radius, for an iteration that ran out of steps.
+    `reason` is ``"converged"``, ``"stalled"``, ``"unsolvable"`` (the model cannot be solved next to
+    x), ``"max-iterations"`` or ``"stopped"``; `radius` is the next trust radius if steps ran out.
     """
 
     x: _Vector
@@ -98,20 +72,10 @@ class Outcome:
 class TrustRegion:
     """Settings of the iteration.
 
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of trial steps.
-    tolerance : float
-        Converged when a step and the predicted decrease of the cost are below this, relative.
-    radius : float
-        First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
-    min_decrease, min_relative_decrease : float
-        Also converged when the linear model predicts no larger decrease of the cost, absolute or
-        relative, for a step of any length.
-    noise : callable
-        Returns the standard deviation of the residuals of a local problem; 0, the default, if it is
-        not known.
+    Converged if a step and the predicted decrease of the cost are below `tolerance`, relative, or
+    the linear model predicts no larger decrease than `min_decrease` or `min_relative_decrease` for
+    a step of any length. The first `radius` is in the units of x. `noise` returns the standard
+    deviation of the residuals of a local problem; 0 if it is not known.
     """
 
     max_iterations: int = 100
@@ -134,24 +98,11 @@ class TrustRegion:
         observe: Callable[[Step], bool] | None = None,
         within: NDArray[np.float64] | None = None,
     ) -> Outcome:
-        """Minimise from `x` within the bounds.
+        """Minimise from `x`, at which the model must be solvable, within the bounds.
 
-        Parameters
-        ----------
-        evaluate : callable
-            Returns the local problem at a point, or None if the model cannot be solved. If it
-            raises `Stopped` after the start has been evaluated, the iteration ends as stopped, at
-            its best point.
-        x, lower, upper : ndarray of float, shape (n,)
-            Start, at which the model must be solvable, and bounds.
-        observe : callable, optional
-            Called after every trial step; a return value of True stops the iteration.
-        within : ndarray of float, shape (n, k), optional
-            Orthonormal directions: the iteration stays in their span, from `x`.
-
-        Returns
-        -------
-        Outcome
+        `evaluate` returns None if the model cannot be solved; if it raises `Stopped` after the
+        start, the iteration ends at its best point. `observe` stops it by returning True. `within`,
+        shape (n, k), are orthonormal directions in whose span the iteration stays.
         """
         current = evaluate(x)
         if current is None:
@@ -245,21 +196,13 @@ _LEAST_COSINE = 1e-8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Curvature:
-    """Second derivatives of the cost that the Gauss-Newton model lacks.
+    """Second derivatives S, shape (n, n), of the cost that the Gauss-Newton model J^T J lacks.
 
-    The second derivatives are J^T J + S, with S the sum of the residuals times their second
-    derivatives. Each step, accepted or not, shows the change of the gradient along it, from which S
-    is learnt by updates of rank one (structured secant method: Dennis, Gay & Welsch, ACM Trans.
-    Math. Softw. 7 (1981) 348; the update: Conn, Gould & Toint, Math. Program. 50 (1991) 177). S is
-    used after a short step whose gain it predicts better, and which hardly lowers the cost: the
-    residual is then large (Fletcher & Xu, IMA J. Numer. Anal. 7 (1987) 371).
-
-    Attributes
-    ----------
-    S : ndarray of float, shape (n, n)
-        Symmetric matrix.
-    is_used : bool
-        Whether the next step uses S.
+    S is learnt from the change of the gradient along each step by updates of rank one (structured
+    secant method: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7 (1981) 348; the update: Conn,
+    Gould & Toint, Math. Program. 50 (1991) 177). It is used after a short step whose gain it
+    predicts better and which hardly lowers the cost (Fletcher & Xu, IMA J. Numer. Anal. 7 (1987)
+    371).
     """
 
     S: NDArray[np.float64]
@@ -271,7 +214,7 @@ class _Curvature:
         return cls(np.zeros((n, n)))
 
     def add_to(self, current: Local) -> Local:
-        """Return a local problem of the same gradient, with the second derivatives J^T J + S.
+        """Return a local problem with the second derivatives |J^T J + S|, and the same gradient.
 
         Negative eigenvalues are replaced by their absolute values.
         """
@@ -402,10 +345,9 @@ def _box_step(
 ) -> _Vector:
     """Minimise |R p + q| subject to low <= p <= high, low <= 0 <= high, by active sets.
 
-    Unknowns are fixed at the bound that they meet first, and released when the gradient points away
-    from it (Stark & Parker, Comput. Stat. 10 (1995) 129). No iteration increases |R p + q|, so the
-    loop may end at any. `scipy.optimize.lsq_linear` gives the same result if R has full rank;
-    otherwise it returns another minimiser, not that of least scaled norm.
+    Stark & Parker, Comput. Stat. 10 (1995) 129. No iteration increases |R p + q|, so the loop may
+    end at any. If R lacks full rank, `scipy.optimize.lsq_linear` does not return the minimiser of
+    least scaled norm.
     """
     p, free = np.zeros(len(low)), free.copy()
     norms = np.linalg.norm(R, axis=0)

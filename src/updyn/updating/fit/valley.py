@@ -1,9 +1,7 @@
 """Valleys of the misfit: how far an unknown can move from an answer while all others follow.
 
-The curvature at a minimum gives the uncertainty of an unknown only if the misfit is a parabola.
-Along a curved valley it may hardly increase over many of the standard deviations that the curvature
-gives. The valley is therefore followed: the unknown is held at a distance, and all others are
-fitted again (profile likelihood; Raue et al., Bioinformatics 25 (2009) 1923).
+Along a curved valley the misfit may hardly increase over many of the standard deviations that the
+curvature gives (profile likelihood; Raue et al., Bioinformatics 25 (2009) 1923).
 """
 
 from __future__ import annotations
@@ -49,20 +47,10 @@ def fix_in_box(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vecto
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Valley:
-    """One unknown and one direction in which it moves.
+    """One unknown, and the direction in which it moves from an answer: 1 or -1.
 
-    Attributes
-    ----------
-    problem : Problem
-        Model, data and unknowns.
-    answer : Answer
-        Beginning of the valley.
-    unknown : int
-        Index of the unknown.
-    side : float
-        1: upwards, -1: downwards.
-    ridge : ndarray of float, shape (n,)
-        Change of all unknowns, to first order, for one standard deviation of this one.
+    `ridge`, shape (n,), is the first-order change of all unknowns for one standard deviation of
+    this one.
     """
 
     problem: Problem
@@ -77,10 +65,7 @@ class Valley:
         return float(self.ridge[self.unknown])
 
     def find_end(self, refit: Callable[[_Vector, int], Answer | None]) -> Answer | None:
-        """Return the far end if the data are fitted equally well all along, else None.
-
-        `refit` returns the answer from a point with one unknown held, or None if the fit fails.
-        """
+        """Return the far end if refits with the unknown fixed are as good all along, else None."""
         last, slope, step, distance = self.answer, self.side * self.ridge, _STEP, 0.0
         while distance < _FAR - 1e-9 and not self._is_at_bound(last.x):
             x = self._step_along(last.x, slope, min(step, _FAR - distance))

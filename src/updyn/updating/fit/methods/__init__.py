@@ -77,26 +77,13 @@ def methods_with(attribute: str) -> tuple[str, ...]:
 
 
 def options_of(name: str) -> dict[str, Any]:
-    """Return the options of a method with their defaults.
-
-    Raises
-    ------
-    OptionError
-        If the method does not exist; the message names the nearest.
-    """
+    """Return the options of a method with their defaults; OptionError for an unknown name."""
     fields = dataclasses.fields(cast(Any, METHODS.find(name)))
     return {f.name: f.default for f in fields}
 
 
 def make_method(name: str, options: Mapping[str, Any]) -> Method:
-    """Return a method from its name and options.
-
-    Raises
-    ------
-    OptionError
-        If the method or an option is not known (the message names the nearest), or a value has the
-        wrong type or sign.
-    """
+    """Return a method from its name and options; OptionError if one is not valid."""
     made, defaults = METHODS.find(name), options_of(name)
     plain = {}
     for key, value in options.items():
@@ -112,13 +99,7 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
 
 
 def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> None:
-    """Check that a method supports calibration factors, if there are any.
-
-    Raises
-    ------
-    OptionError
-        If the method uses the measurement without calibration.
-    """
+    """Raise OptionError if there are calibration factors that a method does not support."""
     sensors = [p.name for p in parameters if p.is_channel]
     if sensors and not method.calibrates:
         *others, last = [repr(name) for name in methods_with("calibrates")]
@@ -129,13 +110,7 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
 
 
 def check_modes(tests: Sequence[Test], method: Method) -> None:
-    """Check that a method fits modes, if the data of a test are modes.
-
-    Raises
-    ------
-    OptionError
-        If the method fits FRFs only.
-    """
+    """Raise OptionError if the data of a test are modes and the method fits FRFs only."""
     if method.fits_modes or not any(isinstance(test.data, ModeSet) for test in tests):
         return
     names = " or ".join(repr(name) for name in methods_with("fits_modes"))

@@ -55,19 +55,9 @@ class ConstitutiveMethod(Method):
     is summed over lines and references and minimised over the unknowns (Ladeveze, Nedjar & Reynier,
     AIAA J. 32 (1994) 1485; Deraemaeker, Ladeveze & Leconte, Comput. Methods Appl. Mech. Eng. 191
     (2002) 2427, whose form this is, here with damping; Banerjee, Walsh, Aquino & Bonnet, Comput.
-    Methods Appl. Mech. Eng. 253 (2013) 60). The fields are eliminated exactly, which leaves the
-    output error weighted by the effect of model errors on it.
-
-    Parameters
-    ----------
-    weight : float
-        r, above 0 and at most 1. Near 0 the model is trusted, and the output error is minimised
-        with fixed weights. At 1 the measurement is matched exactly; with all DOFs measured this is
-        the equation error in the norm of the energy, with the same bias by noise.
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
+    Methods Appl. Mech. Eng. 253 (2013) 60). The fields are eliminated exactly. `weight` is r, above
+    0 and at most 1: near 0 this is the output error with fixed weights; at 1, with all DOFs
+    measured, the equation error in the norm of the energy.
     """
 
     weight: float = 0.5
@@ -112,20 +102,10 @@ class ConstitutiveMethod(Method):
 class ConstitutiveError(LineResidual):
     """r = L^-1 (h - h_X), L L^H = S + slack; half its square is the error E by line and reference.
 
-    Parameters
-    ----------
-    slack : ndarray of float, shape (n_f, n_i), or None
-        (1 - r) / r / G: accepted difference from the measurement, squared, over energy, in m/N;
-        None for 0.
-    level : float
-        Divisor of the residual, which makes it the size of a relative misfit.
-    compliance : ndarray of float, shape (N,), optional
-        Diagonal that replaces W: the error is then one of forces, each weighted by its compliance.
-    name : str
-        Name in the report.
+    `slack`, shape (n_f, n_i), is (1 - r) / r / G in m/N, the accepted squared difference from the
+    measurement over energy; None for 0. `level` makes the residual the size of a relative misfit.
+    `compliance`, shape (N,), replaces W: the error is then one of forces.
 
-    Notes
-    -----
     With coefficients c_t of Z = sum c_t A_t the error in the relations of each matrix is measured
     in the energy of a_t A_t (a = kappa, omega^2 mu, omega c), and W = sum |c_t|^2 / a_t A_t.
     Stationarity gives
@@ -195,34 +175,12 @@ class ConstitutiveError(LineResidual):
 def adjoint_fields(
     part: FRFPart, state: State, freq: _Vector, compliance: _Vector | None = None
 ) -> tuple[_Complex, _Complex, _Complex, _Complex, _Complex]:
-    """Return the fields of unit forces and their products with W.
+    """Return P, U, S, W conj(P) and c: fields of unit forces, in m/N, and their products with W.
 
-    Parameters
-    ----------
-    part : FRFPart
-        Model and data.
-    state : State
-        State of the model.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    compliance : ndarray of float, shape (N,), optional
-        Diagonal of W; by default W is that of the constitutive relations.
-
-    Returns
-    -------
-    P, U : ndarray of complex, shapes (N, n_f, n_i) and (N, n_f, n_j)
-        Motion for unit forces on responses and on references, in m/N.
-    S : ndarray of complex, shape (n_f, n_i, n_i)
-        P^T W conj(P), Hermitian.
-    moved : ndarray of complex, shape (N, n_f, n_i)
-        W conj(P).
-    c : ndarray of complex, shape (n_terms, n_f)
-        Coefficients of Z.
-
-    Raises
-    ------
-    SolverError
-        If the model is singular at a line.
+    P, shape (N, n_f, n_i), is the motion for forces on responses; U, shape (N, n_f, n_j), on
+    references. S = P^T W conj(P), shape (n_f, n_i, n_i), is Hermitian; c, shape (n_terms, n_f), are
+    the coefficients of Z. `compliance`, shape (N,), is the diagonal of W, by default that of the
+    constitutive relations.
     """
     system = part.solver.system
     c, w = constitutive_weights(system, state, 2.0 * np.pi * freq)
@@ -258,12 +216,7 @@ def _weight_slopes(
 def _make_residual(part: FRFPart, weight: float) -> ConstitutiveError:
     """Return the residual whose slack is proportional to S at the start of the unknowns.
 
-    Raises
-    ------
-    DataError
-        If the data hold no receptance at 0 Hz.
-    SolverError
-        If the model cannot be solved there.
+    Raises DataError if the data hold no receptance at 0 Hz.
     """
     if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
         raise DataError(
@@ -288,25 +241,11 @@ def _diagonal(part: FRFPart, item: tuple[slice]) -> _Vector:
 def constitutive_weights(
     system: AffineSystem, state: State, omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return the coefficients of Z and of W, the energy norm of the error.
+    """Return the coefficients of Z and of W, the energy norm of the error, shapes (n_terms, n_f).
 
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model.
-    state : State
-        Its state.
-    omega : ndarray of float, shape (n_f,)
-        Lines in rad/s.
-
-    Returns
-    -------
-    c : ndarray of complex, shape (n_terms, n_f)
-        Coefficients of Z.
-    w : ndarray of float, shape (n_terms, n_f)
-        Coefficients of W = sum of w_t A_t: |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c
-        (viscous). With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v
-        differ from those of u by W lambda.
+    W = sum of w_t A_t with w = |c|^2 over kappa (stiffness), omega^2 mu (mass), omega c (viscous).
+    With an energy of u - v weighted by kappa K, stresses (1 + i gamma) kappa K v differ from those
+    of u by W lambda.
     """
     c = system.coefficients(state, omega)
     elastic = np.array([term.quantity == "stiffness" for term in system.terms])[:, None]

@@ -30,15 +30,8 @@ __all__ = ["EquationErrorMethod"]
 class EquationErrorMethod(PublishedMethod):
     """r = Z_red h_X - e_j at every line and reference (method ``"equation-error"``).
 
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        ``gauss-newton``: epsilon of the paper's stopping rule ||Z_red H_X - I||_inf <= epsilon.
-        ``trust-region``: relative step.
-    solver : {"trust-region", "gauss-newton"}
-        The safeguarded iteration with bounds, or the plain one as published.
+    For ``"gauss-newton"``, `tolerance` is epsilon of the paper's stopping rule ||Z_red H_X -
+    I||_inf <= epsilon; for ``"trust-region"``, a relative step.
     """
 
     max_iterations: int = 100
@@ -96,12 +89,7 @@ def _gauss_newton(
     """Iterate as published: solve eq. (22) for the changes of X, Y and gamma, update, repeat.
 
     Real rows are stacked on imaginary rows, with real unknowns (eqs. 12, 20-22); no step control
-    and no bounds.
-
-    Raises
-    ------
-    SolverError
-        If the iteration diverges.
+    and no bounds. Raises SolverError if the iteration diverges.
     """
     coordinates = problem.coordinates
     length, before = 0.0, x

@@ -44,25 +44,12 @@ _UNBOUNDED = "The published iteration has no bounds. "
 class ForceResidualMethod(PublishedMethod):
     """||Z(p) h - f|| minimised over the unknowns and the unmeasured motion (``"force-residual"``).
 
-    Two steps alternate: the measured motion is expanded to all DOFs with the least unbalanced force
-    of the present model; then, with that motion, the residual is linear in the unknowns and is
-    minimised (Farhat & Hemez, AIAA J. 31 (1993) 1702; for frequency responses Hemez, as Bao, Wang &
-    Cheng 2010 quote him in [5]). Both steps lower the same sum of squares, so the iteration
-    descends, but slowly if most of the motion is expanded, because motion and unknowns restrain
-    each other.
-
-    If rotations are among the DOFs, moments are divided by the length at which rotational and
+    Alternately, the measured motion is expanded to all DOFs with the least unbalanced force, and
+    the residual, linear in the unknowns, is minimised (Farhat & Hemez, AIAA J. 31 (1993) 1702; for
+    frequency responses Hemez, as Bao, Wang & Cheng 2010 quote him in [5]). Both steps lower the
+    same sum of squares, but slowly if most of the motion is expanded; ``"trust-region"`` eliminates
+    the motion and needs far fewer steps. Moments are divided by the length at which rotational and
     translational stiffnesses of the start are equal.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of rounds (of steps for ``"trust-region"``).
-    tolerance : float
-        Relative step at which it has converged.
-    solver : {"alternating", "trust-region"}
-        The published iteration; or the same sum of squares with the motion eliminated, within
-        bounds and with priors, in far fewer steps.
     """
 
     max_iterations: int = 2000
@@ -113,21 +100,10 @@ class ForceResidualMethod(PublishedMethod):
 class ForceResidual(LineResidual):
     """r = Z h - e_j with h expanded at the same point, and its derivatives with h held.
 
-    Parameters
-    ----------
-    compliance : ndarray of float, shape (N,)
-        Rows of the residual are divided by its square root: 1 for forces, the square of a length
-        for moments.
-    level : float
-        Divisor of the residual.
-    name : str
-        Name in the report.
-
-    Notes
-    -----
-    The least force for which the model moves as measured at the sensors is -C conj(P) S^-1 (h_A -
-    h_X), with C the compliance, P = Z^-1 on the sensors and S = P^T C conj(P); the expanded motion
-    is h_A plus the motion due to that force.
+    Rows are divided by the square root of `compliance`, shape (N,): 1 for forces, the square of a
+    length for moments; `level` is a further divisor. The least force for which the model moves as
+    measured at the sensors is -C conj(P) S^-1 (h_A - h_X), with C the compliance, P = Z^-1 on the
+    sensors and S = P^T C conj(P); the expanded motion is h_A plus the motion due to that force.
     """
 
     compliance: _Vector

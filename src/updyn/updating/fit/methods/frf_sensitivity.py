@@ -39,22 +39,11 @@ class FrfSensitivityMethod(Method):
 
     The sensitivity of the FRF, as Bao, Wang & Cheng 2010 (section 1) report it of Xu Zhangming
     (their [4]) and, without damping, of Ting (their [6]); in full in Imregun, Visser & Ewins, Mech.
-    Syst. Signal Process. 9 (1995) 187-202. It is exact here, -v_i^T Z' u_j, for any choice of
-    measured DOFs.
+    Syst. Signal Process. 9 (1995) 187-202. It is exact here, -v_i^T Z' u_j, for any measured DOFs.
 
-    The residual and the minimum are those of ``"output-error"``. The iteration differs: plain
-    Gauss-Newton steps in the factors and loss factors themselves, without a trust region, bounds,
-    logarithms or priors. A step that is too long is not shortened, and if it makes a factor
-    negative the method has failed.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
-    halving : bool
-        Whether a step that does not lower the misfit is halved, at most 20 times.
+    Residual and minimum are those of ``"output-error"``, but steps are plain Gauss-Newton steps in
+    the values, without trust region, bounds, logarithms or priors: the method fails if a factor
+    becomes negative. `halving` halves a step that does not lower the misfit, at most 20 times.
     """
 
     max_iterations: int = 100

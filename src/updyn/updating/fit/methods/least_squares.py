@@ -1,7 +1,6 @@
 """Methods that minimise a residual with equal weights: log error, output error, registered ones.
 
-The standard deviations of log error and output error, whose weights are not those of the noise, are
-computed from the sandwich covariance.
+Those of log and output error are not the weights of the noise, so the covariance is the sandwich.
 """
 
 from __future__ import annotations
@@ -98,13 +97,6 @@ class OutputMethod(Method):
 
     The largest peaks dominate. The method suits noise that does not depend on the level, and needs
     a start close to the truth, because it makes no search.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
     """
 
     max_iterations: int = 100
@@ -136,15 +128,7 @@ class OutputMethod(Method):
 
 @dataclass(frozen=True, slots=True)
 class LeastSquares(Method):
-    """Any registered residual, with equal weights, within bounds and with priors.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
-    """
+    """Any registered residual, with equal weights, within bounds and with priors."""
 
     max_iterations: int = 100
     tolerance: float = 1e-10
@@ -206,8 +190,8 @@ def make_sandwich_fit(
 ) -> Fit:
     """Return the fit that ended at x, with its sandwich covariance.
 
-    If that cannot be computed, the noise is assumed to be equal for all values. `note` is a note
-    for the user; without `noises`, the noise is estimated from the residual.
+    If that cannot be computed, the noise is assumed to be equal for all values. Without `noises`,
+    it is estimated from the residual.
     """
     try:
         local = residual.local(problem, x)
@@ -268,14 +252,8 @@ _MANY = 0.02
 class Sandwich:
     """Covariance of a fit whose fixed weights are not those of the noise.
 
-    Attributes
-    ----------
-    R : ndarray of float, shape (k, n)
-        R^T R is the inverse covariance of the unknowns.
-    noise : tuple of dict
-        Noise record of each part of the problem.
-    note : str
-        Note on noise that is too large for the residual; may be empty.
+    R, shape (k, n), has the inverse covariance of the unknowns R^T R; `noise` is the record of each
+    part.
     """
 
     R: _Matrix
@@ -292,17 +270,11 @@ def sandwich(
 ) -> Sandwich | None:
     """Return the sandwich covariance of a fit, or None if it is singular.
 
-    With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, the
-    covariance of the estimate is A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221;
-    White, Econometrica 48 (1980) 817). S is computed from the noise model, not from the squares of
-    the residuals, which are too few if single peaks dominate a fit (`benchmarks/sandwich.py`). If
-    the weighted misfit exceeds that expected from S, S is scaled up to it, and by the correlation
-    length of the residual. Without `noises`, the noise is estimated from the residual.
-
-    Raises
-    ------
-    Stopped
-        If the user stops the run.
+    With A = J^T J of the weighted Jacobian J, and S the covariance of the weighted residual, it is
+    A^-1 (J^T S J) A^-1 (Huber, Proc. 5th Berkeley Symp. 1 (1967) 221; White, Econometrica 48 (1980)
+    817). S is computed from the noise model, not from the squares of the residuals, which are too
+    few if single peaks dominate (`benchmarks/sandwich.py`), and is scaled up to a larger weighted
+    misfit and by the correlation length of the residual. Without `noises`, the noise is estimated.
     """
     try:
         return _sandwich(problem, residual, local, x, noises or [Estimated()] * len(problem.parts))

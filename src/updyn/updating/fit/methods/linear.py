@@ -1,8 +1,4 @@
-"""Parts of the classical methods: amounts in which Z is linear, and the plain iteration.
-
-Each of these methods repeats one linear least-squares solve for the unknowns, without bounds, step
-control or logarithms.
-"""
+"""Parts of the classical methods: amounts in which Z is linear, and the plain iteration."""
 
 from __future__ import annotations
 
@@ -57,16 +53,10 @@ _TIE = 1e-6
 class Amounts:
     """Quantities in which Z is linear.
 
-    Z is bilinear in the stiffness factor kappa and the loss factor gamma of a group, D = gamma
-    kappa K. It is linear in the real and the imaginary part of the complex stiffness kappa (1 + i
-    gamma) K. If both are unknown, the amount of the loss factor is kappa gamma; likewise for the
-    Rayleigh coefficients. All other unknowns are amounts themselves. (A linked unknown with a power
-    other than 1 remains nonlinear and is linearised.)
-
-    Parameters
-    ----------
-    pairs : tuple of (int, int)
-        Indices of a factor of stiffness or mass, and of an unknown that multiplies it.
+    Z is bilinear in the stiffness factor kappa and the loss factor gamma of a group, but linear in
+    the parts of the complex stiffness kappa (1 + i gamma) K. If both are unknown (`pairs` of
+    indices), the amount of the loss factor is kappa gamma; likewise for the Rayleigh coefficients.
+    (A linked unknown with a power other than 1 remains nonlinear and is linearised.)
     """
 
     pairs: tuple[tuple[int, int], ...]
@@ -111,16 +101,9 @@ class Amounts:
 class PlainIteration:
     """Plain iteration: repeated linear solves with full steps.
 
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Converged when a step (logarithms of factors; loss factors) is not longer than this, or is
-        rounding.
-    halving : bool
-        Whether a step that does not lower the cost is halved; after 20 halvings the iteration has
-        stalled.
+    Converged if a step (logarithms of factors; loss factors) is not longer than `tolerance`, or is
+    rounding. With `halving`, a step that does not lower the cost is halved; stalled after 20
+    halvings.
     """
 
     max_iterations: int
@@ -137,24 +120,8 @@ class PlainIteration:
     ) -> tuple[_Vector, str]:
         """Iterate from x; return the final point, shape (n,), and why the iteration ended.
 
-        Parameters
-        ----------
-        problem : Problem
-            Problem of the unknowns.
-        evaluate : callable
-            Returns the local problem at a point; raises SolverError if the model cannot be solved.
-        solve : callable
-            Returns the values of the unknowns, shape (n,), that solve the linear problem at a
-            point.
-        x : ndarray of float, shape (n,)
-            Starting point.
-        monitor : Monitor
-            Records the steps.
-
-        Raises
-        ------
-        SolverError
-            If the iteration diverges, or the model cannot be solved on the way.
+        `evaluate` returns the local problem at a point, `solve` the values that solve the linear
+        problem there. Raises SolverError if the iteration diverges, or the model cannot be solved.
         """
         before = np.inf
         try:
@@ -193,8 +160,7 @@ class PlainIteration:
     ) -> tuple[_Vector, Local, float] | None:
         """Return the next point, its local problem, and the share of the step taken, or None.
 
-        `values` and `wanted` are the values of the unknowns before the step and after the full
-        step, `number` is the number of the step, for messages.
+        `values` and `wanted` are the unknowns before the step and after the full step.
         """
         share = 1.0
         for _ in range(_HALVINGS + 1):
@@ -249,10 +215,7 @@ def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
 
 
 def describe_unmeasured(problem: Problem) -> str:
-    """Return the number of unmeasured DOFs as the beginning of a sentence; may be empty.
-
-    Of several tests, the one with the most unmeasured DOFs is described.
-    """
+    """Return the largest number of unmeasured DOFs of a test, as the beginning of a sentence."""
     most = max(problem.parts, key=lambda part: part.solver.system.n - len(set(part.rows.tolist())))
     n = most.solver.system.n
     missing = n - len(set(most.rows.tolist()))
@@ -278,9 +241,8 @@ def scaled_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
 def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
     """Solve A x = b by least squares with pivoted QR; the basic solution if A is rank-deficient.
 
-    Of the usual solutions of a rank-deficient system, this one takes the condensed equation error
-    to the paper's result in its five iterations from both readings of its error rates. Least-norm
-    solutions move along the undetermined direction and take longer.
+    It takes the condensed equation error to the paper's result in its five iterations from both
+    readings of its error rates; least-norm solutions move along the undetermined direction.
     """
     # Among columns equally long to rounding, the first is chosen on every processor.
     weight = 1.0 - _TIE * np.arange(A.shape[1])
@@ -293,27 +255,16 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
 
 
 def linearise(problem: Problem, residual: LineResidual | ResidualSet[Any], x: _Vector) -> Local:
-    """Return the reduced problem of all tests at x.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved there.
-    """
+    """Return the reduced problem of all tests at x; SolverError if it cannot be solved there."""
     return join_locals(
         [reduce_cached(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
     )
 
 
 def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) -> None:
-    """Refuse unknowns that a method cannot update, and priors unless `priors` states their support.
+    """Refuse unknowns that a method cannot update, and priors unless `priors`.
 
-    Raises
-    ------
-    ParameterError
-        If an unknown acts on a quantity that the method cannot update.
-    OptionError
-        If an unknown has a prior.
+    Raises ParameterError for an unknown, and OptionError for a prior.
     """
     for p in problem.coordinates.parameters:
         for d in p.acts_on:

@@ -111,9 +111,9 @@ def _unit_std(local: Local) -> float:
 class MaximumLikelihood(SearchingMethod):
     """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
 
-    The weights are computed from the model, not from the noisy data. They are renewed after every
-    descent until the estimate moves by less than a hundredth of its standard deviation (iteratively
-    reweighted least squares; Green, J. R. Stat. Soc. B 46 (1984) 149).
+    Weights are those of the model, not of the noisy data, renewed after every descent until the
+    estimate moves by less than a hundredth of its standard deviation (iteratively reweighted least
+    squares; Green, J. R. Stat. Soc. B 46 (1984) 149).
     """
 
     name: ClassVar[str] = "maximum-likelihood"
@@ -247,8 +247,8 @@ class MaximumLikelihood(SearchingMethod):
     ) -> list[Answer]:
         """Return the answers of tries near the best one, until some of them return to it.
 
-        If the search agreed on the best answer, the tries end as soon as it explains the data. They
-        also end after a fixed number of tries without a better answer.
+        They also end after a fixed number without a better answer and, if the search agreed on the
+        best one, as soon as it explains the data.
         """
         if monitor.stopped:
             return []
@@ -290,13 +290,10 @@ class MaximumLikelihood(SearchingMethod):
 
         If n tries have found w answers, the expected number of answers is w (n - 1) / (n - w - 2);
         tries end when that is less than w + 1/2 (Boender & Rinnooy Kan, Math. Program. 37 (1987)
-        59-80). If the numbers do not exceed the unknowns, as with frequencies alone, several
-        answers are usual (isospectral systems; Gladwell, Inverse Problems in Vibration, 2nd ed.
-        2004) and few tries reach some of them, so all tries are made. In a large model, no try
-        begins after `most` steps.
-
-        An answer that improves on the best replaces it. Answers and tries that are much less likely
-        than the best do not count.
+        59-80). All tries are made if the numbers do not exceed the unknowns, as with frequencies
+        alone: several answers are then usual (isospectral systems; Gladwell, Inverse Problems in
+        Vibration, 2nd ed. 2004). In a large model, no try begins after `most` steps. Much less
+        likely answers do not count.
         """
         problem, coordinates = models.exact, models.exact.coordinates
         best, found, ends = first, [first], [first.negative_log_likelihood]
@@ -385,8 +382,7 @@ class MaximumLikelihood(SearchingMethod):
     ) -> list[Answer]:
         """Return the answers from points whose first descent ends near the known likelihood.
 
-        The first descent uses the weights of the known answer and ends early. No descent begins
-        after `most` steps.
+        The first descent uses the weights of the known answer and ends early.
         """
         found: list[Answer] = []
         n_before = len(monitor.history)
@@ -413,10 +409,7 @@ class MaximumLikelihood(SearchingMethod):
         at: Answer,
         most: int | None = None,
     ) -> tuple[list[Answer], list[Answer]]:
-        """Return the far ends of open valleys, and the answers reached from there.
-
-        No valley is followed after `most` steps, by default as many as the run took before.
-        """
+        """Return the far ends of open valleys, and the answers reached from there."""
         if at.local is None:
             return [], []
         settings = TrustRegion(_FOLLOWING, self.tolerance, min_decrease=_NEAR)
@@ -541,9 +534,8 @@ def _descend_with_weights(
 ) -> tuple[Problem, _Vector]:
     """Return the end of a descent with the weights of answer `at`, and the model there.
 
-    If the model is accurate only near the start of the descent, the descent continues in the model
-    of its end, unless it has returned to the answer or its misfit is far larger. All descents
-    together take at most `settings.max_iterations` steps.
+    If the model is accurate only near the start, the descent continues in the model of its end,
+    unless it has returned to the answer or its misfit is far larger.
     """
     problem, worse, remaining = models.near(x), np.inf, settings.max_iterations
     for _ in range(_RENEWED):
@@ -566,10 +558,9 @@ def _descend_with_weights(
 
 
 def _evaluate_point(models: Models, x: _Vector, at: Answer) -> float:
-    """Return minus the log-likelihood at a point, in a model that is accurate there.
+    """Return minus the log-likelihood at a point; inf if a descent would lead back to the answer.
 
-    Return inf if a descent would lead back to the answer. The model is refined only while that
-    improves the likelihood of the point.
+    The model is refined only while that improves the likelihood of the point.
     """
     problem = models.rough
     misfit, is_rough = (
@@ -588,9 +579,8 @@ def _evaluate_point(models: Models, x: _Vector, at: Answer) -> float:
 def _limit_likelihood(answer: Answer, valley_start: Answer, local: Local) -> Answer:
     """Limit the likelihood of a valley's far end by that with the weights of its beginning.
 
-    The beginning is a minimum with its own weights; with renewed weights, and an error of the
-    model, it need not be one. `local` is the reduced problem at the far end, with the weights of
-    the beginning.
+    The beginning is a minimum with its own weights only. `local`, at the far end, has these
+    weights.
     """
     assert valley_start.local is not None
     least = valley_start.negative_log_likelihood + local.cost - valley_start.local.cost
@@ -599,17 +589,7 @@ def _limit_likelihood(answer: Answer, valley_start: Answer, local: Local) -> Ans
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Information:
-    """Information on the unknowns from data of one kind, at the end of a fit.
-
-    Attributes
-    ----------
-    local : Local
-        Reduced problem, in standard deviations of its residual.
-    records : list of mapping
-        Noise record of each part.
-    note : str
-        Note for the user; may be empty.
-    """
+    """Information on the unknowns from data of one kind, in standard deviations of the residual."""
 
     local: Local
     records: Sequence[Mapping[str, Any]]
@@ -685,9 +665,8 @@ def _with_common_freedom(
 ) -> list[Mapping[str, Any]]:
     """Return the noise records with the same degrees of freedom, those of the intervals.
 
-    The noise of each test is estimated separately, so the degrees of freedom of the sum are
-    1 / sum s^2 / nu, with s the share of a test in the data (Satterthwaite, Biometrics Bull. 2
-    (1946) 110).
+    These are 1 / sum s^2 / nu, with s the share of a test in the data (Satterthwaite, Biometrics
+    Bull. 2 (1946) 110).
     """
     if len(records) < 2:
         return list(records)

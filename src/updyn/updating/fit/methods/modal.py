@@ -45,38 +45,15 @@ class ModalMethod(Method):
     R. L. Fox & M. P. Kapoor, AIAA J. 6 (1968) 2426 (eigenvalues); R. B. Nelson, AIAA J. 14 (1976)
     1201 (eigenvectors); J. E. Mottershead, M. Link & M. I. Friswell, "The sensitivity method in
     finite element model updating: a tutorial", Mech. Syst. Signal Process. 25 (2011) 2275-2296
-    (residuals, weights, pairing). In every step, modes of the undamped model are paired anew with
-    the measured ones by MAC; the step is safeguarded by a trust region and bounds.
+    (residuals, weights, pairing). In every step, undamped modes are paired anew by MAC; no damping
+    and no level of the FRFs is used.
 
-    The method uses only the modes: no damping, no data between resonances, no level of the FRFs.
-    Stiffness and mass that increase together change neither frequencies nor shapes.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
-    n_modes : int
-        Number of measured modes to use, lowest first; 0: all.
-    shapes : bool
-        Whether shapes are fitted in addition to frequencies. They are always used for the pairing.
-    shape_weight : float
-        Weight of a relative error of a shape (a share of its rms) over that of the same relative
-        error of a frequency. By default shapes are ten times less accurate (Friswell & Mottershead,
-        Finite Element Model Updating in Structural Dynamics, 1995: 1 % for frequencies, 10 % for
-        shapes).
-    mac_residual : bool
-        Whether a shape is compared by its MAC alone, r = (1 - sqrt(MAC)) / sqrt(MAC) (Moller &
-        Friberg 1998), instead of sensor by sensor. It is insensitive near the solution, where a MAC
-        depends on the square of the difference.
-    mac : float
-        Measured modes with a MAC below this for every mode of the model are omitted. The fit begins
-        with the modes that pass at the start; if others pass at its end, it continues with these
-        too.
-    modes : ModeSet, or mapping of str to ModeSet, optional
-        Measured modes; of several tests by their names. None: identified from the FRFs
-        (`updyn.identify_modes`).
+    The lowest `n_modes` are fitted; 0: all. `shape_weight` weighs the error of a shape, a share of
+    its rms, against that of a frequency: shapes are ten times less accurate (Friswell &
+    Mottershead, Finite Element Model Updating in Structural Dynamics, 1995). `mac_residual`
+    compares a shape by its MAC alone, r = (1 - sqrt(MAC)) / sqrt(MAC) (Moller & Friberg 1998).
+    Modes with a MAC below `mac` for every mode of the model are omitted. `modes`, for several tests
+    by name, are by default identified.
     """
 
     max_iterations: int = 100
@@ -126,16 +103,9 @@ class ModalMethod(Method):
     ) -> Fit:
         """Fit the unknowns from x; the noise of the modes is estimated from the residual.
 
-        Raises
-        ------
-        ParameterError
-            If an unknown is damping, or a calibration factor.
-        DataError
-            If no mode is measured, or none resembles a mode of the model.
-        OptionError
-            If modes are given for tests that do not exist.
-        SolverError
-            If modes cannot be computed at x, or two of the modes paired there coincide.
+        Raises ParameterError if an unknown is damping or a calibration factor, DataError if no mode
+        is measured or resembles one of the model, OptionError if modes are given for unknown tests,
+        and SolverError if modes cannot be computed at x or two paired ones coincide.
         """
         self._check_unknowns(problem)
         self._check_names([part.name for part in problem.parts])
@@ -248,10 +218,7 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
 
 
 def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[str, Any], ...]:
-    """Return the residuals of frequencies and shapes, and omitted modes, for each test.
-
-    The residuals are nan if the fit ended away from all modes.
-    """
+    """Return residuals (nan away from all modes) and omitted modes for each test."""
     by_part = [(part, error.rows(part, x)) for part in problem.modal]
     frequency_residuals = np.concatenate([one.r[one.of("frequency")] for _, one in by_part])
     macs = np.concatenate([one.mac[one.mac >= part.least_mac] for part, one in by_part])

@@ -27,12 +27,7 @@ _Vector = NDArray[np.float64]
 class PublishedMethod(Method):
     """Base class of methods with an option ``solver``: the published iteration, or `GUARDED`.
 
-    Attributes
-    ----------
-    solver : str
-        One of `SOLVERS`.
-    SOLVERS : tuple of str
-        `GUARDED` and the name of the published iteration, the default first.
+    Derived classes set `SOLVERS`: `GUARDED` and the name of the published one, the default first.
     """
 
     __slots__ = ()
@@ -61,13 +56,7 @@ class PublishedMethod(Method):
         return ""
 
     def check_priors(self, problem: Problem) -> None:
-        """Refuse priors for the published iteration.
-
-        Raises
-        ------
-        OptionError
-            If an unknown has a prior.
-        """
+        """Raise OptionError if an unknown has a prior, for the published iteration."""
         if self.is_plain and problem.coordinates.prior[1].any():
             raise OptionError(
                 f"solver {self.solver!r} is the plain iteration and does not support priors; use"
@@ -84,14 +73,8 @@ class PublishedMethod(Method):
     ) -> tuple[_Vector, str]:
         """Minimise a residual from x; return the end, shape (n,), and why the iteration ended.
 
-        The published iteration linearises the residual in the amounts (`Amounts`).
-
-        Raises
-        ------
-        SolverError
-            If the model cannot be solved at the start, or the published iteration diverges.
-        Stopped
-            If the user stops the run before the start has been evaluated.
+        The published iteration linearises the residual in the amounts (`Amounts`). Raises
+        SolverError if it diverges or the model cannot be solved at the start.
         """
         if self.is_plain:
             step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))

@@ -50,29 +50,15 @@ _SMALL = 0.1
 class ReducedFrfMethod(Method):
     """e_j - Z_r h_X = dZ_r h_X with independently reduced matrices (method ``"reduced-frf"``).
 
-    The method of Xu Zhangming that Bao, Wang & Cheng 2010 (section 1, their [8]) criticise and
-    compare with their own. K_e, M_e and C_e of every unit become T^T K_e T and so on, with one real
-    transformation T onto the measured DOFs, computed from the undamped model at its start.
-    Stiffness, mass and damping are then identified in separate steps, each a linear solve with the
-    others held, in turn. The paper does not print its formulas; T is therefore that of Guyan (AIAA
-    J. 3 (1965) 380) or that of one frequency (Leung, Int. J. Numer. Meth. Engng 12 (1978) 1705;
-    Paz, AIAA J. 22 (1984) 724).
+    The method of Xu Zhangming that Bao, Wang & Cheng 2010 (section 1, their [8]) compare with their
+    own. K_e, M_e and C_e of every unit become T^T K_e T and so on, with one real transformation T
+    onto the measured DOFs, of the undamped model at its start; stiffness, mass and damping are
+    identified in turn (`separate`), each by a linear solve. The paper does not print its formulas;
+    T is that of Guyan (AIAA J. 3 (1965) 380) or of one `frequency` in Hz (Leung, Int. J. Numer.
+    Meth. Engng 12 (1978) 1705; Paz, AIAA J. 22 (1984) 724).
 
-    T is exact only at its own frequency and for the stiffnesses of the start. If eliminated DOFs
-    have inertia or connect units, the estimate is wrong even without noise. It is exact if all DOFs
-    are measured, or if the eliminated ones have no inertia and each belongs to one unit.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of rounds of separate steps.
-    tolerance : float
-        Relative change in a round at which it has converged.
-    frequency : float
-        Frequency of T, in Hz; 0 is static.
-    separate : bool
-        True: stiffness, mass and damping in turn, as published. False: all in one solve, which
-        gives the limit of the separate steps without their many rounds.
+    T is exact only at its own frequency and for the stiffnesses of the start. The estimate is wrong
+    even without noise, unless eliminated DOFs have no inertia and each belongs to one unit.
     """
 
     max_iterations: int = 1000
@@ -150,12 +136,8 @@ class _ReducedEquationError(EquationError):
 def reduce_independently(part: FRFPart, x: _Vector, frequency: float) -> FRFPart:
     """Return the part on a model of the measured DOFs alone: every matrix A becomes T^T A T.
 
-    T is computed for the unknowns x at `frequency`, in Hz.
-
-    Raises
-    ------
-    SolverError
-        If the undamped structure with its measured DOFs held is singular there.
+    T is computed for the unknowns x at `frequency`, in Hz. Raises SolverError if the undamped
+    structure with its measured DOFs held is singular there.
     """
     system, rows = part.solver.system, part.rows
     share = {"stiffness": 1.0, "mass": -((2.0 * np.pi * frequency) ** 2)}

@@ -51,26 +51,12 @@ class ResponseFunctionMethod(PublishedMethod):
     FRF data", 15th Int. Seminar on Modal Analysis, Leuven 1990, pp. 141-162; "Analytical model
     improvement using frequency response functions", Mech. Syst. Signal Process. 8 (1994) 437-458;
     eqs. 4-6 of Bao, Wang & Cheng 2010). With dZ = sum of K_e dkappa_e - omega^2 M_e dmu_e it is
-    linear in the unknowns: one solve finds them from exact data. It is repeated because H_A, the
-    weight of the equation, changes with the model.
+    linear in the unknowns, and repeated because H_A, its weight, changes with the model. Damping is
+    not updated (see ``"complex-rfm"``).
 
-    Masses and stiffnesses are real, and damping is not updated; it was added by Lin & Zhu (2006),
-    see ``"complex-rfm"``. Loss factors and viscous dampers of the model keep their values.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
-    solver : {"gauss-newton", "trust-region"}
-        The plain iteration as published; or the same linear equation within bounds, a trust region
-        on |h_A - h_X| and priors.
-    expand : bool
-        False: every DOF of the model has to be measured. True: DOFs without a sensor take the
-        model's motion, renewed in every step, and only measured rows are used (Lin & Ewins 1994;
-        Imregun, Visser & Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202). The equation is then
-        no longer linear, and the iteration may diverge or converge to another point.
+    With `expand`, DOFs without a sensor take the model's motion, and only measured rows are used
+    (Lin & Ewins 1994; Imregun, Visser & Ewins, Mech. Syst. Signal Process. 9 (1995) 187-202). The
+    equation is then not linear, and the iteration may diverge or converge to another point.
     """
 
     max_iterations: int = 300
@@ -123,18 +109,8 @@ class ResponseFunctionMethod(PublishedMethod):
 class ResponseEquation(LineResidual):
     """r = (H_A - H_X) / level, with derivatives -H_A Z' h_X that contain the measured motion.
 
-    Parameters
-    ----------
-    name : str
-        Name of the method.
-    expand : bool
-        Whether unmeasured DOFs take the model's motion.
-
-    Notes
-    -----
-    All quantities are receptances, divided by the rms of the measured receptances of the same unit
-    (translation or rotation, of motion and of force). For data of one unit this is one number and
-    has no effect.
+    Receptances are divided by the rms of the measured receptances of the same unit (translation or
+    rotation, of motion and of force). With `expand`, unmeasured DOFs take the model's motion.
     """
 
     name: str
@@ -146,13 +122,7 @@ class ResponseEquation(LineResidual):
         return f"expand={self.expand}"
 
     def check(self, part: FRFPart) -> None:
-        """Check that the data suffice for the residual.
-
-        Raises
-        ------
-        DataError
-            If a DOF of the model was not measured, or the data hold no receptance at 0 Hz.
-        """
+        """Raise DataError if a DOF was not measured, or the data hold no receptance at 0 Hz."""
         if QUANTITIES[part.frf.quantity] and part.frf.freq[0] == 0.0:
             raise DataError(
                 f"{self.name}: the 0 Hz line of {part.frf.quantity} holds no receptance; leave"
@@ -198,24 +168,11 @@ class ResponseEquation(LineResidual):
 class ComplexResponseFunctionMethod(ResponseFunctionMethod):
     """(h_A - h_X) = H_A dZ h_X with complex stiffness K_e (1 + i gamma_e) (``"complex-rfm"``).
 
-    The response function method with the damping of the structure among its unknowns (Lin & Zhu,
-    "Model updating of damped structures using FRF data", Mech. Syst. Signal Process. 20 (2006)
-    2200-2218). Real rows are stacked on imaginary ones, masses are real, and the unknowns of a
-    group's stiffness are the real and the imaginary part of kappa_e (1 + i gamma_e), in which Z is
-    linear: one solve finds stiffness and loss factor from exact data.
-
-    Damping is structural; viscous dampers of the model keep their values.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps.
-    tolerance : float
-        Relative step at which it has converged.
-    solver : {"gauss-newton", "trust-region"}
-        As for ``"rfm"``; in the trust region the unknowns are kappa_e and gamma_e.
-    expand : bool
-        As for ``"rfm"``.
+    The response function method with structural damping among its unknowns (Lin & Zhu, "Model
+    updating of damped structures using FRF data", Mech. Syst. Signal Process. 20 (2006) 2200-2218).
+    Real rows are stacked on imaginary ones. The unknowns are the real and the imaginary part of
+    kappa_e (1 + i gamma_e), in which Z is linear; in the trust region kappa_e and gamma_e. Viscous
+    dampers of the model keep their values.
     """
 
     max_iterations: int = 300

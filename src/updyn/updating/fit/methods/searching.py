@@ -14,22 +14,11 @@ __all__ = ["SearchingMethod"]
 
 @dataclass(frozen=True, slots=True)
 class SearchingMethod(Method, ABC):
-    """A method that searches from several starts.
+    """A method that searches from several starts; `starts` is 0 if `max_iterations` is 0.
 
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps of the final fit, and of each try of the search (there at most 60).
-    tolerance : float
-        Relative step at which a descent has converged.
-    starts : int
-        Number of tries of the search, up to 10,000. With 0, the fit begins at the start of the
-        unknowns without a search. It is set to 0 if `max_iterations` is 0, because tries would end
-        where they begin.
-    seed : int
-        Seed of the random tries.
-    inflate : bool
-        Whether the loss factors of the search start inflated.
+    With 0 starts, the fit begins at the start of the unknowns. `max_iterations` is the largest
+    number of steps of the final fit, and of each try (there at most 60). `inflate` raises the loss
+    factors at the start of a search.
     """
 
     max_iterations: int = 100
