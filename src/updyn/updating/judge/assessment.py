@@ -87,9 +87,9 @@ def judge_fit(
 ) -> Judgement:
     """Assess a fit; `data` gives all and held-out data of each part, those of modes last.
 
-    `start_solvers` are needed if the start of the unknowns has other solvers than the problem. Only
-    if `is_likelihood` do model errors shift the estimate as they shift the weighted output error;
-    only then are they included in the covariance.
+    `start_solvers` are needed if the start of the unknowns has other solvers than the problem. The
+    covariance includes model errors only if `is_likelihood`: then they shift the estimate as they
+    shift that of the weighted output error.
     """
     cut_short = False
 

@@ -35,13 +35,7 @@ class Alteration(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlteredPart(FRFPart):
-    """A part with an altered model; all other results follow from its blocks of lines.
-
-    Attributes
-    ----------
-    alteration : Alteration
-        Change of the model.
-    """
+    """A part with an altered model; all other results follow from its blocks of lines."""
 
     alteration: Alteration | None = None
 

@@ -47,8 +47,8 @@ def select_candidates(
 ) -> list[FaultStart]:
     """Return the faults worth a full fit, the likeliest first, with their starting points.
 
-    `without` is the end of a fit without a fault, `start` a point that does not depend on the data,
-    `stated` the faults already found, `models` the variants of the model.
+    `without` is the end of a fit without a fault, `stated` the faults already found. `start` must
+    not depend on the data.
     """
     variants: list[FaultStart] = []
     for end in _try_variants(part, models, without, start):
@@ -172,10 +172,7 @@ def _explains_all(end: Trial, without: Trial) -> bool:
 
 
 def _select_best_trials(ends: Sequence[Trial], without: Trial) -> list[FaultStart]:
-    """Return the likeliest faults of some trials, the best first, with starting points for fits.
-
-    Of several trials of one fault the likeliest is used.
-    """
+    """Return the likeliest faults of some trials, the best first, with starting points for fits."""
     best: dict[tuple[str, tuple[str, ...]], FaultStart] = {}
     for one in rank_faults(ends, without):
         best.setdefault((one.fault.kind, one.fault.channels), (one.fault, one.trial.x))

@@ -76,13 +76,7 @@ CAUSES: Registry[type[Fault]] = Registry(
 
 
 def read_fault(text: str) -> Fault:
-    """Return the fault of a text such as ``"sign:2:Z"`` or ``"calibration:5:Z=0.095"``.
-
-    Raises
-    ------
-    OptionError
-        If the kind is unknown, a label cannot be read, or a value is not a number.
-    """
+    """Return the fault of a text such as ``"sign:2:Z"`` or ``"calibration:5:Z=0.095"``."""
     head, _, value = text.partition("=")
     kind, _, channels = head.partition(":")
     kind = kind.strip()

@@ -54,8 +54,7 @@ def drop_expected(detections: Sequence[Detection], part: FRFPart) -> list[Detect
 def detect_data_faults(frf: FRF, rigid: RigidShapes | None = None) -> list[Detection]:
     """Return the faults that data with variance show without a model, the likeliest first.
 
-    Faults that another one of them can imitate are omitted. Zero data show no fault. `rigid` are
-    the rigid-body shapes of a free model.
+    Faults that another one of them can imitate are omitted.
     """
     if not frf.values.any():
         return []
@@ -80,7 +79,7 @@ def drop_explained_symptoms(
 ) -> list[Detection]:
     """Return the faults that data show, except symptoms that other findings explain.
 
-    `thin_data` contains some lines of the data, before and after the model-based correction of the
+    `thin_data` has some lines of the data, before and after the model-based correction of the
     findings that no change of the data alone corrects.
     """
     repaired = frf

@@ -40,13 +40,7 @@ class DeadChannel(DataFault):
                 yield Detection(cls(channels), log_odds, float(mask.mean()))
 
     def is_expected(self, part: FRFPart) -> bool:
-        """Return whether the model has no response there, e.g. by symmetry or without a connection.
-
-        Raises
-        ------
-        SolverError
-            If the model is singular at a line.
-        """
+        """Return whether the model has no response there, as by symmetry."""
         few = part.thin(_LINES)
         level = np.abs(few.responses(few.coordinates.start)).max(axis=0)
         mask = find_channels(self.channels, part.frf).channel_mask(part.frf)
@@ -58,13 +52,7 @@ class DeadChannel(DataFault):
         return self.name
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data without the channels.
-
-        Raises
-        ------
-        DataError
-            If no other data remain.
-        """
+        """Return the data without the channels."""
         return remove_channels(self, frf)
 
     @property

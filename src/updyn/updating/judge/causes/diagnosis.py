@@ -106,8 +106,7 @@ def is_far_from_start(part: FRFPart, x: _Real) -> bool:
 def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
     """Return why the data of a test do not permit a search for causes; empty if they do.
 
-    The search needs lines with a value above the noise. Without such lines, any factor that moves
-    the data below the noise would explain everything.
+    Without values above the noise, any factor that moves the data below it explains everything.
     """
     if part.n_lines < _FEWEST:
         return f"causes were not searched for, because {part.n_lines} lines are too few"
@@ -122,13 +121,8 @@ def find_obstacle(part: FRFPart, noise: NoiseModel) -> str:
 def find_causes(part: FRFPart, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
     """Return the faults of one test: those visible in the data alone, then the others by odds.
 
-    `points` are ends of fits, used in addition to the start of the unknowns. If the data are not
-    sufficient (`find_obstacle`), only the former are returned.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be reduced.
+    `points` are ends of fits, used in addition to the start of the unknowns. With insufficient data
+    (`find_obstacle`), only the former are returned.
     """
     frf = with_variance(part.frf, noise)
     rigid = RigidShapes.of(part)
@@ -165,10 +159,7 @@ def find_causes(part: FRFPart, noise: NoiseModel, points: Sequence[_Real] = ()) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Explanation:
-    """Findings from model and data, the corrected part, its models and the end of the fit.
-
-    `end` is None without a finding.
-    """
+    """Findings, the corrected part, its models, and the end of the fit (None without a finding)."""
 
     findings: tuple[Finding, ...]
     part: FRFPart
@@ -511,8 +502,7 @@ class _BestTrials:
     def list_other_places(self, starts: Sequence[FaultStart]) -> list[FaultStart]:
         """Return the best fault at other places, the likeliest at several points.
 
-        The points are the end of its trial and, if that does not leave only noise, the ends of the
-        next best trials of its kind and the starting points of the trials of its kind.
+        Further points than the end of its trial are used if that does not leave only noise.
         """
         best = self.best
         if best is None or best.fault is None:

@@ -41,11 +41,6 @@ class DrivePoint(DataFault):
     The mean power of a force is |F|^2 Re(Y) / 2, with Y the mobility of its drive point: Re(Y) >= 0
     if the structure is passive (Ewins, Modal Testing, 2nd ed. 2000, section 2.3). With e^(i omega
     t), the receptance has a negative imaginary part, the accelerance a positive one.
-
-    Attributes
-    ----------
-    explanations : tuple of str
-        Faults that would explain it.
     """
 
     explanations: tuple[str, ...] = ()
@@ -128,9 +123,8 @@ def _is_passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
 def _iter_other_force_places(frf: FRF, stated: str) -> Iterator[str]:
     """Yield the only other sensor at which a force would put energy into the structure.
 
-    A response that follows the drive point at a few lines is not sufficient: the number of lines
-    with a significant sign has to be so large that, with the share of negative signs of the stated
-    place, all would be positive only by a small chance at any of the sensors.
+    The number of lines with a significant sign has to be so large that, with the share of negative
+    signs of the stated place, all would be positive only by a small chance at any of the sensors.
     """
     square = CollocatedFrfs.of(frf)
     _, sure, active = _count_lines(square, square.labels.index(stated))

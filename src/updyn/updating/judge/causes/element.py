@@ -1,11 +1,7 @@
 """An element between or on measured DOFs, and the FRFs of a model with this element.
 
-With D(s) the dynamic stiffness of the element (k, s c or s^2 m) and U its incidence vectors, the
-receptance H of the model becomes (Sherman & Morrison, Ann. Math. Stat. 21 (1950) 124; Woodbury)
-
-    H' = H - H U (1 / D + U^T H U)^-1 U^T H,
-
-exactly, for any model and any size of the element, from FRFs between the measured DOFs alone.
+With the dynamic stiffness D(s) of the element and its incidence vectors U, exactly: H' = H - H U (1
+/ D + U^T H U)^-1 U^T H (Sherman & Morrison, Ann. Math. Stat. 21 (1950) 124; Woodbury).
 """
 
 from __future__ import annotations
@@ -35,20 +31,10 @@ _POWERS = {"stiffness": 0, "viscous": 1, "mass": 2}
 
 @dataclass(frozen=True, slots=True)
 class AddedElement(Alteration):
-    """A spring, a dashpot or a mass of a given size.
+    """A spring, a dashpot or a mass of size `value` in SI units (rotational ones for rotations).
 
-    Attributes
-    ----------
-    quantity : str
-        ``"stiffness"``, ``"viscous"`` or ``"mass"``.
-    labels : tuple of str
-        DOFs of the model.
-    between : bool
-        Whether it acts between two DOFs; else between each DOF and the ground.
-    value : float
-        Size in N/m, N s/m or kg; for rotations in N m/rad, N m s/rad or kg m^2.
-    loss : float
-        Loss factor of a spring.
+    `quantity` is ``"stiffness"``, ``"viscous"`` or ``"mass"``; it acts between two DOFs, or, unless
+    `between`, between each DOF and the ground. `loss` is the loss factor of a spring.
     """
 
     quantity: str
@@ -113,15 +99,7 @@ class AddedElement(Alteration):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredDofs:
-    """DOFs of responses and references without duplicates.
-
-    Attributes
-    ----------
-    labels : list of str
-        Labels without signs.
-    rows, columns : ndarray of int
-        Positions of the responses and of the references.
-    """
+    """Unsigned DOFs without duplicates; positions of responses and references in them."""
 
     labels: list[str]
     rows: NDArray[np.intp]
@@ -146,17 +124,7 @@ class MeasuredDofs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Receptances:
-    """Receptances of a model between all measured DOFs.
-
-    Attributes
-    ----------
-    dofs : MeasuredDofs
-        Measured DOFs.
-    H : ndarray of complex, shape (n_f, m, m)
-        Receptances in m/N.
-    s : ndarray of complex, shape (n_f,)
-        Laplace variable of the lines, in 1/s.
-    """
+    """Receptances between all measured DOFs, shape (n_f, m, m) in m/N; `s` is in 1/s."""
 
     dofs: MeasuredDofs
     H: _Complex
@@ -164,13 +132,7 @@ class Receptances:
 
     @classmethod
     def of(cls, part: FRFPart, x: _Real) -> Self:
-        """Return the receptances of the model of a part at x.
-
-        Raises
-        ------
-        SolverError
-            If the model is singular at a line.
-        """
+        """Return the receptances of the model of a part at x."""
         dofs = MeasuredDofs.of(part.frf)
         n = len(dofs.labels)
         shape = (part.n_lines, n, n)

@@ -100,16 +100,7 @@ class _ModelResponses:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Model and data at one point.
-
-    Parameters
-    ----------
-    part : FRFPart
-        Model and data of one test, on few lines; the data contain the known variance of their
-        noise.
-    x : ndarray of float, shape (n,)
-        The point.
-    """
+    """Model and data of one test at a point, on few lines; the data need a known variance."""
 
     part: FRFPart
     x: _Real
@@ -350,9 +341,8 @@ class Evidence:
     def project_out_unknowns(self, frf: FRF, b: _Real) -> _Real:
         """Return the residual after all unknowns have adapted, to first order.
 
-        `frf` has the same lines; its sensors or forces may be at other places. `b`, shape (2 m +
-        n,) or (2 m + n, k), is a change of the misfit in units of `rms_misfit`, above one of the
-        unknowns in units of their spread.
+        `b`, shape (2 m + n,) or (2 m + n, k), is a change of the misfit in units of `rms_misfit`,
+        above one of the unknowns in units of their spread. `frf` must have the same lines.
         """
         if self._has_channels_of(frf):
             Q = self._orthonormal_basis
@@ -389,10 +379,7 @@ class Evidence:
         return np.stack([stack_real_imag(self.weight * one) for one in slopes], axis=1)
 
     def imitate_change(self, change: _Complex) -> _Real:
-        """Return the point at which the unknowns imitate a change of ln H, shape (n,).
-
-        `log_change` has shape (n_f, n_i, n_j); the point is of first order and within the bounds.
-        """
+        """Return the point, to first order, at which the unknowns imitate a change of ln H."""
         wanted = stack_real_imag(self.weight * change)
         step = np.linalg.lstsq(self.jacobian * self.spread, wanted, rcond=_CUTOFF)[0]
         return np.asarray(np.clip(self.x + self.spread * step, *self.part.coordinates.bounds))
@@ -438,10 +425,7 @@ def _solve_block(part: FRFPart, item: tuple[_Real, slice]) -> tuple[_Complex, _C
 
 
 def _compute_receptance(part: FRFPart, state: State, lift: _Complex | None = None) -> _Complex:
-    """Return the receptance of the channels in a state of the model, shape (n_f, n_i, n_j).
-
-    `lift`, shape (n_terms,), is added to the coefficients of the terms.
-    """
+    """Return the receptance of the channels; `lift` is added to the coefficients of the terms."""
     freq = part.frf.freq
     columns, place = np.unique(part.columns, return_inverse=True)
     c = part.solver.system.coefficients(state, 2.0 * np.pi * freq)

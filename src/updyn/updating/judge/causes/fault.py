@@ -42,14 +42,7 @@ FORCE = "force "
 
 @dataclass(frozen=True, slots=True)
 class ChannelIndices:
-    """Channels of some sensors and forces in an array over lines, responses and references.
-
-    Attributes
-    ----------
-    rows, columns : ndarray of int
-        Indices of responses and of references; a channel belongs to the place if its row or its
-        column does.
-    """
+    """Channels whose response is in `rows` or whose reference is in `columns`."""
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
@@ -72,13 +65,7 @@ class ChannelIndices:
 
 
 def find_channels(channels: Sequence[str], frf: FRF) -> ChannelIndices:
-    """Return the place of sensors and forces in the data; all responses if `channels` is empty.
-
-    Raises
-    ------
-    OptionError
-        If a channel is not in the data; the message names the nearest one.
-    """
+    """Return the place of sensors and forces in the data; all responses if `channels` is empty."""
     rows: list[int] = []
     columns: list[int] = []
     for channel in channels:
@@ -382,13 +369,7 @@ class IrreparableFault(Fault):
         return ""
 
     def repair(self, frf: FRF) -> FRF:
-        """Raise an error; kinds that can correct data override this.
-
-        Raises
-        ------
-        DataError
-            Always; the message contains the remedy.
-        """
+        """Raise a `DataError` with the remedy; kinds that can correct data override this."""
         raise DataError(f"{self.kind}: no change of the data corrects it. {self.remedy}")
 
 
@@ -398,13 +379,7 @@ def divide_odds(odds: float, n_places: int) -> float:
 
 
 def remove_channels(fault: Fault, frf: FRF) -> FRF:
-    """Return the data without the channels of a fault.
-
-    Raises
-    ------
-    DataError
-        If no other data remain.
-    """
+    """Return the data without the channels of a fault; a `DataError` if no other data remain."""
     indices = find_channels(fault.channels, frf)
     rows = np.setdiff1d(np.arange(len(frf.responses)), indices.rows)
     columns = np.setdiff1d(np.arange(len(frf.references)), indices.columns)

@@ -21,25 +21,10 @@ _DISTINCT = 1e-6
 
 
 def compare_band_halves(evidence: Evidence, fault: Fault, correlation: float) -> float:
-    """Return the difference between the sizes of a fault in the lower and the upper lines.
+    """Return the difference between the sizes of a fault in lower and upper lines, in deviations.
 
-    It is in standard deviations; 0 if a half does not determine the size. One size for each half
-    and all unknowns are fitted together, to first order. The residual counts as at least that of a
-    perfect fit (`PERFECT_FIT`), because the last steps of a fit are arbitrary.
-
-    Parameters
-    ----------
-    evidence : Evidence
-        Model and data, corrected for the fault, at the end of a fit.
-    fault : Fault
-        The fault.
-    correlation : float
-        Correlation of the residual of neighbouring lines, from 0 to below 1.
-
-    Returns
-    -------
-    float
-        The difference.
+    0 if a half does not determine the size. Both sizes and all unknowns are fitted, to first order.
+    The residual counts as at least `PERFECT_FIT`: the last steps of a fit are arbitrary.
     """
     slope = replace(fault, value=0.0).slope(evidence)
     lower = np.arange(len(slope)) < len(slope) // 2

@@ -25,16 +25,7 @@ _TRANSLATIONS = frozenset("XYZ")
 
 @dataclass(frozen=True, slots=True)
 class ModelSupports:
-    """Resistance of the groups of a model to rigid translations.
-
-    Attributes
-    ----------
-    directions_by_group : mapping of str to frozenset of str
-        For each group, the directions in which a rigid translation of the whole model causes a
-        force.
-    uncoupled_groups : frozenset of str
-        Groups that do not couple any nodes.
-    """
+    """Directions in which groups resist a rigid translation, and groups that couple no nodes."""
 
     directions_by_group: Mapping[str, frozenset[str]]
     uncoupled_groups: frozenset[str]
@@ -51,13 +42,7 @@ class ModelSupports:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolverWithSupports(ReducedSolver):
-    """A reduced model with the supports of its whole model, which its coordinates do not show.
-
-    Attributes
-    ----------
-    supports : ModelSupports
-        Supports of the whole model.
-    """
+    """A reduced model with the supports of its whole model, which its coordinates do not show."""
 
     supports: ModelSupports = field(kw_only=True)
 

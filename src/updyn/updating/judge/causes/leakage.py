@@ -77,11 +77,7 @@ class Leakage(DataFault):
 
 
 def _compute_impulse_power(frf: FRF) -> _Real:
-    """Return the mean square of the impulse responses of all channels, shape (n_f,).
-
-    They are band-limited, tapered by a Hann window against ringing, and extend from 0 to the
-    reciprocal of the spacing of the lines.
-    """
+    """Return the mean square of the impulse responses, tapered by a Hann window, shape (n_f,)."""
     n = len(frf.freq)
     H = (frf.values / level_by_unit(frf)).reshape(n, -1)
     h = np.fft.ifft(H * np.hanning(n)[:, None], axis=0)
@@ -89,10 +85,7 @@ def _compute_impulse_power(frf: FRF) -> _Real:
 
 
 def _measure_edges(power: _Real, n: int) -> tuple[_Real, int]:
-    """Return the drop of the log power at each sample, and the first sample.
-
-    The decay, from averages over n samples before and after, is subtracted.
-    """
+    """Return the drop of the log power beyond the decay at each sample, and the first sample."""
     mean = np.log(sliding_window_view(power, n).mean(axis=1) + 1e-12 * power.max())
     first = 2 * n + _BLURRED
     at = np.arange(first, len(power) - first + 1)

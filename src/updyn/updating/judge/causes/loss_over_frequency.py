@@ -52,19 +52,10 @@ _DIGITS, _ROUNDED = 4, 5e-4
 
 @dataclass(frozen=True, slots=True)
 class LossPowerLaw(Alteration):
-    """Change of the model: loss moduli of groups are multiplied by (f / middle)^exponent.
+    """Multiplication of the loss moduli of groups by (f / `mid_frequency`)^exponent.
 
-    Attributes
-    ----------
-    groups : tuple of str
-        Groups with this change; empty: all groups without a loss table.
-    exponent : float
-        The exponent.
-    mid_frequency : float
-        Frequency in Hz at which loss factors and stiffnesses are those of the model.
-    causal : bool
-        Whether the storage moduli vary as well, by the Kramers-Kronig relations; else they are
-        constant.
+    Empty `groups`: all without a loss table. If `causal`, the storage moduli vary as well, by the
+    Kramers-Kronig relations.
     """
 
     groups: tuple[str, ...]
@@ -131,15 +122,7 @@ class LossPowerLaw(Alteration):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CausalSystem(AffineSystem):
-    """A compiled model in which the storage moduli of some terms vary with frequency.
-
-    Attributes
-    ----------
-    loss_power : LossPowerLaw or None
-        Variation over frequency.
-    varying : tuple of bool
-        Whether each term varies.
-    """
+    """A compiled model in which the storage moduli of the `varying` terms vary with frequency."""
 
     loss_power: LossPowerLaw | None = None
     varying: tuple[bool, ...] = ()
@@ -174,29 +157,10 @@ class CausalSystem(AffineSystem):
 class LossOverFrequency(IrreparableFault):
     """The loss factor of a group, or of all groups, is proportional to f^value.
 
-    By the Kramers-Kronig relations the storage modulus varies as well, by about 2 / pi times the
-    loss factor for each factor of e in frequency. Both variants are tried: with this change for the
-    same exponent (`causal`), and with a constant storage modulus. Groups with a loss table are not
-    tried, because their variation is given.
-
-    Its channel is the loss factor that varies: ``"pads.loss_factor"``.
-
-    Attributes
-    ----------
-    groups : tuple of str
-        Groups that have this loss factor; empty: all without a loss table.
-    mid_frequency : float
-        Frequency in Hz at which loss factors are those of the unknowns: geometric mean of the band.
-    lines : tuple of float
-        Lines of the data in Hz, above 0.
-    loss : float
-        Loss factor at `mid_frequency`; 0 if several groups have different ones.
-    n_places : int
-        Number of loss factors that were tested.
-    viscous : tuple of ProportionalDamping
-        Viscous damping of the same groups that is not an unknown.
-    causal : bool
-        Whether the storage modulus varies as well.
+    If `causal`, the storage modulus varies as well (Kramers-Kronig), by about 2 / pi times the loss
+    factor for each factor of e in frequency. Groups with a loss table are not tried: their
+    variation is given. `mid_frequency` is in Hz; `loss` is the loss factor there, 0 if groups
+    differ; `viscous` is viscous damping of the same groups that is not an unknown.
     """
 
     groups: tuple[str, ...] = ()
@@ -241,10 +205,7 @@ class LossOverFrequency(IrreparableFault):
         return LossPowerLaw(self.groups, self.value, self.mid_frequency, self.causal)
 
     def slope(self, evidence: Evidence) -> _Complex:
-        """Return the derivative of the model's ln H by the exponent.
-
-        It is the derivative by the loss factor, times the ratio of the two changes of the modulus.
-        """
+        """Return the derivative of the model's ln H by the exponent."""
         freq, law = evidence.frf.freq, self.loss_power
         modulus: _Complex | complex = 1j
         if isinstance(evidence.part, AlteredPart):

@@ -41,15 +41,7 @@ _RESONANT, _SHARP = 3.0, 0.05
 
 @dataclass(frozen=True, slots=True)
 class MainsHum(DataFault):
-    """Lines at multiples of `value` Hz contain mains hum.
-
-    Attributes
-    ----------
-    lines : tuple of float
-        Outliers, in Hz.
-    channel_count : str
-        Number of affected channels, as text.
-    """
+    """Lines at multiples of `value` Hz contain mains hum; `lines` are the outliers in Hz."""
 
     lines: tuple[float, ...] = ()
     channel_count: str = ""
@@ -107,13 +99,7 @@ class MainsHum(DataFault):
 
     @classmethod
     def parse(cls, channels: str, value: str) -> MainsHum:
-        """Return the fault from its text.
-
-        Raises
-        ------
-        OptionError
-            If the frequency is not above 0, or channels are named.
-        """
+        """Return the fault from its text."""
         found = super(DataFault, cls).parse(channels, value)
         if not found.value > 0.0 or found.channels:
             raise OptionError(f"repair {cls.kind!r}: expected mains=50 or mains=60")
@@ -154,19 +140,10 @@ def _find_mains_lines(freq: _Real, frequency: float, share: float = 0.5) -> NDAr
 class _Neighbours:
     """Comparison of lines with a polynomial through neighbouring lines without hum.
 
-    The method is the local polynomial method without the transient (Pintelon & Schoukens, System
-    Identification, 2nd ed. 2012, chapter 7).
-
-    Attributes
-    ----------
-    deviation_ratio : ndarray of float, shape (n_f, n_c)
-        Deviation of each line from its prediction, in standard deviations.
-    pole_ratio : ndarray of float, shape (n_f, n_c)
-        Coefficient of 1 / distance in lines, fitted to the neighbours, in standard deviations: the
-        size of a resonance on the line.
-    bandwidth : ndarray of float, shape (n_f,)
-        Smallest half-power bandwidth, in lines, of a resonance that would explain the line, at two
-        standard deviations.
+    `deviation_ratio` and `pole_ratio` (the size of a resonance on the line), shape (n_f, n_c), are
+    in standard deviations; `bandwidth`, shape (n_f,), is the smallest half-power bandwidth, in
+    lines, of a resonance that would explain the line (Pintelon & Schoukens, System Identification,
+    2nd ed. 2012, chapter 7, without the transient).
     """
 
     deviation_ratio: _Real

@@ -45,13 +45,7 @@ class MassLoading(IrreparableFault):
         )
 
     def repair(self, frf: FRF) -> FRF:
-        """Raise an error, because the data alone do not determine the correction.
-
-        Raises
-        ------
-        DataError
-            Always; the message contains the remedy.
-        """
+        """Raise a `DataError` with the remedy: the data alone do not determine the correction."""
         raise DataError(
             "mass loading cannot be corrected from the data alone, because the correction needs the"
             " drive point of every sensor: make each row a separate test with the mass in its model"

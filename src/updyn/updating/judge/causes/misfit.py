@@ -29,11 +29,8 @@ _EXACT = 0.1
 class WeightedData(FRF):
     """Data near the response of a model, weighted by likelihood.
 
-    Attributes
-    ----------
-    relative_noise : float
-        Relative noise of the most exact values: the misfit of a value is its error in standard
-        deviations times this.
+    The misfit of a value is its error in standard deviations times `relative_noise`, which is that
+    of the most exact values.
     """
 
     relative_noise: float

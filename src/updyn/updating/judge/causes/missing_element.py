@@ -30,12 +30,8 @@ _NEXT = 8
 class MissingElement(IrreparableFault):
     """An element of size `value` at `channels` that the model lacks.
 
-    Attributes
-    ----------
-    between : bool
-        Whether it acts between two DOFs; else between each DOF and the ground.
-    n_places : int
-        Number of places that were tested; they share the odds of the kind.
+    It acts between two DOFs, or, unless `between`, between each DOF and the ground. The `n_places`
+    that were tested share the odds of the kind.
     """
 
     between: bool = False

@@ -46,21 +46,10 @@ _SHORT = 12
 class MissingMode(Fault):
     """A mode at `value` Hz is in the data and not in the model: one more pole of rank one.
 
-    It adds (i omega)^k a b^T / (omega_0^2 (1 + i eta) - omega^2) to the model's FRFs (Ewins, Modal
-    Testing, 2nd ed. 2000, section 2.7).
-
-    Attributes
-    ----------
-    loss : float
-        Loss factor eta.
-    bandwidth : float
-        Half-power bandwidth, in spacings of the lines near it.
-    channel_share : float
-        Share of the sensors, or of the forces, that measure it: (sum a)^2 / (n sum a^2), with a the
-        root of the explained misfit of each.
-    shape : tuple of (str, complex)
-        Contribution by label: a of the responses in m/N, b of the references (``"force 2:Z"``).
-        Empty: unknown.
+    It adds (i omega)^k a b^T / (omega_0^2 (1 + i loss) - omega^2) to the FRFs (Ewins, Modal
+    Testing, 2nd ed. 2000, section 2.7). `shape` gives a of the responses in m/N and b of the
+    references by label; empty: unknown. `bandwidth` is in lines; `channel_share` is (sum a)^2 / (n
+    sum a^2) with a the root of the explained misfit of each sensor or force.
     """
 
     loss: float = _LOSS
@@ -163,11 +152,6 @@ class MissingMode(Fault):
         """Return the data minus the mode; without the lines near it if its shape is unknown.
 
         Lines at which the mode dominates the data contain its noise and are omitted.
-
-        Raises
-        ------
-        DataError
-            If no line remains, or the shape is unknown at a channel.
         """
         remaining = frf
         if self.shape:
@@ -185,13 +169,7 @@ class MissingMode(Fault):
 
     @classmethod
     def parse(cls, channels: str, value: str) -> MissingMode:
-        """Return the fault from its text.
-
-        Raises
-        ------
-        OptionError
-            If the frequency is not above 0, or an entry cannot be read.
-        """
+        """Return the fault from its text."""
         frequency, *more = value.split(",")
         found = super(MissingMode, cls).parse(channels, frequency)
         if not found.value > 0.0 or found.channels:
@@ -251,19 +229,7 @@ def _parse_entry(text: str) -> tuple[str, complex]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LocalResidual:
-    """Residual of the data near a frequency.
-
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n,)
-        Lines in Hz.
-    values : ndarray of complex, shape (n, n_i, n_j)
-        Data minus model.
-    weight : ndarray of float, shape (n, n_i, n_j)
-        1 over the level of data and model; 0 where both are noise.
-    frf : FRF
-        The data at these lines.
-    """
+    """Data minus model near a frequency; `weight` is 1 over the level of both, 0 for noise."""
 
     freq: _Real
     values: _Complex

@@ -30,15 +30,7 @@ UNITS_OF_MODELS: tuple[tuple[str, float, str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ModelUnit(IrreparableFault):
-    """All stiffnesses or all masses of the model have to be multiplied by `value`.
-
-    Attributes
-    ----------
-    quantity : str
-        ``"stiffness"`` or ``"mass"``.
-    mistake : str
-        A mistake with this effect, as text.
-    """
+    """All stiffnesses or masses of the model have to be multiplied by `value`, due to `mistake`."""
 
     quantity: str = "stiffness"
     mistake: str = ""

@@ -34,13 +34,7 @@ class MisplacedSensor(Fault):
             yield cls((f"{FORCE}{abs(dof)}", f"{FORCE}{place}"))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the correct label of the sensor or the force.
-
-        Raises
-        ------
-        OptionError
-            If the label is not in the data, or the correct one is already used.
-        """
+        """Return the data with the correct label of the sensor or the force."""
         stated, actual = (name.removeprefix(FORCE) for name in self.channels)
         if self._is_force:
             return replace(frf, references=_rename_dof(frf.references, stated, actual, "reference"))
@@ -59,13 +53,7 @@ class MisplacedSensor(Fault):
 
     @classmethod
     def parse(cls, channels: str, value: str) -> Self:
-        """Return the fault from its text.
-
-        Raises
-        ------
-        OptionError
-            If it does not name two places of a sensor, or of a force.
-        """
+        """Return the fault from its text."""
         found = super().parse(channels, value)
         if len({name.startswith(FORCE) for name in found.channels}) > 1:
             raise OptionError(

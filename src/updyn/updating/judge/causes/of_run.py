@@ -26,18 +26,9 @@ __all__ = ["CauseSearch", "Causes"]
 
 @dataclass(frozen=True, slots=True)
 class Causes:
-    """Causes of the residual of a fit.
+    """Causes of the residual of a fit, and why a necessary search was not made (empty if it was).
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        The causes found.
-    was_searched : bool
-        Whether a search for causes in the residual of a test was made.
-    not_searched : str
-        Why a necessary search was not made; empty if it was.
-    is_overruling : bool
-        Whether a cause ended the search for an answer.
+    `is_overruling`: a cause ended the search for an answer.
     """
 
     findings: tuple[Finding, ...] = ()
@@ -53,17 +44,7 @@ class Causes:
 
 @dataclass(slots=True, eq=False)
 class CauseSearch:
-    """Search for causes in all data of a run, including held-out data, with the whole models.
-
-    Parameters
-    ----------
-    exact : Problem
-        Whole model of each test.
-    splits : sequence of Split
-        Data of each test.
-    noises : sequence of NoiseModel
-        Noise of each test.
-    """
+    """Search for causes in all data of a run, including held-out data, with the whole models."""
 
     exact: Problem
     splits: Sequence[Split]
@@ -74,12 +55,7 @@ class CauseSearch:
         """Return whether a fault explains the residual of a fit from the start.
 
         The search for another answer then ends, because that answer would not be that of the
-        structure.
-
-        Raises
-        ------
-        Stopped
-            If the user stops the run.
+        structure. Raises `Stopped` if the user stops the run.
         """
         with monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):

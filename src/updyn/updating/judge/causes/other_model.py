@@ -20,15 +20,7 @@ __all__ = ["CompiledVariant"]
 
 @dataclass(slots=True, eq=False)
 class CompiledVariant:
-    """A variant of the model of a part, compiled and reduced at its first use.
-
-    Parameters
-    ----------
-    part : FRFPart
-        The part with its whole, unchanged model.
-    variant : Variant
-        Variant of the model.
-    """
+    """A variant of the model of a part, compiled and reduced at its first use."""
 
     part: FRFPart
     variant: Variant
@@ -37,13 +29,7 @@ class CompiledVariant:
 
     @property
     def variant_part(self) -> FRFPart:
-        """The part with the whole variant.
-
-        Raises
-        ------
-        ModelError
-            If the elements of the variant cannot be computed.
-        """
+        """The part with the whole variant; a `ModelError` if its elements cannot be computed."""
         if self._variant_part is None:
             model = self.variant.model()
             solver_now: Any = self.part.solver
@@ -56,13 +42,7 @@ class CompiledVariant:
 
     @property
     def trial_models(self) -> TrialModels:
-        """Source of the models for trials of the variant.
-
-        Raises
-        ------
-        SolverError
-            If the variant is to be reduced and cannot be solved.
-        """
+        """Source of the models for trials of the variant; a `SolverError` if it is singular."""
         if self._trial_models is None:
             self._trial_models = choose_trial_models(self.variant_part)
         return self._trial_models

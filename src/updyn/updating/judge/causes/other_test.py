@@ -61,13 +61,7 @@ class OtherTest(Fault):
                 yield from (cls(channels, shift) for shift in _SHIFTS)
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data without the sensor or the force.
-
-        Raises
-        ------
-        DataError
-            If no other data remain.
-        """
+        """Return the data without the sensor or the force."""
         return remove_channels(self, frf)
 
     def mask_channels(self, frf: FRF) -> FRF:

@@ -50,10 +50,7 @@ def list_all_places(part: FRFPart) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _KnownDofs:
-    """DOFs of a part at which its model can be evaluated, by node.
-
-    A reduced model provides some DOFs only.
-    """
+    """DOFs of a part by node at which its model, maybe a reduced one, can be evaluated."""
 
     part: FRFPart
     of_node: dict[int, list[int]]

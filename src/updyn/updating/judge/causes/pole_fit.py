@@ -30,18 +30,9 @@ _MOVES = (0.05, 3.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pole:
-    """Pole of rank one, (i omega)^k a b^T / (1 + i eta - (omega / omega_0)^2).
+    """Pole of rank one, (i omega)^k a b^T / (1 + i loss - (omega / omega_0)^2).
 
-    Attributes
-    ----------
-    frequency : float
-        omega_0 / (2 pi), in Hz.
-    loss : float
-        Loss factor eta.
-    a : ndarray of complex, shape (n_i,)
-        Factors of the responses, in m/N.
-    b : ndarray of complex, shape (n_j,)
-        Factors of the references; the largest is 1.
+    `frequency` is omega_0 / (2 pi) in Hz; `a` (n_i,) is in m/N; the largest of `b` (n_j,) is 1.
     """
 
     frequency: float
@@ -158,13 +149,7 @@ def _join_complex(parts: _Real) -> _Complex:
 def fit_pole(part: FRFPart, x: _Real, pole: Pole) -> Pole:
     """Return the pole that explains the data best in addition to the model, with all unknowns free.
 
-    The fit starts at `x` and `pole`. Many lines are first represented by some of them; a few steps
-    on all lines follow.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at a point.
+    The fit starts at `x` and `pole`; some lines represent the others until the last steps.
     """
     freq = part.frf.freq
     count = _count_represented_lines(freq, pole)

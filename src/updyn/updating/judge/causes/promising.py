@@ -41,8 +41,7 @@ def select_variants(
 ) -> list[WrongAxes]:
     """Return the variants worth a fit from the start, the most promising first.
 
-    `without` is the end of a fit of the unchanged model, `start` a point that does not depend on
-    the data.
+    `without` is the end of a fit of the unchanged model; `start` must not depend on the data.
     """
     faults = [WrongAxes(one.variant.groups, 0.0, one, len(variants)) for one in variants]
     if not faults or _is_needless(without, faults[0].prior):
@@ -59,13 +58,7 @@ def select_variants(
 
 
 def estimate_gain(part: FRFPart, fault: WrongAxes, x: _Real) -> float:
-    """Return the logarithm of the odds of a variant at a point, to first order.
-
-    Raises
-    ------
-    SolverError
-        If one of the models is singular there.
-    """
+    """Return the logarithm of the odds of a variant at a point, to first order."""
     return _compare_parts(part, fault.correct_part(part, x), fault, x)
 
 

@@ -35,13 +35,7 @@ class ProportionalDamping(IrreparableFault):
     """A group, or all groups, has viscous damping of `value` times its stiffness or mass.
 
     Its channel is the unknown that the model lacks: ``"floors.mass_damping"``.
-
-    Attributes
-    ----------
-    n_places : int
-        Number of groups and places of dashpots that were tested.
-    varying_loss_factor : Fault or None
-        A loss factor of the same groups that varies with frequency as this damping does.
+    `varying_loss_factor` varies with frequency as this damping does.
     """
 
     n_places: int = 1

@@ -1,13 +1,9 @@
 """Evidence of a hypothesis near a point, with the best-fitting spread of the held quantities.
 
-Held quantities of a model may be off by 5 %, and many of them together can imitate a fault of the
-data, such as a scaled frequency axis. A comparison of the best fits ignores how improbable this is:
-independent errors of 5 % each hardly ever form the pattern of a fault to the precision of the data.
-The evidence includes this probability. By Laplace's approximation it is the likelihood and the
-prior density at the best values, times the share of the prior volume that is compatible with the
-data (Occam factor: MacKay, Neural Comput. 4 (1992) 415; Kass & Raftery, J. Am. Stat. Assoc. 90
-(1995) 773). The size of the errors of held quantities is unknown; for each hypothesis the size with
-the largest evidence is used.
+Errors of many held quantities together can imitate a fault of the data; the evidence includes the
+small probability of such a pattern. By Laplace's approximation it is the likelihood and prior
+density at the best values times the Occam factor (MacKay, Neural Comput. 4 (1992) 415; Kass &
+Raftery, J. Am. Stat. Assoc. 90 (1995) 773). The spread of held quantities maximises it.
 """
 
 from __future__ import annotations
@@ -42,15 +38,7 @@ _LEVELS = 3
 
 @dataclass(frozen=True, slots=True)
 class QuadraticOutcome:
-    """A hypothesis for one share of the spread of the held quantities.
-
-    Attributes
-    ----------
-    mean_square : float
-        Mean square of the residual log misfit.
-    log_evidence : float
-        Logarithm of the evidence, up to a constant.
-    """
+    """Mean square of the residual log misfit of a hypothesis, and log evidence up to a constant."""
 
     mean_square: float
     log_evidence: float
@@ -90,11 +78,9 @@ class QuadraticMisfit:
     def at_point(
         cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None
     ) -> Self:
-        """Return the quadratic approximation for model and data at a point.
+        """Return the quadratic approximation for model and data (corrected for a fault: `frf`).
 
-        `frf` are the data corrected for a fault, by default those of the evidence. `slope`, shape
-        (n_f, n_i, n_j), is the derivative of the log data by the size of a fault, which is then the
-        last unknown.
+        `slope` is the derivative of the log data by the size of a fault, then the last unknown.
         """
         part, J = evidence.part, evidence.jacobian
         e = evidence.misfit(evidence.frf if frf is None else frf)
@@ -131,9 +117,8 @@ class QuadraticMisfit:
         """Return residual and evidence with a share of the spread of the held quantities.
 
         For a share of 1 the point is taken as the best one. `count` is the number of independent
-        real values, `level` the mean square of the log misfit of the best hypothesis, taken as
-        noise. `least` is a lower bound of the mean square, because the second order may predict any
-        value at a poor end of a fit.
+        real values, `level` the mean square of the best hypothesis, taken as noise. `least` bounds
+        the mean square below: the second order may predict any value at a poor end of a fit.
         """
         spread = np.where(self.is_held, share * self.spread, self.spread)
         # J^T J in units of the spread: the prior adds 1, so the system is well-posed.

@@ -52,10 +52,7 @@ class WrongQuantity(Fault):
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the correct name; single channels are converted to the stated one.
 
-        Raises
-        ------
-        DataError
-            If single channels have a line at 0 Hz, where quantities cannot be converted.
+        Raises `DataError` at 0 Hz, where quantities of single channels cannot be converted.
         """
         if not self.channels:
             return replace(frf, quantity=self.quantity)
@@ -77,13 +74,7 @@ class WrongQuantity(Fault):
 
     @classmethod
     def parse(cls, channels: str, value: str) -> Self:
-        """Return the fault from its text.
-
-        Raises
-        ------
-        OptionError
-            If the value is not a quantity, or a label cannot be read.
-        """
+        """Return the fault from its text."""
         if value not in QUANTITIES:
             raise OptionError(f"repair 'quantity': {value!r}; {suggest(value, QUANTITIES)}")
         return replace(super().parse(channels, ""), value=float(QUANTITIES[value]))

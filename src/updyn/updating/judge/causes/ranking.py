@@ -39,8 +39,8 @@ _INDISTINCT_LOG_ODDS = 3.0
 class RankedFault:
     """The trial of a fault, and the logarithm of the odds that the data have it.
 
-    `explains` is the share of the misfit that it explains, or of the distance of the unknowns from
-    their start if that is larger; `of_misfit` is the share of the misfit alone.
+    `explains` is the explained share of the misfit (`of_misfit`), or of the distance of the
+    unknowns from their start if that is larger.
     """
 
     trial: Trial
@@ -99,8 +99,8 @@ def _compute_share(trial: Trial, without: Trial, explained: float) -> float:
 def is_as_likely(one: RankedFault, best: RankedFault) -> bool:
     """Return whether the data do not distinguish a fault from the likeliest one.
 
-    A sensor of another state is described by one factor on all stiffnesses. The accuracy of this
-    description does not show which of two sensors it is.
+    One factor on all stiffnesses describes a sensor of another state; its accuracy does not show
+    which of two sensors it is.
     """
     omit_channels = one.fault.omits_channels and best.fault.omits_channels
     if omit_channels and min(one.explains, best.explains) > 1.0 - NEGLIGIBLE_SHARE:

@@ -35,17 +35,7 @@ MATRICES = {"stiffness_damping": "stiffness", "mass_damping": "mass"}
 
 @dataclass(frozen=True, slots=True)
 class RayleighIncrement(Alteration):
-    """Increase of a Rayleigh coefficient of one group or of all groups by `value`.
-
-    Attributes
-    ----------
-    group : str
-        Name of the group, or `ALL`.
-    quantity : str
-        ``"stiffness_damping"`` in s, or ``"mass_damping"`` in 1/s.
-    value : float
-        Increase of the coefficient.
-    """
+    """Increase of ``"stiffness_damping"`` (s) or ``"mass_damping"`` (1/s) of one group or `ALL`."""
 
     group: str
     quantity: str
@@ -103,14 +93,9 @@ def list_fixed_coefficients(part: FRFPart) -> list[str]:
 
 
 def compute_rayleigh_slopes(part: FRFPart, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
-    """Return d ln H / d c of the model by Rayleigh coefficients c, by name, shape (n_f, n_i, n_j).
+    """Return d ln H / d c by Rayleigh coefficients c, by name, shape (n_f, n_i, n_j).
 
     A name is ``"floors.mass_damping"``, or ``"all.mass_damping"`` for the sum over all groups.
-
-    Raises
-    ------
-    SolverError
-        If the model is singular at a line.
     """
     if isinstance(part, AlteredPart) and isinstance(part.alteration, RayleighIncrement):
         part = part.alteration.alter_part(part.unaltered_part)

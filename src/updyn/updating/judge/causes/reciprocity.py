@@ -34,11 +34,6 @@ class Reciprocity(DataFault):
 
     They are equal for a linear passive structure without rotating parts (Ewins, Modal Testing, 2nd
     ed. 2000, section 2.5).
-
-    Attributes
-    ----------
-    explanation : str
-        An explanation of the difference, as text.
     """
 
     explanation: str = ""

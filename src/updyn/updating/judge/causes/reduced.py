@@ -1,7 +1,6 @@
 """The model for trials of faults: the model itself, or a reduced one that is valid at all trials.
 
-Hundreds of short fits start at several points, so that a basis for one point is not sufficient. The
-basis is made once from a few points about the start, each solved at another frequency. It is
+The basis is made once from a few points about the start, each solved at another frequency. It is
 enriched at points of decisions until its error there is certified. The remaining error counts as
 noise of the data.
 """
@@ -69,13 +68,7 @@ class WholeModel:
 
 @dataclass(slots=True, eq=False)
 class ReducedModels:
-    """A reduced model of a part about its start.
-
-    Parameters
-    ----------
-    part : FRFPart
-        The part with its whole model.
-    """
+    """A reduced model of a part about its start."""
 
     part: FRFPart
     _reduction: Reduction = field(init=False)
@@ -119,8 +112,7 @@ class ReducedModels:
     def prepare_part(self, part: FRFPart, points: Sequence[_Real]) -> FRFPart:
         """Return the part with the reduced model, enriched at points without a certificate.
 
-        `part` has the same model and any data; the error of the reduced model is added to their
-        variance.
+        The error of the reduced model is added to the variance of the data of `part`.
         """
         for x in points:
             if not any(np.abs(x - known).max() < _NEAR for known in self._certified):
@@ -159,13 +151,7 @@ def _scatter_starts(part: FRFPart, number: int, seed: int) -> list[_Real]:
 
 
 def choose_trial_models(part: FRFPart) -> TrialModels:
-    """Return the source of the models for trials of a part, by the size of its model.
-
-    Raises
-    ------
-    SolverError
-        If a model that is to be reduced cannot be solved.
-    """
+    """Return the source of the models for trials of a part, by the size of its model."""
     if part.solver.system.n <= _DOFS:
         return WholeModel()
     return ReducedModels(part)

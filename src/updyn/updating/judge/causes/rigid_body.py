@@ -28,13 +28,6 @@ class RigidBody(DataFault):
 
     Well below its elastic modes, a free structure moves as a rigid body. The shapes of that motion
     depend on the positions and directions of the sensors alone.
-
-    Attributes
-    ----------
-    details : str
-        Frequencies, and faults that would explain the difference.
-    example : str
-        Text of one of these faults for a job; may be empty.
     """
 
     details: str = ""
@@ -51,15 +44,7 @@ class RigidBody(DataFault):
 
     @classmethod
     def detect_in(cls, frf: FRF, rigid: RigidShapes) -> Iterable[Detection]:
-        """Yield the sensors that do not follow the rigid-body motion of the others, as one fault.
-
-        Parameters
-        ----------
-        frf : FRF
-            The data, with their variance as far as it is known.
-        rigid : RigidShapes
-            Rigid-body shapes of a model.
-        """
+        """Yield the sensors that do not follow the rigid-body motion of others, as one fault."""
         alive = [
             dof for dof, one in zip(frf.responses, frf.values.any(axis=(0, 2)), strict=True) if one
         ]

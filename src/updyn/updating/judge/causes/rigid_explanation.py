@@ -31,16 +31,9 @@ _ANGLES = np.concatenate([np.arange(3.0, 86.0, 0.5), -np.arange(3.0, 86.0, 0.5)]
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """A fault that may explain the values of a sensor.
+    """A fault that may explain the values of a sensor; `deviation` is the largest after correction.
 
-    Attributes
-    ----------
-    words : str
-        The fault in words.
-    repair_text : str
-        Its text for a job; empty if no change of the data corrects it.
-    deviation : float
-        Largest deviation of the corrected sensor in standard deviations.
+    `repair_text` is its text for a job; empty if no change of the data corrects it.
     """
 
     words: str
@@ -118,7 +111,7 @@ def _try_places(sensor: _Sensor, dof: Dof) -> Iterator[Explanation]:
 def _try_turns(sensor: _Sensor, dof: Dof, own: _Complex) -> Iterator[Explanation]:
     """Yield the best turn towards each other direction of the node.
 
-    If that is measured, too, both turn together where this explains both.
+    If that is measured, too, both turn together if this explains both.
     """
     motion = sensor.motion
     prefix, k = dof.direction[:-1], DIRECTIONS.index(dof.direction[-1])
@@ -145,22 +138,11 @@ def _try_turns(sensor: _Sensor, dof: Dof, own: _Complex) -> Iterator[Explanation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sensor:
-    """The values of a sensor, and the rigid-body motion that other sensors show.
+    """The values of a sensor by reference, shape (m,), and the motion of the others.
 
-    Attributes
-    ----------
-    motion : RigidMotion
-        All sensors.
-    rows : ndarray of bool, shape (n,)
-        The other sensors.
-    values : ndarray of complex, shape (m,)
-        Values of the sensor, by reference.
-    std : ndarray of float, shape (m,)
-        Standard deviation of their difference from the motion of the others.
-    amplitudes : ndarray of complex, shape (r, m)
-        Motion of the others.
-    determined : ndarray of float, shape (r, r)
-        Projection onto the motion that they determine.
+    `rows` marks the other sensors; `std` is that of the difference from their motion; `amplitudes`,
+    shape (r, m), is this motion, and `determined`, shape (r, r), the projection onto the part that
+    they determine.
     """
 
     motion: RigidMotion

@@ -118,10 +118,9 @@ class RigidMotion:
         return cls(data, rigid, at, R, rigid.around(at), values, noise, curved, white)
 
     def deviations(self, rows: RowMask) -> _Real:
-        """Return the largest deviation of each of some sensors in standard deviations, shape (n,).
+        """Return the largest deviation of each sensor in standard deviations, shape (n,).
 
-        It is the part of the value that the others do not share, and 0 for a sensor that cannot be
-        compared with the others.
+        Only the part that the other `rows` do not share; 0 for a sensor without comparison.
         """
         return self._compare(rows)[0]
 

@@ -30,17 +30,7 @@ _ROUNDING = 1e-10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidShapes:
-    """Rigid-body shapes of the model of a part. They depend on its geometry alone.
-
-    Attributes
-    ----------
-    part : FRFPart
-        The part.
-    shapes : ndarray of float, shape (N, r)
-        Basis of the null space of the stiffness, by DOF of the model.
-    elastic : float
-        Frequency of the lowest elastic mode at the start of the unknowns, in Hz.
-    """
+    """Rigid-body shapes (N, r) of a model, from its geometry; lowest elastic frequency in Hz."""
 
     part: FRFPart
     shapes: NDArray[np.float64]
@@ -76,9 +66,9 @@ class RigidShapes:
         return bool(same.any())
 
     def around(self, dofs: Sequence[Dof]) -> NDArray[np.float64]:
-        """Return the shapes in the three directions at the nodes of DOFs, shape (n, 3, r).
+        """Return the shapes in three directions at the nodes of DOFs, shape (n, 3, r).
 
-        Directions of rotations for rotations; 0 for directions that the model lacks.
+        0 for directions that the model lacks; directions of rotations for rotations.
         """
         out = np.zeros((len(dofs), 3, self.shapes.shape[1]))
         for i, dof in enumerate(dofs):

@@ -62,13 +62,7 @@ class WrongUnit(Fault):
 
     @classmethod
     def parse(cls, channels: str, value: str) -> Self:
-        """Return the fault from its text.
-
-        Raises
-        ------
-        OptionError
-            If the factor is not above 0.
-        """
+        """Return the fault from its text."""
         found = super().parse(channels, value)
         if not found.value > 0.0:
             raise OptionError(f"repair 'scale': {value!r}; expected a factor above 0")

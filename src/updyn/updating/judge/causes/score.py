@@ -24,7 +24,7 @@ def fit_first_order(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _May
     """Return the least cost with a fault, or without, to first order, and the fault of best size.
 
     The cost is -2 ln of the likelihood with the noise level estimated, and of the prior of the
-    unknowns. All unknowns adapt, and the size of the fault if it is free.
+    unknowns.
     """
     frf = evidence.frf
     if fault is not None and not (fault.has_free_size and fault.value == 0.0):

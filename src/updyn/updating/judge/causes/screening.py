@@ -40,10 +40,7 @@ class _ScreenedElement:
 def select_elements(
     evidence: Evidence, elements: Sequence[AddedElement], most: int
 ) -> list[AddedElement]:
-    """Return the `most` elements that explain the data best, with starting values of their sizes.
-
-    All unknowns adapt, to first order.
-    """
+    """Return the elements that explain the data best, to first order, with starting sizes."""
     misfit = _Misfit.at(evidence)
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
     gains = np.concatenate(

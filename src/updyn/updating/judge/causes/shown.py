@@ -22,17 +22,7 @@ LIKELY = float(np.log(100.0))
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """A fault that the data show, and its odds.
-
-    Attributes
-    ----------
-    fault : DataFault
-        The fault.
-    log_odds : float
-        Logarithm of the odds that the data have it.
-    share : float
-        Share of the data that it affects.
-    """
+    """A fault that the data show, its log odds, and the share of the data that it affects."""
 
     fault: DataFault
     log_odds: float

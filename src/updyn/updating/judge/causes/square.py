@@ -20,24 +20,10 @@ _WITHOUT_WEIGHT = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CollocatedFrfs:
-    """Values between DOFs that have both a sensor and a force, without signs of labels.
+    """Values (n_f, n, n) between unsigned DOFs that have both a sensor and a force.
 
-    Attributes
-    ----------
-    labels : tuple of str
-        Labels of the DOFs, without signs.
-    rows, columns : ndarray of int, shape (n,)
-        Their positions among responses and references.
-    values : ndarray of complex, shape (n_f, n, n)
-        Values for a positive force and a positive motion in the same direction.
-    noise : ndarray of float, shape (n_f, n, n)
-        Standard deviation: the larger of the known one and the scatter of neighbouring lines.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    s : ndarray of complex, shape (n_f,)
-        Laplace variable of the lines, in 1/s.
-    quantity : str
-        Quantity of the values.
+    `rows` and `columns` are positions among responses and references; `noise` is the larger of the
+    known standard deviation and the scatter of neighbouring lines; `freq` is in Hz, `s` in 1/s.
     """
 
     labels: tuple[str, ...]

@@ -27,18 +27,9 @@ _FOLLOWED, _OF_A_KIND = 6, 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredFault:
-    """A fault and its expected gain at a point, to first order.
+    """A fault of the best size at the point x, and the log odds that the data have it (`gain`).
 
-    Attributes
-    ----------
-    fault : Fault
-        The fault with its best size there.
-    x : ndarray of float, shape (n,)
-        The point.
-    gain : float
-        Logarithm of the odds that the data have it.
-    log_evidence : float
-        The same, comparable between points.
+    `log_evidence` is comparable between points.
     """
 
     fault: Fault
@@ -55,12 +46,8 @@ class ScoredFault:
 def score_faults(part: FRFPart, x: _Real, *, promising: bool = False) -> list[ScoredFault]:
     """Return the faults with their expected gain at a point, the best first.
 
-    If `promising`, the residual there is nearly noise, and the evidence is meaningful.
-
-    Raises
-    ------
-    Stopped
-        If the user stops the run.
+    If `promising`, the residual there is nearly noise, and the evidence is meaningful. Raises
+    `Stopped` if the user stops the run.
     """
     try:
         evidence = Evidence(part, x)

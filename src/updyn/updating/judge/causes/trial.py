@@ -66,26 +66,11 @@ LARGEST_CORRELATION = 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """The end of a short fit.
+    """The end of a short fit to data corrected for a fault.
 
-    Attributes
-    ----------
-    fault : Fault or None
-        Fault for which the data were corrected.
-    x : ndarray of float, shape (n,)
-        End of the fit.
-    mean_square : float
-        Mean square of the residual log misfit.
-    squared_distance : float
-        Squared distance of the unknowns from their start, in units of their spread.
-    correlation : float
-        Correlation of the misfit of neighbouring lines.
-    n_values : int
-        Number of real values with weight.
-    n_parameters : int
-        Number of parameters of the fault that the data determine.
-    quadratic : QuadraticMisfit or None
-        The misfit near the end, to second order; None without held quantities.
+    `squared_distance` is that of the unknowns from their start, in units of their spread;
+    `correlation` is that of neighbouring lines; `n_parameters` are those of the fault that the data
+    determine; `quadratic` is None without held quantities.
     """
 
     fault: Fault | None
@@ -119,9 +104,8 @@ class Trial:
         """Return the logarithm of the ratio of the evidence to that of another trial.
 
         Values that are correlated along the lines count less; each parameter of a fault costs as
-        much as in the Bayesian information criterion (Schwarz, Ann. Stat. 6 (1978) 461). Gains over
-        the same trial are comparable if they use the same correlation of neighbouring lines,
-        `correlation`; by default it is the smaller one of the two trials.
+        much as in the Bayesian information criterion (Schwarz, Ann. Stat. 6 (1978) 461). Gains are
+        comparable only with the same `correlation`, by default the smaller one of the two trials.
         """
         return self.compare(other, correlation)[0]
 
@@ -159,10 +143,10 @@ def run_trial(
     is_short: bool = False,
     rival: Trial | None = None,
 ) -> Trial | None:
-    """Return the best of short fits from some points to data corrected for a fault, if any.
+    """Return the best of short fits to data corrected for a fault; None if none can be solved.
 
-    None if the model cannot be solved. With `is_short`, the fits have few steps. `rival` is a trial
-    that leaves only noise: a fit with a much larger misfit at its best size ends early.
+    A fit with a much larger misfit at its best size than `rival`, which leaves only noise, ends
+    early.
     """
     steps = _SHORT if is_short else _WHOLE
     ends = [_fit_with_fault(part, fault, x, *steps, rival) for x in points]

@@ -75,13 +75,7 @@ class TurnedSensor(Fault):
         return self.adapt_to(Evidence(part, x))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data in the directions that the labels state.
-
-        Raises
-        ------
-        OptionError
-            If a node lacks one of the two directions.
-        """
+        """Return the data in the directions that the labels state."""
         turn = _ChannelRotation.of(self.channels, frf)
         left, right = (
             side.rotation(-np.radians(self.value)) for side in (turn.responses, turn.references)
@@ -134,13 +128,7 @@ class TurnedSensor(Fault):
 
     @classmethod
     def parse(cls, channels: str, value: str) -> Self:
-        """Return the fault from its text.
-
-        Raises
-        ------
-        OptionError
-            If a channel is not a node with an axis X, Y or Z, or the angle is not a number.
-        """
+        """Return the fault from its text."""
         found = super().parse(channels, value)
         axes = [Dof.parse(name.removeprefix(FORCE)).direction for name in found.channels]
         if not axes or any(axis.startswith("R") for axis in axes):
@@ -173,13 +161,7 @@ def list_rotation_axes(dofs: DofSet) -> list[Dof]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _DofRotation:
-    """Rotations of the responses, or of the references.
-
-    Attributes
-    ----------
-    generator : ndarray of float, shape (n, n)
-        d (measured) / d angle; skew-symmetric.
-    """
+    """Rotations of responses or references; `generator` is d (measured) / d angle."""
 
     generator: _Real
 

@@ -22,12 +22,7 @@ __all__ = ["WrongAxes"]
 class WrongAxes(IrreparableFault):
     """The beams of the groups in `channels` have exchanged section axes in the model.
 
-    Attributes
-    ----------
-    compiled_variant : CompiledVariant or None
-        The model with the correct axes.
-    n_places : int
-        Number of variants of the model that were compared; they share the odds of the kind.
+    `compiled_variant` has the correct axes; the `n_places` variants share the odds of the kind.
     """
 
     compiled_variant: CompiledVariant | None = field(default=None, compare=False, repr=False)
