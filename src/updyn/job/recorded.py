@@ -26,19 +26,7 @@ __all__ = ["RecordedFRFs", "RecordedSetup", "estimate_from_records"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedSetup:
-    """The records of one setup.
-
-    Attributes
-    ----------
-    files : tuple of str
-        File names in the job.
-    records : Records
-        All records.
-    rejected : mapping of int to str
-        Rejected records (counted from 1) and the reasons.
-    findings : tuple of RecordFinding
-        Faults of the records, rejected ones included.
-    """
+    """The records of one setup; `rejected` has reasons by number (from 1), `findings` faults."""
 
     files: tuple[str, ...]
     records: Records
@@ -58,15 +46,7 @@ class RecordedSetup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedFRFs:
-    """FRFs of time records.
-
-    Attributes
-    ----------
-    frf : FRF
-        FRFs of all setups.
-    setups : tuple of RecordedSetup
-        In the order of the job.
-    """
+    """FRFs of time records, of all setups in the order of the job."""
 
     frf: FRF
     setups: tuple[RecordedSetup, ...]
@@ -76,7 +56,7 @@ def estimate_from_records(job: Document, table: RecordsTable) -> RecordedFRFs:
     """Read the records of a job, check them for faults, and estimate FRFs.
 
     An `InputError` with the key of the job is raised if a file cannot be read, a channel is not in
-    it, a pair of DOFs was measured twice, or the like.
+    it, or a pair of DOFs was measured twice.
     """
     setups: list[RecordedSetup] = []
     frfs: list[FRF] = []

@@ -50,8 +50,7 @@ def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model
 def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) -> Correlation:
     """Correlate a model at the start values of its unknowns with all FRFs of a test.
 
-    An `OptionError` is raised if modes were measured, a `SolverError` if the model cannot be
-    solved.
+    Raises `OptionError` if modes were measured, `SolverError` if the model cannot be solved.
     """
     frf, method = test.frf, test.job.method
     model, tier = start_model(test, unknowns), method.tier

@@ -1,8 +1,6 @@
-"""Line number of each key in a TOML text.
+"""Line number of each key in a TOML text, which `tomllib` does not keep.
 
-`tomllib` does not keep line numbers. This scanner reads a text that `tomllib` has accepted, so it
-checks nothing and only records the places of keys, dotted keys, tables, arrays of tables, inline
-tables and array items.
+The scanner reads a text that `tomllib` has accepted, so it checks nothing.
 """
 
 from __future__ import annotations
@@ -39,10 +37,9 @@ def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
 
 
 def toml_lines(text: str) -> dict[Place, int]:
-    """Return the line of every table, key and array item of a valid TOML text.
+    """Return the line (from 1) of every table, key and array item of a valid TOML text.
 
-    Lines count from 1. A table that is opened more than once, or by a dotted key, has its first
-    line.
+    A table that is opened more than once, or by a dotted key, has its first line.
     """
     return _Scanner(text.replace("\r\n", "\n")).run()
 
