@@ -1,9 +1,8 @@
 """Antiresonances of a channel: frequency, width, and shift in a plant.
 
-Near a zero close to the imaginary axis a response is H(omega) = c (omega - omega_z - i sigma), with
-the frequency omega_z and the half-power width 2 |sigma|. If the zero of a plant is off by a tenth
-of the width, its error at omega_z is a fifth of |H|. Errors at antiresonances are therefore shares
-of the magnitude one width away, and the shift of the zero is stated separately.
+Near a zero, H(omega) = c (omega - omega_z - i sigma) has the half-power width 2 |sigma|. A shift by
+a tenth of the width is an error of a fifth of |H| at omega_z. Errors at antiresonances are
+therefore shares of the magnitude one width away, and the shift is stated separately.
 """
 
 from __future__ import annotations
@@ -47,15 +46,7 @@ _MATCH_DISTANCE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Dip:
-    """An antiresonance of a channel.
-
-    Attributes
-    ----------
-    frequency : float
-        In Hz.
-    width : float
-        Half-power width in Hz.
-    """
+    """An antiresonance of a channel: frequency and half-power width, in Hz."""
 
     frequency: float
     width: float
@@ -63,22 +54,10 @@ class Dip:
 
 @dataclass(frozen=True, slots=True)
 class ZeroShift:
-    """An antiresonance of the structure and its counterpart in the plant.
+    """An antiresonance of the structure, in Hz, and its relative shift in the plant, in percent.
 
-    Attributes
-    ----------
-    output, input : str
-        Names of the channel's ports.
-    frequency : float
-        Frequency in the structure, in Hz.
-    shift : float
-        Relative shift in the plant, in percent of the frequency; nan if the plant has no zero
-        within a tenth.
-    depth : float
-        Depth in the structure: ratio of the lower of the two adjacent maxima to the response at the
-        antiresonance, in dB.
-    plant_depth : float
-        Depth in the plant.
+    The shift is nan if the plant has no zero within a tenth. Depths in dB are the ratio of the
+    lower adjacent maximum to the response at the antiresonance, in structure and plant.
     """
 
     output: str
@@ -92,8 +71,7 @@ class ZeroShift:
 def find_dips(freq: _Real, values: _Complex) -> list[Dip]:
     """Return the antiresonances of one channel from its values at lines in Hz, ascending.
 
-    At each minimum the response is interpolated by (a + b f) / (1 + c f) through three lines, whose
-    zero is complex.
+    They are the complex zeros of (a + b f) / (1 + c f) through the three lines at each minimum.
     """
     size = np.abs(values)
     low = 1 + np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]))
@@ -128,10 +106,7 @@ def find_antiresonances(freq: _Real, values: _Complex) -> list[Dip]:
 def resolve_antiresonances(
     response: Callable[[_Real], _Complex], freq: _Real, values: _Complex
 ) -> tuple[_Real, _Complex]:
-    """Return lines and values with additional lines around every antiresonance.
-
-    `response` is a function of lines in Hz with values of shape (n_f, n_y, n_u).
-    """
+    """Return lines in Hz and values, with additional lines around every antiresonance."""
     low, high = freq[0], freq[-1]
     for number in range(_ROUNDS):
         steps = _AROUND if number == _ROUNDS - 1 else np.array([-1.0, 0.0, 1.0])
@@ -184,10 +159,9 @@ def _highest(freq: _Real, size: _Real) -> _Real:
 def antiresonance_shifts(
     freq: _Real, values: _Complex, answer: _Complex, zeros: _Complex
 ) -> list[tuple[float, float, float, float]]:
-    """Return frequency, shift (percent), depth and the plant's depth (dB) of each antiresonance.
+    """Return frequency, shift (percent), depth and plant depth (dB) of each antiresonance.
 
-    `values` and `answer` are the responses of structure and plant at the lines; `zeros` are those
-    of the plant, in rad/s.
+    `values` is the response of the structure, `answer` that of the plant; `zeros` are in rad/s.
     """
     size, plant_size = np.abs(values), np.abs(answer)
     zero_frequencies = np.abs(zeros.imag[zeros.imag > 0]) / (2.0 * np.pi)

@@ -46,11 +46,7 @@ def bode(
     level: str | None = None,
     ax: WhichAxes | None = None,
 ) -> Figure:
-    """Return the figure of `updyn.plots.plant`, with the same arguments.
-
-    Raises OptionError without matplotlib or for an invalid argument, DataError for invalid lines or
-    more than 16 channels.
-    """
+    """Return the figure of `updyn.plots.plant`, with the same arguments and errors."""
     if isinstance(found, Servo | Loop):
         loop = found if isinstance(found, Loop) else found.loops[-1]
         if freq is not None:

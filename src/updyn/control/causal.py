@@ -1,19 +1,15 @@
 """Lower bound on the error of any stable plant over a band, with its gain outside limited.
 
-Structural damping is not causal: the response H(i omega) of the structure is not that of a stable
-system. On a band alone the error has no minimum: an unconstrained plant approximates H in the band
-arbitrarily well, with a gain outside that grows without bound. With a limit g on the gain outside a
-minimum exists, by Nehari's theorem. Let |W| be eps times the reference of the errors in the band,
-and g outside, with W outer (no zeros or poles in the right half-plane), and F = H in the band, 0
-outside. A stable G with |G - F| <= |W| exists if and only if the Hankel operator of F / W has a
-norm of at most 1 (Z. Nehari, Annals of Mathematics 65 (1957) 153-162; for a band, L. Baratchart, J.
-Leblond & J. R. Partington, Constructive Approximation 12 (1996) 423-435). The least eps is found by
-bisection.
+Structural damping is not causal; without a limit on its gain outside, a stable plant approximates H
+in the band arbitrarily well. Let |W| be eps times the reference of the errors in the band and the
+limit g outside, W outer, and F = H in the band, 0 outside. A stable G with |G - F| <= |W| exists if
+and only if the Hankel operator of F / W has a norm of at most 1 (Z. Nehari, Annals of Mathematics
+65 (1957) 153-162; for a band, L. Baratchart, J. Leblond & J. R. Partington, Constructive
+Approximation 12 (1996) 423-435). Bisection gives the least eps.
 
-The right half-plane is mapped to the outside of the unit circle, s = i omega_0 tan(theta / 2). A
-section of the Hankel matrix has at most the norm of the operator, so the result is a lower bound up
-to the resolution of the circle. The bound is computed for the difference from a known plant, which
-is small and smooth at resonances.
+On the unit circle, s = i omega_0 tan(theta / 2), a section of the Hankel matrix has at most the
+norm of the operator, so the result is a lower bound up to the resolution of the circle. It is
+computed for the difference from a known plant, which is small and smooth at resonances.
 """
 
 from __future__ import annotations
@@ -69,16 +65,10 @@ _UNLIMITED = 1e30
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Evenly spaced points of the unit circle as frequencies.
+    """Evenly spaced points of the unit circle as frequencies; their number n is a power of 2.
 
-    Attributes
-    ----------
-    n : int
-        Number of points, a power of 2.
-    scale : float
-        Frequency in Hz at a right angle.
-    margin : float
-        Width of the margins of the band, as a logarithm of frequency.
+    `scale` is the frequency in Hz at a right angle, `margin` the width of the margins of the band,
+    as a logarithm of frequency.
     """
 
     n: int
@@ -135,10 +125,10 @@ def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Co
 
 
 def hankel_norm(circle: Circle, values: _Complex) -> float:
-    """Return the largest distance of a function on the axis from the nearest stable one.
+    """Return the largest distance of a function on the axis from the nearest stable one (Nehari).
 
-    The norm of a section of its Hankel operator (Nehari). `values` are those of a real system at
-    the points of the circle: conjugate at negative frequencies.
+    It is the norm of a section of its Hankel operator. `values` are conjugate at negative
+    frequencies.
     """
     n = circle.n // _SECTION
     c = circle.coefficients(values).real[1 : 2 * n]
@@ -160,20 +150,10 @@ def hankel_norm(circle: Circle, values: _Complex) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelDifference:
-    """Difference of a structure from a plant in one channel.
+    """Difference of a structure from a plant in one channel, a function of lines in Hz of the band.
 
-    Attributes
-    ----------
-    difference : callable
-        Function of lines in Hz of the band: the structure's response less the plant's.
-    reference : callable
-        Function of lines in Hz of the band: denominator of the error.
-    below, above : float
-        Largest permitted difference of a stable system from the plant, below and above the band;
-        below after division by `growth`.
-    growth : int
-        Power of the growth of the response towards 0 Hz: the limit below the band is `below`
-        |1 + low / (i f)|^growth.
+    `reference` is the denominator of the error. Outside the band a stable system differs from the
+    plant by at most `above`, or below it `below` |1 + low / (i f)|^growth.
     """
 
     difference: Callable[[_Real], _Complex]
@@ -188,8 +168,7 @@ def error_lower_bound(
 ) -> float:
     """Return a lower bound on the largest error of any stable system in a band, as a share.
 
-    `known` is a bound such as that of another channel, which is returned if this one is lower; 0 if
-    the bound is rounding.
+    A larger `known` bound is returned instead, and 0 for a bound that is rounding.
     """
     low, high = band
     circle = Circle.of(band)
@@ -246,10 +225,9 @@ def channel_differences(
 ) -> list[ChannelDifference]:
     """Return the differences of a structure from a selection of candidates, channel by channel.
 
-    `freq` are ascending lines of the band in Hz that resolve the structure; `structure` is its
-    response as a function of lines, shape (n_f, n_y, n_u); `level` is the denominator of the
-    errors. `outside` are the structure's modes, for its gain outside the band; `growth` is the
-    power of the growth of each output towards 0 Hz. The list has all inputs of each output.
+    `freq` must resolve the structure. `outside` are its modes, for the gain outside the band;
+    `growth` is the power of the growth of each output towards 0 Hz. The list has all inputs of each
+    output.
     """
     band = float(freq[0]), float(freq[-1])
     cache: dict[bytes, _Complex] = {}

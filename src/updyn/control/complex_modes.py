@@ -1,27 +1,23 @@
 """Complex modes of the damped structure as a real, causal and stable system.
 
-With structural damping the model has the receptance (M = I in modal coordinates)
+With structural damping D the receptance is, in modal coordinates (M = I),
 
     H(s) = (s^2 I + s C + Omega^2 + i D)^-1 = sum_j  u_j u_j^T / (s - s_j)
 
     with  u_j^T (2 s_j I + C) u_j = 1
 
-(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil). Its 2r poles are not
-conjugate pairs: r of them lie above the real axis, are stable and cause the resonances; of the r
-below it some are unstable because of the structural damping. At positive frequencies the poles
-below are far away. They are replaced by the conjugates of those above:
+(Tisseur & Meerbergen, SIAM Review 43 (2001) 235-286, for a symmetric pencil). The poles above the
+real axis are stable and cause the resonances. Some of those below it are unstable; all of these are
+replaced by the conjugates of those above:
 
     G(s) = sum_{Im s_j > 0}  u_j u_j^T / (s - s_j) + conj(u_j u_j^T) / (s - conj(s_j)).
 
 For one mode with loss factor eta the change is about 3 eta^2 / 8 of its peak at resonance, and at
-most eta^2 at 0 Hz, where no causal system has losses; poles and residues of the resonances do not
-change. For strong local damping this is more accurate than any real damping matrix. G is stable; it
-is passive only if the damping of the structure is nearly causal. Real poles, of rigid-body motion
-and of overdamped motion with a viscous damper, are those of the structure without D.
+most eta^2 at 0 Hz. G is passive only if the damping of the structure is nearly causal. Real poles
+(rigid-body and overdamped motion) are those of the structure without D.
 
-The residues of all poles of a causal structure sum to 0, so a force step causes no jump of a
-velocity. Those of G nearly do: a velocity gets a small feed-through in the band. A real pole above
-the band removes it, so the plant rolls off as the structure does.
+The residues of a causal structure sum to 0, those of G only nearly: a velocity gets a small
+feed-through in the band, which a real pole above the band removes.
 """
 
 from __future__ import annotations
@@ -66,20 +62,11 @@ _AT_ZERO = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComplexModes:
-    """Poles above the real axis with their vectors, and the part with real poles.
+    """Poles above the real axis with their vectors u_j at the ports, and the part with real poles.
 
-    Attributes
-    ----------
-    poles : ndarray of complex, shape (m,)
-        In rad/s, by ascending frequency.
-    at_outputs, at_inputs : ndarray of complex, shapes (n_y, m), (n_u, m)
-        u_j at the ports.
-    slow : tuple of ndarray
-        A, B and C of the motion with real poles; C gives displacements.
-    powers : ndarray of int, shape (n_y,)
-        0, 1 or 2: displacement, velocity or acceleration.
-    fast : float
-        The real pole above the band, in rad/s.
+    `poles` in rad/s, shape (m,), ascend by frequency; the vectors have shapes (n_y, m) and
+    (n_u, m). `slow` are A, B, C of the motion with real poles, C of displacements. `powers` are 0,
+    1, 2 for displacement, velocity, acceleration. `fast` is the real pole above the band, in rad/s.
     """
 
     poles: _Complex
@@ -169,10 +156,7 @@ class ComplexModes:
         return whole, np.choose(self.powers[:, None], [nothing, speed, nothing])
 
     def blocks(self, kept: NDArray[np.bool_], right: _Complex) -> tuple[_Real, _Real]:
-        """Return A and B: the slow part, and real blocks [[a, b], [-b, a]] of the poles a + ib.
-
-        `right` are the vectors of the selected modes at the inputs, shape (n_u, n_kept).
-        """
+        """Return A and B: the slow part, and real blocks [[a, b], [-b, a]] of the poles a + ib."""
         A0, B0, _ = self.slow
         poles = self.poles[kept]
         n, m = len(A0), len(poles)
@@ -205,10 +189,7 @@ class ComplexModes:
 
 
 def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> ComplexModes:
-    """Return the complex modes of a structure; `top` is the upper end of the band in Hz.
-
-    Raises ModelError if a pole is defective.
-    """
+    """Return the complex modes, `top` in Hz; raises ModelError for a defective pole."""
     slow_A, slow_B, slow_C, n_slow = _slow_matrices(space)
     r = len(space)
     wanted = (2 * r - n_slow) // 2
@@ -316,19 +297,10 @@ def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedModes:
-    """Complex modes and real poles with fitted outputs.
+    """Complex modes and real poles with outputs fitted to a target.
 
-    Attributes
-    ----------
-    base : ComplexModes
-        The modes.
-    target : ResponseTarget
-        The fitted response.
-    extra : ndarray of float, shape (n,)
-        Real poles, in rad/s; each has one state per input.
-    at_rest : bool
-        Whether velocities and accelerations of a supported structure are exactly 0 at s = 0, as
-        those of the structure.
+    `extra` are the real poles in rad/s, each with one state per input. With `at_rest`, velocities
+    and accelerations of a supported structure are exactly 0 at s = 0, as those of the structure.
     """
 
     base: ComplexModes

@@ -38,19 +38,11 @@ REFUSED = {
 
 @dataclass(frozen=True, slots=True)
 class ConversionError:
-    """Errors of a conversion of the damping with all modes.
+    """Errors of a conversion of the damping with all modes, as those of a `Plant`.
 
-    Attributes
-    ----------
-    name : str
-        ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"``,
-        ``"single-frequency"``.
-    error, peak_error : float
-        As those of a `Plant`; nan if the conversion is not possible.
-    note : str
-        The reason for an impossible conversion, or a remark.
-    relative_error : float
-        As that of a `Plant`.
+    `name` is ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"`` or
+    ``"single-frequency"``. Errors are nan if the conversion is not possible; `note` gives the
+    reason.
     """
 
     name: str

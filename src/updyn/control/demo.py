@@ -1,14 +1,8 @@
 """The antenna demo with the plant of its azimuth axis and a servo on it.
 
-Model, measurements and update are those of `updyn.demos.antenna`.
-
-Torque and speed of the motor refer to the load. An encoder on the motor closes the velocity loop,
-one on the turntable the position loop; the wind turns the dish. The elevation motor is free, as in
-the test with free rotors.
-
-The controller is designed for a crossover of 7 Hz from the inertia of the drawings. Its notch is at
-the resonance of torque to motor speed according to the drawings, 9.55 Hz, and as narrow as these
-permit.
+Model, measurements and update are those of `updyn.demos.antenna`. The controller is designed from
+the drawings: a crossover of 7 Hz from the inertia, and a notch at the resonance of torque to motor
+speed, 9.55 Hz, as narrow as the drawings permit.
 """
 
 from __future__ import annotations
@@ -87,9 +81,8 @@ def epilogue(results: Sequence[JointResult], folder: Path) -> str:
 def azimuth_plant(model: Model) -> Plant:
     """Return the plant of the azimuth axis of the antenna with free rotors.
 
-    Inputs are the torque of the motor, referred to the load, and that of the wind at the hub, in N
-    m; outputs the speed of the motor, referred to the load, in rad/s, and the angles of turntable
-    and hub in rad.
+    Inputs: motor torque, referred to the load, and wind torque at the hub, in N m. Outputs: motor
+    speed, referred to the load, in rad/s, and the angles of turntable and hub in rad.
     """
     return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, error="peak")
 

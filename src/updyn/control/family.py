@@ -50,28 +50,11 @@ _TRAINING, _FOR_EACH, _WIDE = 6, 2.0 / 3.0, 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantFamily:
-    """A nominal plant and plants at draws of the parameters.
+    """A nominal plant and plants at draws of the parameters, with equal ports and quantities.
 
-    All have the same inputs, outputs and quantities; the number of modes may differ.
-
-    Attributes
-    ----------
-    nominal : Plant
-        Plant at the estimate.
-    members : tuple of Plant
-        One plant per draw.
-    names : tuple of str
-        Names of the parameters.
-    values : ndarray of float, shape (n, n_unknowns)
-        The draws by member, in the unit of each parameter.
-    facts : dict
-        Provenance.
-
-    Raises
-    ------
-    ModelError
-        If there are no members, one differs from the nominal plant in its ports, or `values` has
-        another shape.
+    `nominal` is the plant at the estimate; `values`, shape (n, n_unknowns), are the draws by
+    member, in the unit of each parameter; `facts` is the provenance. The number of modes may
+    differ. Raises ModelError without members, or if ports or shapes do not agree.
     """
 
     nominal: Plant
@@ -126,23 +109,7 @@ class PlantFamily:
         return max(p.error for p in (self.nominal, *self.members))
 
     def response(self, freq: ArrayLike) -> _Complex:
-        """Compute the frequency responses of the members.
-
-        Parameters
-        ----------
-        freq : array_like of float, shape (n_f,)
-            Lines in Hz, increasing.
-
-        Returns
-        -------
-        ndarray of complex, shape (n, n_f, n_outputs, n_inputs)
-            Output over input, in their units.
-
-        Raises
-        ------
-        DataError
-            As `Plant.response`.
-        """
+        """Return the responses of the members at lines in Hz, shape (n, n_f, n_y, n_u)."""
         lines = check_lines(np.atleast_1d(np.asarray(freq)))
         if (
             lines[0] == 0.0 or self.nominal.dt is not None
@@ -151,23 +118,7 @@ class PlantFamily:
         return np.array([sweep(member, lines) for member in self.members])
 
     def spread(self, freq: ArrayLike) -> tuple[_Real, _Real]:
-        """Return the range of magnitudes of the family, including the nominal plant.
-
-        Parameters
-        ----------
-        freq : array_like of float, shape (n_f,)
-            Lines in Hz, increasing.
-
-        Returns
-        -------
-        lowest, highest : ndarray of float, shape (n_f, n_outputs, n_inputs)
-            |output over input|, in their units.
-
-        Raises
-        ------
-        DataError
-            As `Plant.response`.
-        """
+        """Return the smallest and largest magnitude over all plants at lines in Hz."""
         size = np.abs(
             np.concatenate([self.nominal.response(freq).values[None], self.response(freq)])
         )
@@ -201,34 +152,14 @@ class PlantFamily:
         return "\n".join([*lines, *filter(None, [self.facts.get("note", "")])])
 
     def channel(self, output: str, input: str) -> PlantFamily:
-        """Return the family between one input and one output.
-
-        Parameters
-        ----------
-        output, input : str
-            Names.
-
-        Raises
-        ------
-        OptionError
-            If a name is unknown; the nearest is named.
-        """
+        """Return the family between two named ports; raises OptionError for an unknown name."""
         return self.each(lambda plant: plant.channel(output, input))
 
     def each(self, change: Callable[[Plant], Plant]) -> PlantFamily:
         """Return the family with a function applied to every plant.
 
-        Such as ``family.each(lambda p: sampled(p, 1e-3))``.
-
-        Parameters
-        ----------
-        change : callable
-            Function of a plant that returns a plant.
-
-        Raises
-        ------
-        ModelError
-            If inputs, outputs or sampling of the plants differ afterwards.
+        Such as ``family.each(lambda p: sampled(p, 1e-3))``. Raises ModelError if inputs, outputs or
+        sampling of the plants differ afterwards.
         """
         members = tuple(map(change, self.members))
         return replace(self, nominal=change(self.nominal), members=members)
@@ -345,18 +276,10 @@ def plant_family(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ParameterDraws:
-    """Draws of the parameters.
+    """Draws of the parameters of the members, shape (n, n_unknowns), with their method.
 
-    Attributes
-    ----------
-    values : ndarray of float, shape (n, n_unknowns)
-        Draws of the members.
-    training : ndarray of float, shape (k, n_unknowns)
-        Draws that enrich the basis of all members, independent of n and the seed.
-    source, note : str
-        Method of the draws, and a note on them.
-    cut : dict of str to float
-        Shares that were clipped at a bound, by parameter.
+    `training` are draws that enrich the basis of all members, independent of n and the seed; `cut`
+    are the shares that were clipped at a bound, by parameter.
     """
 
     values: _Real

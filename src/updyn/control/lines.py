@@ -50,10 +50,7 @@ def dense_lines(
     high: float,
     per_decade: int = _PER_DECADE,
 ) -> _Real:
-    """Return ascending lines in Hz that resolve every resonance and antiresonance.
-
-    `sharp` and `others` are poles and zeros in rad/s, with fine and coarse resolution.
-    """
+    """Return ascending lines in Hz that resolve poles and zeros in rad/s, `sharp` ones finely."""
     count = int(np.ceil(np.log10(high / low) * per_decade)) + 1
     lines = [np.geomspace(low, high, max(count, 2))]
     for roots, offsets in ((sharp, _FINE), (others, _COARSE)):

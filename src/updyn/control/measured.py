@@ -27,18 +27,10 @@ _TWO_PI = 2.0 * np.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PortMeasurement:
-    """A measurement between ports.
+    """A measurement between ports: the values, and the poles of its modes in the band, in rad/s.
 
-    Attributes
-    ----------
-    target : ResponseTarget
-        The measured values.
-    deviation : ndarray of float, shape (n_f, n_y, n_u)
-        Standard deviations of the values; 0 if unknown.
-    poles : ndarray of complex, shape (n,)
-        Poles of the modes identified in the band, in rad/s.
-    noise : str
-        Source of the deviations.
+    `deviation`, shape (n_f, n_y, n_u), are standard deviations of the values, 0 if unknown; `noise`
+    is their source.
     """
 
     target: ResponseTarget

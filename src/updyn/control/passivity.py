@@ -87,10 +87,7 @@ def passive_channels(plant: Plant, powers: NDArray[np.intp]) -> dict[tuple[int, 
 
 
 def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real:
-    """Return one frequency in rad/s of each interval in which a channel generates power.
-
-    `power` is 0, 1 or 2 for displacement, velocity or acceleration.
-    """
+    """Return one frequency in rad/s of each interval in which a channel generates power."""
     A, B, C, D = matrices
     crossings = _crossings(A, B, C, D, -1.0 if power != 1 else 1.0)
     size = np.abs(np.linalg.eigvals(A))

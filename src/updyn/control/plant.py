@@ -26,17 +26,7 @@ _DRAWN, _DRAWN_LINES = 8, 300
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantResponse:
-    """The frequency response of a plant.
-
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    values : ndarray of complex, shape (n_f, n_outputs, n_inputs)
-        Output over input, in their units.
-    outputs, inputs : tuple of str
-        Names.
-    """
+    """The frequency response of a plant at lines in Hz, values (n_f, n_outputs, n_inputs)."""
 
     freq: _Real
     values: _Complex
@@ -51,18 +41,7 @@ class PlantResponse:
         return self.values[item]
 
     def frf(self, quantity: str = "receptance") -> FRF:
-        """Return the response as an `FRF`, if every input and output is one signed DOF.
-
-        Parameters
-        ----------
-        quantity : {"receptance", "mobility", "accelerance"}
-            Quantity of the outputs.
-
-        Raises
-        ------
-        DofError
-            If a name is not the label of a DOF.
-        """
+        """Return the response as an `FRF`; raises DofError if a name is not the label of a DOF."""
         return FRF(self.freq, self.values, self.outputs, self.inputs, quantity, source="plant")
 
 

@@ -3,10 +3,9 @@
     G(s) = rigid-body motion + sum_j  c_j b_j^T / (s - p_j) + conj(c_j b_j^T) / (s - conj(p_j))
            + sum_k  c_k b_k^T / (s + a_k)  (+ E / s + D, of displacements)
 
-Rigid-body motion and real poles of viscous dampers are those of the model. A pole has one pair of
-vectors b and c: residues have rank one, as those of a structure. Velocities have no feed-through,
-accelerations are 0 at rest, so the response at low frequencies and after a step is that of the
-model.
+Rigid-body motion and real poles of viscous dampers are those of the model. Residues have rank one,
+as those of a structure. Velocities have no feed-through and accelerations are 0 at rest, as those
+of the model.
 """
 
 from __future__ import annotations
@@ -31,16 +30,9 @@ _TWO_PI = 2.0 * np.pi
 class SlowMotion:
     """The part that an approximation keeps exactly: rigid-body motion and other real poles.
 
-    Attributes
-    ----------
-    A, B : ndarray of float, shapes (n, n), (n, n_u)
-        State matrices.
-    displacements : ndarray of float, shape (n_y, n)
-        Rows of the outputs as displacements.
-    velocities : ndarray of int, shape (k,)
-        States that are velocities of rigid-body modes without a damper.
-    frequency : ndarray of float, shape (m,)
-        Natural frequencies of its oscillating modes, those below the band, in Hz.
+    `displacements`, shape (n_y, n), are the rows of the outputs as displacements; `velocities` the
+    states that are velocities of undamped rigid-body modes; `frequency` the natural frequencies of
+    its oscillating modes, those below the band, in Hz.
     """
 
     A: _Real
@@ -78,26 +70,11 @@ class SlowMotion:
 class Rational:
     """A rational approximation, which always keeps all of its poles.
 
-    Attributes
-    ----------
-    slow : SlowMotion
-        The exact part.
-    powers : ndarray of int, shape (n_y,)
-        0, 1 or 2: displacement, velocity or acceleration.
-    pairs : ndarray of complex, shape (m,)
-        Poles above the real axis, in rad/s.
-    rates : ndarray of float, shape (k,)
-        a of the real poles -a, in rad/s.
-    right : ndarray of complex, shape (n_u, m + k)
-        Vectors b of pairs and real poles.
-    rows : ndarray of float, shape (n_y, 2 m + k)
-        Output rows of the states of these poles.
-    drift : ndarray of float, shape (n_y, n_still)
-        E: output rows of displacements for the velocities of rigid-body motion.
-    through : ndarray of float, shape (n_y, n_u)
-        D.
-    structure : ndarray of complex, shape (m,)
-        Nearest pole of the structure for each pair, in rad/s; nan if none corresponds.
+    It has m `pairs` (poles above the real axis, rad/s) and k `rates` (a of real poles -a, rad/s).
+    `right`, shape (n_u, m + k), are the vectors b, `rows`, shape (n_y, 2 m + k), the output rows of
+    their states, `drift` is E, shape (n_y, n_still), and `through` is D. `structure`, shape (m,),
+    is the nearest pole of the structure for each pair, in rad/s; nan if none corresponds. `powers`
+    are 0, 1, 2 for displacement, velocity, acceleration.
     """
 
     slow: SlowMotion

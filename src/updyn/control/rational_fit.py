@@ -1,12 +1,10 @@
 """`Approximation`: a rational approximation of the damped response, with relative weights.
 
-The poles of a `Rational` are placed by vector fitting (Gustavsen & Semlyen 1999, see
-`updyn.modal.vector_fitting`) of all channels at once, each line divided by its level, which gives
-small and large responses the same relative accuracy. Weights increase at the lines with the largest
+Vector fitting (Gustavsen & Semlyen 1999, see `updyn.modal.vector_fitting`) places the poles of all
+channels at once, each line divided by its level. Weights increase at the lines with the largest
 errors (C. L. Lawson 1961; G. R. Ellis & J. R. Rice, SIAM J. Numer. Anal. 5 (1968) 1-10), so the
-largest error decreases instead of the mean square. For several inputs all parameters are refined
-together by Gauss-Newton steps. The outputs are fitted last, by linear least squares that keep the
-collocated channels passive (`updyn.control.passivity`).
+largest error decreases instead of the mean square. For several inputs, Gauss-Newton steps refine
+all parameters. Last, linear least squares fit the outputs and keep collocated channels passive.
 """
 
 from __future__ import annotations
@@ -55,22 +53,11 @@ _TWO_PI = 2.0 * np.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approximation:
-    """The response to approximate, and the initial poles.
+    """The response to approximate, and the initial poles above the real axis, in rad/s.
 
-    Attributes
-    ----------
-    target : ResponseTarget
-        The response.
-    slow : SlowMotion
-        The part that is kept exactly.
-    powers : ndarray of int, shape (n_y,)
-        0, 1 or 2 for each output.
-    poles : ndarray of complex, shape (n,)
-        Initial poles above the real axis, in rad/s, by decreasing importance.
-    collocated : sequence of (int, int)
-        Channels that stay passive, by index of output and input.
-    weight : ndarray of float, shape (n_f, n_y, n_u)
-        Weight of the errors; by default the reciprocal of the level.
+    `slow` is kept exactly. `poles` are by decreasing importance. `collocated` are the channels
+    (output, input) that stay passive. `weight`, shape (n_f, n_y, n_u), is by default the reciprocal
+    of `level`. `powers` are 0, 1, 2 for displacement, velocity, acceleration.
     """
 
     target: ResponseTarget
@@ -142,8 +129,8 @@ class Approximation:
     def refit(self, like: Rational, tolerance: float, steps: int) -> Rational:
         """Return the approximation with the poles and vectors b of a similar one, refined.
 
-        Its poles are first moved by the difference of the poles of the structure. `steps` is the
-        number of Gauss-Newton steps; 0 for a single input or output.
+        Its poles first move with those of the structure; then `steps` Gauss-Newton steps follow (0
+        for a single input or output).
         """
         assert self.weight is not None
         weight = self.weight

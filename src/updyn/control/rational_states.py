@@ -24,8 +24,7 @@ def find_fewest_states(
 ) -> CandidateSelection:
     """Return the approximation with the fewest states that holds a tolerance.
 
-    `largest` is the largest number of states, including those of the slow motion; by default
-    slightly more than those of the initial poles. If none holds the tolerance, the one with the
+    `largest` includes the states of the slow motion. If none holds the tolerance, the one with the
     smallest error is returned; see `CandidateSelection.holds`.
     """
     slow = len(approximation.slow.A)

@@ -1,14 +1,13 @@
 """Real modes with a real damping matrix: q'' + C q' + Omega^2 q = Phi_u^T u, y = Phi_y q.
 
-Structural damping is not causal: iD has no counterpart in the time domain. In real modes it
-becomes
+Structural damping D is not causal. In real modes it becomes
 
     C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s),
 
-which equals D at resonance, keeps it symmetric and positive semidefinite (so every pole is stable
-and the plant passive), and couples the modes as D does. Its diagonal, the usual modal damping
-ratios, loses that coupling; D divided by one frequency is correct at that frequency only. A loss
-factor with a table is evaluated at sqrt(f_r f_s).
+which equals D at resonance, is symmetric and positive semidefinite (so every pole is stable and the
+plant passive), and couples the modes as D does. Its diagonal, the modal damping ratios, loses that
+coupling; D divided by one frequency is correct at that frequency only. A table of loss factors is
+evaluated at sqrt(f_r f_s).
 """
 
 from __future__ import annotations
@@ -50,19 +49,7 @@ _RANK = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondOrder:
-    """Modes with a damping matrix.
-
-    Attributes
-    ----------
-    name : str
-        Conversion of the damping.
-    space : ModalSpace
-        The modes.
-    damping : ndarray of float, shape (r, r)
-        Total damping, including viscous damping, in 1/s.
-    powers : ndarray of int, shape (n_y,)
-        0, 1 or 2: displacement, velocity or acceleration.
-    """
+    """Modes with a damping matrix in 1/s, shape (r, r), including viscous damping."""
 
     name: str
     space: ModalSpace
@@ -186,15 +173,7 @@ def _structural(space: ModalSpace) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relaxation:
-    """Relaxation function g(s) = sum of a s / (s + b).
-
-    Attributes
-    ----------
-    a : ndarray of float, shape (n,)
-        Nonnegative.
-    b : ndarray of float, shape (n,)
-        In rad/s.
-    """
+    """Relaxation function g(s) = sum of a s / (s + b), with a >= 0 and b in rad/s."""
 
     a: _Real
     b: _Real
@@ -206,10 +185,10 @@ class Relaxation:
 
 
 def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
-    """Return n relaxation terms fitted to the loss factor of a group over a band.
+    """Return n relaxation terms fitted to the loss factor of a group over a band in Hz.
 
-    The rates b_k are evenly spaced in log frequency over the band and slightly beyond; the weights
-    follow by non-negative least squares.
+    The rates b_k are evenly spaced in log frequency; non-negative least squares gives the weights
+    a_k.
     """
     low, high = max(band[0], 1e-4 * band[1]), band[1]
     freq = np.geomspace(low, high, _LINES)
@@ -231,16 +210,10 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Biot:
-    """Modes with internal variables.
+    """Modes with internal variables: one relaxation per lossy group, all with the same rates.
 
-    Attributes
-    ----------
-    base : SecondOrder
-        The modes with viscous damping only; modes are ranked by `ranking`.
-    ranking : SecondOrder
-        The modes with the full modal damping matrix.
-    terms : tuple of Relaxation
-        One per lossy group, all with the same rates.
+    `base` are the modes with viscous damping only; `ranking`, with the full modal damping matrix,
+    ranks them.
     """
 
     base: SecondOrder

@@ -240,8 +240,7 @@ def _delay_input(A: _Real, B: _Real, C: _Real, D: _Real, whole: int) -> _Matrice
 def _deviations(plant: Plant, prompt: Plant, delay: float, whole: int) -> Mapping[str, Any]:
     """Return the error of the sampled response as shares of the channels' peaks.
 
-    `prompt` is without the whole intervals of the delay, which are powers of z here; their states
-    would enlarge the solution at each line.
+    `prompt` is without the whole intervals of the delay: their states would enlarge every solution.
     """
     assert prompt.dt is not None
     s = 2j * np.pi * _lines(plant)

@@ -25,23 +25,7 @@ __all__ = ["SharedPlantBasis"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedPlantBasis:
-    """The common basis, ports and options of the plants of a family.
-
-    Attributes
-    ----------
-    projection : ModalProjection
-        The model on the basis.
-    title : str
-        Title of the model.
-    ports : tuple of (tuple of Port, tuple of Port)
-        Inputs and outputs.
-    quantities : tuple of str
-        Quantity of each output.
-    tolerance : float
-        Tolerance of the errors selected by `error`.
-    error : {"relative", "peak"}
-        Error measure of the tolerance.
-    """
+    """The common basis, ports and options of the plants of a family."""
 
     projection: ModalProjection
     title: str
@@ -79,11 +63,7 @@ class SharedPlantBasis:
     def member(
         self, state: State, route: str, like: CandidateSelection | None = None
     ) -> tuple[Plant, CandidateSelection]:
-        """Return the plant of a state, and its selection.
-
-        `like` is the selection that is tried first; if it does not hold the tolerance, another is
-        searched.
-        """
+        """Return the plant of a state, and its selection; the selection `like` is tried first."""
         task = self._task(state)
         found = None if like is None else reuse_selection(task, like, self.tolerance)
         if found is None or not found.holds:

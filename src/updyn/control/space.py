@@ -98,17 +98,7 @@ def derivative_factors(powers: NDArray[np.intp], s: _Complex) -> _Complex:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lossy:
-    """The structural damping of one group in real modes.
-
-    Attributes
-    ----------
-    name : str
-        Name of the group.
-    matrix : ndarray of float, shape (r, r)
-        phi^T (gamma K_e) phi, in 1/s2.
-    table : LossTable or None
-        Factors on the matrix over frequency.
-    """
+    """Structural damping of a group in real modes: phi^T (gamma K_e) phi in 1/s2, (r, r)."""
 
     name: str
     matrix: _Real
@@ -125,22 +115,10 @@ class Lossy:
 class ModalSpace:
     """A structure in r real modes with phi^T M phi = 1.
 
-    Attributes
-    ----------
-    omega : ndarray of float, shape (r,)
-        Natural frequencies in rad/s, ascending; 0 for the first `rigid` of them.
-    rigid : int
-        Number of rigid-body modes.
-    outputs, inputs : ndarray of float, shapes (n_y, r), (n_u, r)
-        Shapes at the ports.
-    viscous : ndarray of float, shape (r, r)
-        phi^T C phi in 1/s, positive semidefinite.
-    lossy : tuple of Lossy
-        Structural damping by group; it does not act on rigid-body modes.
-    source : str
-        Description of the basis vectors.
-    solver : ReducedSolver or None
-        The certified reduced model with these vectors; valid at any line of the band.
+    `omega` is in rad/s, ascending, 0 for the first `rigid` modes. `outputs` and `inputs`, shapes
+    (n_y, r) and (n_u, r), are shapes at the ports. `viscous` is phi^T C phi in 1/s, positive
+    semidefinite; `lossy` does not act on rigid-body modes. `solver`, a certified reduced model with
+    these vectors, is valid at any line of the band.
     """
 
     omega: _Real
@@ -195,22 +173,8 @@ def nearest_semidefinite(A: _Real) -> _Real:
 class ModalProjection:
     """A model on the relevant basis vectors between some ports in a band, for any of its states.
 
-    Attributes
-    ----------
-    system : AffineSystem
-        The model or a reduced one, whose terms are the matrices on the basis.
-    matrices : tuple of ndarray of float, each of shape (r, r)
-        The dense matrices, one per term.
-    outputs, inputs : ndarray of float, shapes (n_y, r), (n_u, r)
-        The basis at the ports.
-    rigid : int
-        Number of rigid-body modes.
-    band : (float, float)
-        Lowest and highest line in Hz.
-    source : str
-        Description of the basis.
-    solver : ReducedSolver or None
-        Solver of a reduced model.
+    `matrices` are the terms of `system` on the basis, each of shape (r, r); `outputs` and `inputs`,
+    shapes (n_y, r) and (n_u, r), are the basis at the ports; `band` is in Hz.
     """
 
     system: AffineSystem
@@ -312,8 +276,8 @@ def shared_projection(
 ) -> tuple[ModalProjection, NDArray[np.bool_]]:
     """Return a model on one basis for several states, and for which of them it is accurate.
 
-    The basis is enriched by the fields of the `training` states if it lacks them; its error at
-    `states` is estimated from residuals. Other arguments as for `modal_space`.
+    The fields of the `training` states enrich the basis if it lacks them; its error at `states` is
+    estimated from residuals. Other arguments as for `modal_space`.
     """
     making = _Projector(structure, inputs, outputs, band)
     if structure.system.n <= _WHOLE:

@@ -48,18 +48,9 @@ _BLOCK = 32
 class SpectralDecomposition:
     """The response between the ports of a projection, at one state.
 
-    Attributes
-    ----------
-    projection : ModalProjection
-        The model.
-    state : State
-        Its state.
-    poles : ndarray of complex, shape (r,)
-        Poles of the damped structure above the real axis, in rad/s; to first order in viscous
-        damping.
-    modes : tuple of ndarray of complex or None
-        mu, shape (r,), and vectors at outputs and dampers, shape (n_y + k, r), and at inputs and
-        dampers, shape (n_u + k, r); None if every line is solved separately.
+    `poles` of the damped structure above the real axis, in rad/s, are of first order in viscous
+    damping. `modes` are mu, shape (r,), and vectors at outputs and dampers, (n_y + k, r), and at
+    inputs and dampers, (n_u + k, r); None if every line is solved separately.
     """
 
     projection: ModalProjection

@@ -18,19 +18,7 @@ __all__ = ["CompiledStructure"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledStructure:
-    """A compiled model, and the initial basis of its reduced models.
-
-    Attributes
-    ----------
-    model : Model
-        The structure.
-    system : AffineSystem
-        The compiled model; its start is the state of the structure.
-    source : Model
-        The model from which the system was compiled.
-    kept_basis : KeptBasis or None
-        Initial basis of its reduced models.
-    """
+    """A compiled model, whose start is the state of the structure; compiled from `source`."""
 
     model: Model
     system: AffineSystem

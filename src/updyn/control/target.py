@@ -46,28 +46,16 @@ _SHORT = 1.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseTarget:
-    """The response of the model at a set of lines.
+    """The response of the model at a set of lines in Hz, and the references of its errors.
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    values : ndarray of complex, shape (n_f, n_y, n_u)
-        Output over input, of the whole model or of a reduced one certified to 1e-8.
-    level : ndarray of float, shape (n_y, n_u)
-        Peak of each channel, at least `floor`.
-    broad : ndarray of float, shape (n_y, n_u)
-        The same on evenly spaced lines, as in a measurement: lower for a very sharp resonance.
-    lift : ndarray of float, shape (n_f, n_y, 1)
-        Factor for the detection of resonances: with rigid-body motion or a mode below the band, the
-        conversion to accelerations, in which motion at low frequency does not hide resonances.
-    floor : ndarray of float, shape (n_y, n_u)
-        Rounding of a channel without coupling, far below the response at its two ports.
-    reference : ndarray of float, shape (n_f, n_y, n_u)
-        Denominator of the relative error at each line: |H|, at an antiresonance that one half-power
-        width away, at least the rounding.
-    measure : {"relative", "peak"}
-        Error measure of the tolerance.
+    `values`, shape (n_f, n_y, n_u), are those of the whole model or of a reduced one certified to
+    1e-8. `level`, (n_y, n_u), is the peak of each channel, at least `floor`: the rounding of a
+    channel without coupling. `broad` is the same on evenly spaced lines, as in a measurement: lower
+    for a very sharp resonance. `lift`, (n_f, n_y, 1), multiplies the response for the detection of
+    resonances: with motion below the band it converts to accelerations, in which that motion does
+    not hide resonances. `reference`, (n_f, n_y, n_u), is |H|, at an antiresonance that one
+    half-power width away. `measure`, ``"relative"`` or ``"peak"``, is the error measure of the
+    tolerance.
     """
 
     freq: _Real
@@ -91,12 +79,11 @@ class ResponseTarget:
         measure: str = "relative",
         reduced: bool = False,
     ) -> ResponseTarget:
-        """Return the target of a receptance.
+        """Return the target of a receptance, a function of lines in Hz.
 
-        `receptance` and `potential` are functions of the lines in Hz with values of shape (n_f,
-        n_y, n_u): the receptance between the ports, and the possible magnitude of each channel from
-        the responses at its two ports. `slow` tells whether rigid-body motion or a mode below the
-        band exists, `reduced` whether the receptance is that of a reduced model.
+        `potential` is the possible magnitude of each channel from the responses at its two ports.
+        `slow` tells whether rigid-body motion or a mode below the band exists, `reduced` whether
+        the receptance is that of a reduced model.
         """
         power = np.array([QUANTITIES[q] for q in quantities])
 
@@ -164,10 +151,7 @@ class ResponseTarget:
         return float((np.abs(G - self.values) / self.level).max())
 
     def relative_error(self, G: _Complex) -> float:
-        """Return the largest error of a response G, as a share of its magnitude at each line.
-
-        At an antiresonance, as a share of the magnitude one half-power width away.
-        """
+        """Return the largest error of a response G, as a share of `reference` at each line."""
         return float((np.abs(G - self.values) / self.reference).max())
 
     def limits(self, tolerance: float) -> _Real:
@@ -202,9 +186,9 @@ class ResponseTarget:
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
         """Return the largest relative error of the height of a resonance; 0 without one.
 
-        Resonances above a tenth of the highest of their channel are included. Heights are compared
-        between the adjacent minima, so a slight shift has no effect. With `strict`, resonances and
-        heights are those of the response times `lift`.
+        Only resonances above a tenth of the highest of their channel count. Heights are compared
+        between the adjacent minima, so a slight shift has no effect. With `strict`, the response is
+        multiplied by `lift`.
         """
         magnitude, size = self._magnitude(self.values, strict), self._magnitude(G, strict)
         worst = 0.0
@@ -282,18 +266,9 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateSelection:
-    """A selection of candidates and its errors.
+    """A selection of the candidates of a conversion, with its errors and their limits.
 
-    Attributes
-    ----------
-    conversion : Conversion
-        The conversion with the candidates.
-    mask : ndarray of bool, shape (n,)
-        The selected candidates.
-    errors : ndarray of float, shape (5,)
-        Errors against the model, see `ResponseTarget.all_errors`.
-    limits : ndarray of float, shape (5,)
-        Limits of the errors; inf for those without a tolerance.
+    `errors` are those of `ResponseTarget.all_errors`; a limit is inf without a tolerance.
     """
 
     conversion: Conversion
@@ -318,15 +293,12 @@ def select_fewest(
 ) -> CandidateSelection:
     """Return the fewest candidates that hold a tolerance; those below the band are always kept.
 
-    Modal cost: candidates are ranked by the largest change that omitting each one causes, as a
-    share of the peak of its channel, or line by line (after R. E. Skelton & P. C. Hughes, J.
-    Dynamic Systems, Measurement, and Control 102 (1980) 151-158, with the largest change instead of
-    the mean square). Double integrators are always kept and need no Gramian. Bisection gives the
-    number, then single candidates are omitted while the tolerance holds.
-
-    Without `lenient`, all errors of `ResponseTarget.all_errors` must be within the tolerance; with
-    it, only the errors that a plant states, the others up to those of all candidates. All
-    candidates are returned if they do not hold the tolerance; see `CandidateSelection.holds`.
+    Candidates are ranked by the largest change without each one, as a share of the peak of its
+    channel or line by line: modal cost (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,
+    Measurement, and Control 102 (1980) 151-158, with the largest change instead of the mean
+    square). With `lenient`, the tolerance applies only to the errors that a plant states; the
+    others may be those of all candidates. If all candidates do not hold it, all are returned; see
+    `CandidateSelection.holds`.
     """
     level = np.broadcast_to(target.broad, target.reference.shape)
     if target.measure == "relative":

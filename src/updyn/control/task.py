@@ -57,11 +57,7 @@ class PlantTask:
     spectrum: Callable[[], SpectralDecomposition]
 
     def least(self, found: CandidateSelection) -> float:
-        """Return a lower bound on the error of any stable plant, see `updyn.control.causal`.
-
-        `found` is the selection with which the structure's response is compared; its influence is
-        small.
-        """
+        """Return a lower bound on the error of any stable plant, see `updyn.control.causal`."""
         if not self.space.lossy:  # dampers are causal
             return 0.0
         target = self.target
@@ -206,8 +202,7 @@ def make_task(
     """Return the task with the response at lines that resolve it.
 
     `damped` are the poles of the damped structure in rad/s and a function that returns its
-    spectrum; `receptance` is a function of lines in Hz. Raises SolverError if the response is not
-    finite at a line.
+    spectrum. Raises SolverError if the response is not finite at a line.
     """
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
     target = ResponseTarget.of(

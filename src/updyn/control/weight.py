@@ -183,20 +183,10 @@ KINDS = ("multiplicative", "additive")
 class UncertaintyWeight:
     """Deviation of the members from the nominal plant, and weights above it, one per channel.
 
-    Attributes
-    ----------
-    kind : {"multiplicative", "additive"}
-        Of |G_k - G_0| / |G_0|, or of |G_k - G_0| in the unit of the channel.
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    radius : ndarray of float, shape (n_f, n_outputs, n_inputs)
-        l(f), the largest deviation over the members.
-    floor : ndarray of float, shape (n_outputs, n_inputs)
-        Lower limit of l: the weight lies above it everywhere.
-    weights : tuple of tuple of Weight
-        By output and input.
-    outputs, inputs : tuple of str
-        Names.
+    `radius`, shape (n_f, n_outputs, n_inputs), is the largest deviation over the members at `freq`
+    in Hz: |G_k - G_0| / |G_0| if `kind` is ``"multiplicative"``, |G_k - G_0| in the unit of the
+    channel if ``"additive"``. `floor`, shape (n_outputs, n_inputs), is its lower limit. `weights`
+    are by output and input.
     """
 
     kind: str
@@ -215,28 +205,12 @@ class UncertaintyWeight:
         )
 
     def at(self, freq: ArrayLike) -> _Complex:
-        """Return the weights at lines.
-
-        Parameters
-        ----------
-        freq : array_like of float, shape (n_f,)
-            In Hz.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_f, n_outputs, n_inputs)
-        """
+        """Return the weights at lines in Hz, shape (n_f, n_outputs, n_inputs)."""
         rows = [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights]
         return np.stack(rows, axis=1)
 
     def channel(self, output: str, input: str) -> Weight:
-        """Return the weight between one input and one output.
-
-        Raises
-        ------
-        OptionError
-            If a name is unknown; the nearest is named.
-        """
+        """Return the weight between two named ports; raises OptionError for an unknown name."""
         for name, names, what in ((output, self.outputs, "output"), (input, self.inputs, "input")):
             if name not in names:
                 raise OptionError(f"the weight has no {what} {name!r}; {suggest(str(name), names)}")

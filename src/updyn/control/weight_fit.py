@@ -52,25 +52,10 @@ _BELOW = 0.002
 class Weight:
     """A stable, minimum-phase transfer function W(s) = gain * prod (s - zeros) / prod (s - poles).
 
-    Attributes
-    ----------
-    zeros, poles : ndarray of complex, shape (order,)
-        In rad/s, all in the left half plane; for an odd order the first is a single real root,
-        followed by pairs.
-    gain : float
-        W at infinity.
-    largest, mean : float
-        Largest excess |W| / l of a line, and its geometric mean over log frequency; l is at least
-        the floor.
-    peak : float
-        Largest l.
-    peak_at : float
-        Its frequency in Hz.
-    note : str
-        Note on the channel.
-    A, B, C, D : ndarray of float, shapes (order, order), (order, 1), (1, order), (1, 1)
-        State-space form of sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in
-        python-control.
+    `zeros` and `poles` are in rad/s; for an odd order the first is a single real root, followed by
+    pairs. `largest` and `mean` (geometric, over log frequency) are the excess |W| / l of a line;
+    `peak` is the largest l, at `peak_at` Hz. A, B, C, D are sections in series, time in s:
+    ``control.ss(w.A, w.B, w.C, w.D)`` in python-control.
     """
 
     zeros: _Complex
@@ -103,17 +88,7 @@ class Weight:
         return len(self.poles)
 
     def at(self, freq: ArrayLike) -> _Complex:
-        """Return W at lines.
-
-        Parameters
-        ----------
-        freq : array_like of float, shape (n_f,)
-            In Hz.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_f,)
-        """
+        """Return W at lines in Hz, shape (n_f,)."""
         s = 2j * np.pi * np.atleast_1d(np.asarray(freq, dtype=np.float64))[:, None]
         return np.asarray(self.gain * np.prod((s - self.zeros) / (s - self.poles), axis=1))
 
@@ -177,18 +152,11 @@ def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
-    """A magnitude as a product of sections.
+    """A magnitude as a product of sections, with its largest and mean excess |W| / l of a line.
 
-    Attributes
-    ----------
-    order : int
-        Number of poles, and of zeros.
-    p : ndarray of float, shape (1 + 2 * order,)
-        Logarithms: static gain; for an odd order frequencies of a first-order zero and pole; then
-        for each pair of zeros and poles frequency and damping of the zeros, frequency and damping
-        of the poles. rad/s.
-    largest, mean : float
-        Largest excess |W| / l of a line, and its geometric mean over log frequency.
+    `p`, shape (1 + 2 order,), are logarithms: static gain; for an odd order frequencies of a
+    first-order zero and pole; then for each pair of zeros and poles frequency and damping of the
+    zeros, frequency and damping of the poles, in rad/s.
     """
 
     order: int
