@@ -77,10 +77,7 @@ _ABOUT = {
 
 
 def app(*, listed: bool = False) -> App:
-    """Return the command line with all commands, none of them imported.
-
-    `listed` adds the descriptions of the commands, for a list of commands.
-    """
+    """Return the command line, without importing commands; `listed` adds their descriptions."""
     from cyclopts import App
 
     made = App(

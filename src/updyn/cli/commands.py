@@ -287,14 +287,7 @@ def _write_inputs(
 ) -> Path | None:
     """Write inputs of a demo into its folder, and return the job.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the inputs, created if missing.
-    write : callable
-        Writes the inputs into a folder and returns the job, or None.
-    more : bool
-        Whether to keep earlier inputs, which `write` may need.
+    `more` keeps earlier inputs, which `write` may need.
     """
     from updyn.outputs.manifest import Manifest, find_obstacles
     from updyn.outputs.switch import PLAN, open_folder, replace_files
@@ -648,19 +641,9 @@ def _find_exit_code(done: JobRun) -> int:
 def _select_kinds(
     kinds: tuple[str, ...], options: Mapping[str, Mapping[str, Any]]
 ) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
-    """Return the kinds that a file may have, given options for one of them, and the stated options.
+    """Return the kinds (of `FILE_KINDS`) that a file may have, and the stated options by kind.
 
-    Parameters
-    ----------
-    kinds : tuple of str
-        Names of `updyn.cli.reading.FILE_KINDS`.
-    options : mapping of str to mapping
-        Values of the options by kind; None for an option that is not stated.
-
-    Raises
-    ------
-    InputError
-        If options of both a measurement and a model are stated.
+    An `InputError` is raised if options of both a measurement and a model are stated.
     """
     stated: dict[str, dict[str, Any]] = {}
     for kind, values in options.items():
@@ -681,22 +664,10 @@ _HOST_AND_PORT = re.compile(r".+:[0-9]{1,5}")
 def open_engine(
     workers: int | None, cluster: str | None, registered: str | None = None
 ) -> Iterator[Engine]:
-    """Open the engine of the options, and close it afterwards.
+    """Open the engine of the options, and close it afterwards; `cluster` is a Dask scheduler.
 
-    Parameters
-    ----------
-    workers : int, optional
-        Number of processes.
-    cluster : str, optional
-        Address of a Dask scheduler.
-    registered : str, optional
-        Registered text of an engine of another package.
-
-    Raises
-    ------
-    OptionError
-        If more than one is given, the number is not valid, no scheduler answers, or no engine is
-        registered for the text.
+    An `OptionError` is raised if more than one is given, the number is not valid, no scheduler
+    answers, or no engine is registered for the text.
     """
     from updyn.engines import choose_engine
 

@@ -149,22 +149,10 @@ def _pair_table(
     cells: Callable[[NDArray[np.float64]], list[str]],
     rest: str,
 ) -> str:
-    """Return a table of the pairs with the smallest (or largest) medians.
+    """Return a table of the pairs with the smallest (`sign` 1) or largest (-1) medians.
 
-    Parameters
-    ----------
-    frf : FRF
-        FRF with these pairs.
-    values : ndarray of float, shape (n_f, n_i, n_j)
-        Values by line and pair.
-    sign : float
-        1 for the smallest medians first, -1 for the largest.
-    header : tuple of str
-        Names of the columns after response and reference.
-    cells : callable
-        Returns these columns from the values of a pair, shape (n_f,).
-    rest : str
-        Description of the pairs omitted from the table.
+    `values` has shape (n_f, n_i, n_j). `cells` returns the further columns from the values of a
+    pair, `header` names them, `rest` describes the omitted pairs.
     """
     flat = values.reshape(len(frf.freq), -1)
     order = np.argsort(sign * np.median(flat, axis=0), kind="stable")

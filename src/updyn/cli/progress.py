@@ -28,17 +28,7 @@ _ANSWER = 0.2
 
 
 class ProgressDisplay(ProgressBar):
-    """A display that Ctrl-C stops.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        Console to write to, usually stderr.
-    stages : sequence of RunStage
-        Stages of the run, as far as known.
-    stopping : str
-        Sentence on the behaviour after a request to stop.
-    """
+    """A progress display that Ctrl-C stops; `stopping` describes what happens after that."""
 
     def __init__(
         self, console: Console, stages: Sequence[RunStage] = (), stopping: str = _STOPPING
@@ -87,21 +77,7 @@ class ProgressDisplay(ProgressBar):
 def show_progress(
     console: Console, stages: Sequence[RunStage] = (), stopping: str = _STOPPING
 ) -> Iterator[ProgressDisplay]:
-    """Yield a display in a context: Ctrl-C asks the run to stop, a second one ends it.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        Console to write to.
-    stages : sequence of RunStage
-        Stages of the run, as far as known.
-    stopping : str
-        Sentence on the behaviour after a request to stop.
-
-    Yields
-    ------
-    ProgressDisplay
-    """
+    """Yield a display in a context: Ctrl-C asks the run to stop, a second one ends it."""
     display = ProgressDisplay(console, stages, stopping)
     with display.live_bar():
         try:

@@ -133,28 +133,10 @@ def read_anything(
     kinds: Sequence[str] | None = None,
     options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[str, Any]:
-    """Read a file as the first kind of content that it contains.
+    """Return the name and the content of the first kind that a file contains.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    kinds : sequence of str, optional
-        Names in `FILE_KINDS`, in the order of trials; by default all.
-    options : mapping of str to mapping, optional
-        Keyword arguments of the reader by kind.
-
-    Returns
-    -------
-    kind : str
-        Name of its kind.
-    content : object
-        The content.
-
-    Raises
-    ------
-    FormatError
-        If the file contains none of these; the message gives the reason for each kind.
+    `kinds` are names in `FILE_KINDS` in the order of trials, `options` arguments of the reader by
+    kind. If the file contains none, a `FormatError` gives the reason for each kind.
     """
     path = Path(path)
     if not is_file(path) or path.stat().st_size == 0:

@@ -1,7 +1,6 @@
 """Sections of the printed output of commands: `RUN`, `CHECK` and `CORRELATE` list them in order.
 
-A section is a function that returns text, or an empty string; `join_sections` separates sections by
-a blank line. Colours are added when the text is printed (`updyn.cli.highlight`).
+A section is a function that returns text, or an empty string. Colours are added by `highlight`.
 """
 
 from __future__ import annotations
@@ -51,15 +50,7 @@ def join_sections(sections: Sequence[Callable[[T], str]], content: T) -> str:
 # -- run -------------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class FinishedRun:
-    """A finished run of a job.
-
-    Attributes
-    ----------
-    job : Job
-        The job.
-    run : JobRun
-        Its results.
-    """
+    """A finished run of a job."""
 
     job: Job
     run: JobRun
@@ -97,24 +88,10 @@ RUN: tuple[Callable[[FinishedRun], str], ...] = (
 # -- check -----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """A job that was checked.
+    """A job that was checked, with the identifiability of its unknowns at the start.
 
-    Attributes
-    ----------
-    ready : Prepared
-        The job with model, data and unknowns.
-    selection : Selection or None
-        Selection of the unknowns before the fit.
-    found : Identifiability
-        Identifiability of the unknowns at the start.
-    faults : mapping of str to tuple of Finding
-        Suspected faults in the data, by test name.
-    folder : Path
-        Folder for the results of a run.
-    agreement : mapping of str to mapping of str to float
-        Figures of agreement at the start with the data of the fit, by test name.
-    counterparts : mapping of str to Counterparts
-        Number of measured modes with a counterpart in the model, by test name.
+    `faults` of the data, `agreement` at the start with the data of the fit, and `counterparts`
+    (measured modes that the model has) are by test name; `folder` is that of a run.
     """
 
     ready: Prepared
@@ -213,20 +190,9 @@ CHECK: tuple[Callable[[CheckResult], str], ...] = (
 # -- correlate -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class StartComparison:
-    """The model of a job at the start of its unknowns, compared with one of its tests.
+    """The model of a job at the start, compared with a test; its name may be empty.
 
-    Attributes
-    ----------
-    ready : Prepared
-        The job with model, data and unknowns.
-    test : str
-        Name of the test, or an empty string.
-    figures : mapping of str to float
-        Figures of agreement with the data of the fit.
-    found : Correlation
-        Correlation of the model with all data of the test.
-    faults : mapping of str to tuple of Finding
-        Suspected faults in the data, by test name.
+    `figures` are for the data of the fit, `found` for all data of the test.
     """
 
     ready: Prepared

@@ -37,17 +37,10 @@ def stop_code(number: int | None = None) -> int:
 def watch_signals(
     interrupt: Callable[[int, FrameType | None], None], answer: Callable[[int], None]
 ) -> Iterator[None]:
-    """Send each SIGINT and SIGTERM to a handler, and its number to a thread, immediately.
+    """Call a handler on each SIGINT and SIGTERM, and `answer` with its number in a thread.
 
     Python calls a handler only between two of its instructions, which a long factorisation delays;
     the thread is not delayed.
-
-    Parameters
-    ----------
-    interrupt : callable
-        The handler.
-    answer : callable
-        Takes the number of the signal; called in the thread.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may handle signals
@@ -147,10 +140,7 @@ def _end(code: int) -> None:
 def end_on_signal() -> Iterator[None]:
     """Let a signal end the running command, if it cannot stop in an orderly way.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        After a signal, even if libraries turn the interrupt into other errors.
+    A `KeyboardInterrupt` is raised even if libraries turn the interrupt into other errors.
     """
     last, handled = LastResort(), threading.Event()
 

@@ -74,10 +74,7 @@ def print_error(message: str) -> int:
 
 
 def print_text(text: str) -> None:
-    """Print to stdout, in colour on a terminal.
-
-    A closed pipe (``updyn info FILE | head``) is not an error.
-    """
+    """Print to stdout, in colour on a terminal; a closed pipe (``| head``) is not an error."""
     if sys.stdout is None:  # closed before the start of the process
         return
     with _ignore_closed_pipe(sys.stdout):
@@ -108,10 +105,7 @@ def _print_coloured(text: str) -> None:
 
 
 def wrap_text(text: str, width: int) -> str:
-    """Return text with its sentences wrapped to a width; table rows are not wrapped.
-
-    A table row has two blanks between its columns.
-    """
+    """Return text wrapped to a width, except table rows (two blanks between their columns)."""
     lines = []
     for line in text.splitlines():
         indent = line[: len(line) - len(line.lstrip())]
