@@ -1,8 +1,7 @@
 """Test planning: sensors, forces and band, selected before a test by the information they give.
 
 The room imports parts of an update (`updyn.updating.problem`, `updyn.updating.judge`), but no file,
-job or page. A criterion of another package is registered in
-`updyn.planning.criteria.CRITERIA`, or by an entry point of the group ``updyn.plan_criteria``.
+job or page.
 """
 
 from __future__ import annotations

@@ -21,9 +21,9 @@ def find_candidates(
 ) -> DofSet:
     """Return the candidates of labels and globs, each once, in order of appearance.
 
-    None: all translational DOFs of the model, or all DOFs without any; ``"all"``: all DOFs. Else
-    labels, which keep their sign, and globs, such as ``"*:Z"``. Raises DofError for an invalid or
-    missing DOF, a glob without a match, or no candidate.
+    None: all translational DOFs of the model, or all DOFs without any; ``"all"``: all DOFs. Labels
+    keep their sign. A `DofError` is raised for an invalid or missing DOF, a glob without a match,
+    or no candidate.
     """
     if given is None:
         moving = np.flatnonzero(model.dofs.axes < 3)

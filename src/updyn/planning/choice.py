@@ -26,21 +26,7 @@ _FURTHER = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
-    """The layout selected by a criterion in a band.
-
-    Attributes
-    ----------
-    band : (float, float)
-        In Hz.
-    planning : Planning
-        Candidates and their information.
-    score : DesignScore
-        Score of the gains.
-    rows, columns : list of int
-        Selected candidates, largest gain first.
-    row_gain, column_gain : tuple of float
-        Their gains.
-    """
+    """The layout selected by a criterion in a band (Hz): candidates, the largest gain first."""
 
     band: Band
     planning: Planning

@@ -1,6 +1,6 @@
 """Classical criteria, based on mode shapes instead of parameters, for comparison.
 
-They select responses for the modes in the band. References are those with the largest driving-point
+They select responses for the modes in the band, and the references with the largest driving-point
 residues.
 """
 
@@ -83,9 +83,9 @@ def _find_largest(values: _Real, count: int) -> tuple[int, ...]:
 
 
 def driving_point_residues(shapes: _Real, frequency: _Real) -> _Real:
-    """Return the sum over modes of the driving-point residue of the receptance, phi^2 / (2 omega).
+    """Return the sum over modes of the driving-point residue phi^2 / (2 omega), in s/kg.
 
-    `shapes` are normalised by mass, in 1/sqrt(kg), `frequency` is in Hz, the result in s/kg.
+    `shapes` are normalised by mass, in 1/sqrt(kg); `frequency` is in Hz.
     """
     return np.asarray((shapes**2 / (4.0 * np.pi * frequency)).sum(axis=1))
 
@@ -120,7 +120,7 @@ class _LargestMac(DesignScore):
 def least_mac(shapes: _Real, count: int) -> list[int]:
     """Return DOFs, ascending, with the smallest maximum MAC between different modes.
 
-    Greedy from the best pair, then by exchange. Raises DataError for fewer than two modes.
+    Greedy from the best pair, then by exchange. Raises `DataError` for fewer than two modes.
     """
     if shapes.shape[1] < 2:
         raise DataError("MAC requires at least two modes in the band, found one")
