@@ -42,10 +42,7 @@ class Planning:
 
     @cached_property
     def modes(self) -> Modes:
-        """Undamped modes in the band, without rigid-body modes: the target modes.
-
-        Without any in the band, those below it. Raises DataError without any mode.
-        """
+        """Undamped flexible modes in the band, otherwise below it; `DataError` if none exist."""
         freq = self.candidates.freq
         found = undamped_modes(self.candidates.model, float(freq[-1]))
         inside = found.frequency >= freq[0]
@@ -141,10 +138,7 @@ class DOptimalLayout(Criterion):
 
 
 class AOptimalLayout(Criterion):
-    """Smallest mean variance of the parameters of interest, each relative to its minimum.
-
-    The minimum is the variance with all candidates at the start of the parameters.
-    """
+    """Smallest mean variance of the parameters of interest, relative to that of all candidates."""
 
     by_information = True
     source = "Fedorov, Theory of Optimal Experiments, 1972, chapter 2"

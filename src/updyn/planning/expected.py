@@ -33,16 +33,8 @@ _BOUNDLESS = np.finfo(np.float64).max ** 0.25
 class Expected:
     """The expected data of a layout, and the parameters they determine.
 
-    Attributes
-    ----------
-    choice : Choice
-        The layout.
-    layout : Candidates
-        Its responses and references.
-    part : FRFPart
-        The part of an update with the expected data.
-    map_lines : ndarray of float, shape (n_f, n, n)
-        Scaled information of each line at the start of the parameters.
+    `map_lines`, shape (n_f, n, n), is the scaled information of each line at the start of the
+    parameters.
     """
 
     choice: Choice
@@ -68,7 +60,7 @@ class Expected:
     def std(self) -> dict[str, float]:
         """Return the standard deviation of each parameter by the Cramer-Rao bound, with the priors.
 
-        Raises ParameterError with the names of undetermined parameters.
+        Raises `ParameterError` with the names of undetermined parameters.
         """
         coordinates = self.part.coordinates
         noise = choose_noise("variance", self.part.frf)

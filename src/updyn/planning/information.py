@@ -56,24 +56,10 @@ _ROUNDING = 1e-9
 class Candidates:
     """The model at candidate responses and references, at the lines of a band.
 
-    Attributes
-    ----------
-    model : Model
-        The structure.
-    part : FRFPart
-        Compiled model and parameters, with placeholders for the data. Its session does the work.
-    responses, references : DofSet
-        Candidates, n_i and n_j of them.
-    noise : Stated
-        Expected noise.
-    level : ndarray of float, shape (n_i, n_j)
-        The rms of all candidate channels of the same unit, at the start of the parameters, which
-        scales the floor of the noise. Infinite for channels that are too weak.
-    reduced : FieldSolver or None
-        A reduced model for the fields of unit forces on the candidates. None: the model.
-    error : float
-        Share of the largest channel of its unit below which a channel carries no information:
-        rounding, or the error of the reduced model.
+    `part` holds placeholders for the data. `level`, shape (n_i, n_j), is the rms of all channels of
+    the same unit at the start, which scales the noise floor; infinite for channels that are too
+    weak: below the share `error` of the largest channel (rounding, or the error of `reduced`).
+    `reduced` is a reduced model for the fields of unit forces; None for the full one.
     """
 
     model: Model
@@ -99,7 +85,7 @@ class Candidates:
     ) -> Candidates:
         """Compile a model for its candidates, without the level of the noise.
 
-        Raises DataError for an invalid quantity or line.
+        Raises `DataError` for an invalid quantity or line.
         """
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, responses[:1], references[:1], quantity)
@@ -108,11 +94,10 @@ class Candidates:
         return cls(model, part, responses, references, noise, level)
 
     def with_level(self, among: Candidates | None = None) -> Candidates:
-        """Return the candidates with the level of the noise.
+        """Return the candidates with the level of the noise, from their rms or that of a sample.
 
-        `among` is a sample with channels of every unit that defines the rms; no channel is then
-        removed as too weak. By default these candidates. Raises SolverError if the model cannot be
-        solved at a line.
+        A sample `among` has channels of every unit; then no channel is removed as too weak. Raises
+        `SolverError` if the model cannot be solved at a line.
         """
         reference_sample = self if among is None else among
         squared, of_kind = (
@@ -130,7 +115,7 @@ class Candidates:
     def without_weak(self) -> Candidates:
         """Return the candidates with an infinite level of the noise in weak channels.
 
-        Raises SolverError if the model cannot be solved at a line.
+        Raises `SolverError` if the model cannot be solved at a line.
         """
         return self._mask_weak(_compute_mean_square(self))
 
@@ -181,7 +166,7 @@ class Candidates:
         """Return the sum of a function over all lines at a point, computed in pieces.
 
         The module-level function takes the candidates, and the point with a piece of the lines.
-        Raises Stopped if the user stops the work.
+        Raises `Stopped` if the user stops the work.
         """
         session, n_lines = self.part.session, len(self.freq)
         session.check()
@@ -232,15 +217,9 @@ def _compute_line_mean_square(candidates: Candidates, item: _Item) -> _Real:
 class _Block:
     """Fields for unit forces on all candidates at a block of lines.
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        The lines in Hz.
-    V, U : ndarray of complex, shape (N, n_f, n_i) and (N, n_f, n_j)
-        Fields for unit forces on the responses and the references, in m/N; coordinates for a
-        reduced model.
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        In the measured quantity, except for the phase of its factor.
+    `freq` is in Hz; `V`, shape (N, n_f, n_i), and `U`, (N, n_f, n_j), are in m/N, or coordinates of
+    a reduced model; `H`, (n_f, n_i, n_j), is in the measured quantity, except for the phase of its
+    factor.
     """
 
     freq: _Real
@@ -273,16 +252,10 @@ def _iterate_blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
 class PairInformation:
     """Fisher information of every pair of candidates, at one or more points of the parameters.
 
-    Attributes
-    ----------
-    packed : ndarray of float, shape (n_i, n_j, n_points, n (n + 1) / 2)
-        Lower triangles, scaled.
-    before : ndarray of float, shape (n, n)
-        Scaled information of the priors, with a small addition that makes the determinant of
-        designs without information nonzero.
-    scale : ndarray of float, shape (n,)
-        Square root of the information of all pairs and the priors at the first point, which divides
-        rows and columns.
+    `packed`, shape (n_i, n_j, n_points, n (n + 1) / 2), holds lower triangles. It and `before`, the
+    information of the priors with a small addition (without it the determinant may be zero), are
+    scaled by `scale`: the square root of the information of all pairs and the priors at the first
+    point.
     """
 
     packed: _Real
@@ -298,9 +271,9 @@ class PairInformation:
     ) -> PairInformation:
         """Return the information of every pair at points in the optimiser's coordinates.
 
-        `stage` names the work at each point. Raises OptionError if memory does not suffice, with
-        the permitted number; SolverError if the model cannot be solved at a line; Stopped if the
-        user stops the work.
+        `stage` names the work at each point. Raises `OptionError`, with the permitted number, if
+        memory does not suffice; `SolverError` if the model cannot be solved at a line; `Stopped` if
+        the user stops the work.
         """
         n = candidates.part.n
         shape = (len(candidates.responses), len(candidates.references), len(points))
@@ -329,14 +302,14 @@ class PairInformation:
         return self.packed.shape[2], len(self.scale), len(self.scale)
 
     def of_responses(self, columns: Sequence[int]) -> _Real:
-        """Return the information of each response with all given references, (n_i, n_points, n, n).
+        """Return each response's information with given references, (n_i, n_points, n, n).
 
         Without the prior.
         """
         return self._unpack(self.packed[:, list(columns)].sum(axis=1))
 
     def of_references(self, rows: Sequence[int]) -> _Real:
-        """Return the information of each reference with all given responses, (n_j, n_points, n, n).
+        """Return each reference's information with given responses, (n_j, n_points, n, n).
 
         Without the prior.
         """

@@ -23,13 +23,7 @@ _ROUNDS = 10
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Selected candidates, by index.
-
-    Attributes
-    ----------
-    rows, columns : tuple of int
-        Responses and references.
-    """
+    """Selected candidates by index: responses (rows) and references (columns)."""
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
@@ -37,13 +31,7 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class OverPoints(DesignScore):
-    """Mean of a score over the points of the parameters.
-
-    Parameters
-    ----------
-    base : DesignScore
-        The score at one point.
-    """
+    """Mean of a score over the points of the parameters."""
 
     base: DesignScore
 

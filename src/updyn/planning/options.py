@@ -118,7 +118,7 @@ def find_lines(given: int | ArrayLike, band: Band) -> _Real:
     """Return the lines of a band in Hz, ascending.
 
     A number gives evenly spaced lines with both ends; of given lines, those in the band are used.
-    Raises OptionError if invalid, or if no line is in the band.
+    Raises `OptionError` if invalid, or if no line is in the band.
     """
     low, high = band
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
@@ -148,21 +148,10 @@ def find_lines(given: int | ArrayLike, band: Band) -> _Real:
 
 @dataclass(frozen=True, slots=True)
 class StartDraws:
-    """Draws of the start of the parameters.
+    """Draws of the start of the parameters; `OptionError` if a number is invalid.
 
-    Parameters
-    ----------
-    robust : int
-        Number of draws.
-    off : float
-        Standard deviation of the logarithm of each parameter.
-    seed : int
-        Seed of the random numbers.
-
-    Raises
-    ------
-    OptionError
-        If a number is invalid.
+    `robust` is the number of draws, `off` the standard deviation of the logarithm of each
+    parameter.
     """
 
     robust: int

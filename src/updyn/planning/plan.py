@@ -246,21 +246,7 @@ def _make_stage(candidates: Candidates, callback: _Callback | None) -> Stage:
 
 @dataclass(frozen=True, slots=True)
 class _PlanTask:
-    """The selection to make.
-
-    Attributes
-    ----------
-    criterion : str
-        Name of the criterion.
-    rule : Criterion
-        The criterion.
-    wanted : tuple of int
-        Parameters of interest.
-    counts : (int, int)
-        Number of responses and references.
-    draws : Draws
-        Draws of the start of the parameters.
-    """
+    """The selection to make: `counts` are the numbers of responses and references."""
 
     criterion: str
     rule: Criterion

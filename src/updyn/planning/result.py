@@ -22,13 +22,8 @@ _NAMED = 3
 class Worth:
     """Gain of a sensor or a force in addition to the plan.
 
-    Attributes
-    ----------
-    label : str
-        The DOF.
-    gain : float
-        Relative decrease of all standard deviations, in the geometric mean (for A-optimal plans in
-        the root mean square).
+    The gain is the relative decrease of all standard deviations, in the geometric mean (for
+    A-optimal plans in the root mean square).
     """
 
     label: str
@@ -37,15 +32,10 @@ class Worth:
 
 @dataclass(frozen=True, slots=True)
 class BandWorth:
-    """A part of the band, or an alternative band.
+    """A part of the band, or an alternative band, in Hz.
 
-    Attributes
-    ----------
-    low, high : float
-        In Hz.
-    gain : float
-        For a part: relative decrease of all standard deviations by its lines. For a band: relative
-        increase of all standard deviations compared with the selected one; 0 for that one.
+    The gain of a part is the relative decrease of all standard deviations by its lines; that of a
+    band their relative increase compared with the selected one.
     """
 
     low: float
@@ -57,17 +47,8 @@ class BandWorth:
 class RivalLayout:
     """The layout of another criterion, from the same candidates in the same band.
 
-    Attributes
-    ----------
-    criterion : str
-        Name of the criterion.
-    responses, references : tuple of str
-        Its selection; empty if not possible.
-    ratio : float
-        Geometric mean of the semi-axes of its confidence ellipsoid over that of the plan: above 1
-        if it is worse. nan without a selection.
-    note : str
-        The reason if the selection is not possible; else empty.
+    `ratio` is the geometric mean of the semi-axes of its confidence ellipsoid over that of the
+    plan: above 1 if it is worse, nan without a selection, with the reason in `note`.
     """
 
     criterion: str

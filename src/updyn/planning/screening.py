@@ -1,12 +1,8 @@
 """Reduced models for the selection, and screening of very many candidates.
 
-The information of all pairs grows with the product of the candidates. Of very many, the most
-informative at some lines of a reduced model are kept: first references, as if a sample of all
-responses were measured, then responses for these references, those of the layouts that greedy
-selection reaches from some of the references. Half of the remaining places go to the next best in
-greedy selection (which complement each other), the others to the best separate ones. The layout is
-then selected from these, for a large model in a reduced model with a certified error at every point
-of the parameters.
+The most informative candidates at some lines of a reduced model are kept: references, as if a
+sample of all responses were measured, then responses for these. Half of the places after those of
+greedy layouts go to the next best in greedy selection, the others to the best separate ones.
 """
 
 from __future__ import annotations
@@ -64,9 +60,9 @@ def screen_candidates(
 ) -> Candidates:
     """Return the most informative candidates, with the level of the noise, in a reduced model.
 
-    The first of the `points` is the start of the parameters; `wanted` are the indices of those of
-    interest; `counts` are the numbers of responses and references to select. Raises SolverError if
-    the model cannot be solved, Stopped if the user stops the work.
+    The first of the `points` is the start of the parameters; `counts` are the numbers of responses
+    and references to select. Raises `SolverError` if the model cannot be solved, `Stopped` if the
+    user stops the work.
     """
     solver = _build_reduction(candidates, points).solver()
     rows = np.arange(len(candidates.responses))
@@ -148,8 +144,8 @@ def _build_reduction(candidates: Candidates, points: Sequence[_Real]) -> Reducti
 def reduce_candidates(candidates: Candidates, points: Sequence[_Real]) -> Candidates:
     """Return the candidates in a reduced model that is accurate at all points, if possible.
 
-    A small model is not reduced. Raises SolverError if the model cannot be solved, Stopped if the
-    user stops the work.
+    A small model is not reduced. Raises `SolverError` if the model cannot be solved, `Stopped` if
+    the user stops the work.
     """
     part = candidates.part
     if part.solver.system.n <= _DOFS:
