@@ -62,16 +62,8 @@ _Result: TypeAlias = "UpdateResult | JointResult"
 class StepCounter:
     """Callback of one fit that forwards its steps, counts its lines, and records a stop.
 
-    Attributes
-    ----------
-    callback : callable or None
-        The callback of the user.
-    stage : str
-        Method, with the number of lines unless all are used; prefix of the stage of every step.
-    lines_solved : int
-        Lines solved by the latest fit, without those of the assessment of its result.
-    stopped : bool
-        Whether the user has asked to stop.
+    `stage` is the prefix of the stage of every step: the method, with the number of lines unless
+    all are used. `lines_solved` excludes the assessment of the result.
     """
 
     callback: Callback | None
@@ -97,22 +89,8 @@ CHOSEN = ("d-optimal", "even")
 class Options:
     """The options of a comparison, checked.
 
-    Attributes
-    ----------
-    methods : tuple of str
-        Names of the methods, each once.
-    by_method : mapping of str to mapping
-        Options by method.
-    truth : mapping of str to float
-        Known true values by unknown.
-    fewest : bool
-        Whether to seek the fewest lines.
-    tolerance : float
-        Error below which an unknown counts as recovered.
-    chosen : str
-        Way to choose the fewest lines.
-    title : str
-        Title, for documentation.
+    `tolerance` is the error below which an unknown counts as recovered, `fewest` states whether to
+    seek the fewest lines, and `chosen` how to choose them.
     """
 
     methods: tuple[str, ...]
@@ -136,13 +114,7 @@ class Options:
         chosen: str = "d-optimal",
         title: str = "",
     ) -> Options:
-        """Check the arguments of `updyn.compare`.
-
-        Raises
-        ------
-        InputError
-            If an argument is unknown or invalid.
-        """
+        """Check the arguments of `updyn.compare`; `InputError` if one is unknown or invalid."""
         options = options or {}
         names = _check_methods(methods, options)
         if chosen not in CHOSEN:
@@ -207,21 +179,7 @@ def _check_tolerance(given: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bench:
-    """The common inputs of all methods.
-
-    Attributes
-    ----------
-    tests : tuple of Test
-        The tests, with the chosen lines.
-    parameters : ParameterSet
-        The unknowns.
-    options : Options
-        The options of the comparison.
-    running : mapping of str to object
-        The options of every fit.
-    data : tuple of FRF
-        The fitted data of each test, on its lines.
-    """
+    """The common inputs of all methods: tests with the chosen lines, and `data` on these lines."""
 
     tests: tuple[Test, ...]
     parameters: ParameterSet
@@ -240,10 +198,7 @@ class Bench:
     ) -> Bench:
         """Choose the lines once for all methods, and check the inputs for consistency.
 
-        Raises
-        ------
-        InputError
-            If lines, noise or validation set do not fit the data.
+        An `InputError` is raised if lines, noise or validation set do not fit the data.
         """
         with_lines, data = [], []
         for test in tests:
@@ -273,12 +228,8 @@ class Bench:
     def run_method(self, name: str, counter: StepCounter) -> Row:
         """Run a method with the unknowns that it can update.
 
-        Raises
-        ------
-        InputError
-            If the method does not apply.
-        SolverError
-            If the model cannot be solved at its start values.
+        Raises `InputError` if the method does not apply, `SolverError` if the model cannot be
+        solved at its start values.
         """
         facts = method_facts(name)
         updatable: list[Parameter] = []

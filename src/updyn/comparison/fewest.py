@@ -84,8 +84,8 @@ def errors_against(
 ) -> dict[str, float]:
     """Return the errors of the unknowns whose truth is known, by name.
 
-    An error is estimate / truth - 1, and for a loss factor estimate - truth. The error of a
-    damping coefficient with truth 0 is relative to its start.
+    An error is estimate / truth - 1, and for a loss factor estimate - truth. The error of a damping
+    coefficient with truth 0 is relative to its start.
     """
     errors = {}
     for p in parameters:

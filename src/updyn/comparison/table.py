@@ -267,10 +267,7 @@ def method_facts(name: str) -> dict[str, Any]:
 
 
 def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
-    """Return the figures of agreement with the fitted data and with the validation set.
-
-    For several tests, the worst figure is taken.
-    """
+    """Return the worst figures of agreement of all tests: fitted data, validation set."""
     fitted, held_out = [], []
     for one in result.results.values():
         fitted.append(one.correlation)
