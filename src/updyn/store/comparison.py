@@ -16,23 +16,9 @@ __all__ = ["comparison_to_json", "write_comparison_json"]
 def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
     """Return a comparison as a dict that `json.dumps` writes without inf or nan.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        The comparison.
-
-    Returns
-    -------
-    dict
-        ``title``; ``unknowns``, names; ``truth`` by unknown, None if unknown; ``rule``
-        and ``tolerance`` of the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict per
-        method with the fields of `updyn.comparison.Row`: ``method``, ``reference``, ``status``,
-        ``message``, ``cannot``, ``needs``, ``n_unknowns`` and ``updated``, ``left``, ``values``,
-        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated`` (None if an
-        unknown is not determined, or the truth is unknown), ``off_in_std``, ``rank``,
-        ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
-        ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines``
-        in Hz, ``tried``, ``note``; None where not sought); ``versions``.
+    ``rows`` has a dict per method with the fields of `updyn.comparison.Row`; an error is None if an
+    unknown is not determined or its truth is unknown. ``rule`` and ``tolerance`` are those of the
+    fewest lines, ``lines`` are in Hz.
     """
     return {
         "title": comparison.title,
@@ -87,15 +73,5 @@ def _fewest_to_json(fewest: Fewest) -> dict[str, Any]:
 
 
 def write_comparison_json(comparison: Comparison, path: str | Path) -> None:
-    """Write `comparison_to_json` to a file.
-
-    An existing file is replaced only once the new one is complete.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The comparison.
-    path : path
-        File to write, usually ``compare.json``.
-    """
+    """Write `comparison_to_json` to a file, which is replaced only once the new one is complete."""
     write_json(comparison_to_json(comparison), path)

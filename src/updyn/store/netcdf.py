@@ -1,11 +1,6 @@
 """Records as netCDF-4 (HDF5): each field of a dataclass has a storage format, a `FieldFormat`.
 
-A layout lists the fields in the order of writing::
-
-    LAYOUT = {"status": Text(STATUSES), "options": Mixed(), "lines": Array("line", variable="line")}
-
-`put_fields` writes the fields of a record into an xarray dataset and `take_fields` reads them;
-`write_dataset` and `read_dataset` write and read the file.
+A layout lists the fields in the order of writing: ``{"status": Text(STATUSES), ...}``.
 """
 
 from __future__ import annotations
@@ -72,13 +67,7 @@ def take_fields(data: xr.Dataset, layout: Mapping[str, FieldFormat], path: Path)
 
 # -- formats of fields --------------------------------------------------------------------------
 class Text:
-    """A text, as an attribute.
-
-    Parameters
-    ----------
-    choices : sequence of str, optional
-        Allowed values.
-    """
+    """A text, one of `choices` if given, as an attribute."""
 
     def __init__(self, choices: Sequence[str] = ()) -> None:
         self._choices = choices
@@ -98,15 +87,7 @@ class Text:
 
 
 class Number:
-    """A number or a flag, as an attribute.
-
-    A ``bool`` is stored as 0 or 1.
-
-    Parameters
-    ----------
-    kind : type
-        ``float`` or ``bool``.
-    """
+    """A number or a flag, as an attribute; a ``bool`` is stored as 0 or 1."""
 
     def __init__(self, kind: type) -> None:
         self._kind = kind
@@ -123,16 +104,10 @@ class Number:
 
 
 class Mixed:
-    """Mixed values as JSON text (`updyn.store.values`).
+    """Mixed values as JSON text (`updyn.store.values`), in a variable or an attribute.
 
-    Parameters
-    ----------
-    kind : type, optional
-        Dataclass of the field, whose fields are stored by name; None for plain values.
-    is_attribute : bool
-        Whether the text is an attribute, not a variable.
-    absent : optional
-        Default value of a missing attribute; without a default it is required.
+    `kind` is the dataclass of the field, whose fields are stored by name, or None for plain values.
+    An attribute without the default `absent` is required.
     """
 
     def __init__(
@@ -174,13 +149,7 @@ class Mixed:
 
 
 class Texts:
-    """A tuple of texts, as the coordinate of a dimension.
-
-    Parameters
-    ----------
-    dim : str
-        The dimension.
-    """
+    """A tuple of texts, as the coordinate of a dimension."""
 
     def __init__(self, dim: str) -> None:
         self._dim = dim
@@ -195,18 +164,10 @@ class Texts:
 
 
 class Array:
-    """A number array, as a variable.
+    """A number array, as a variable, by default named as the field.
 
-    Parameters
-    ----------
-    *dims : str
-        Its dimensions. An existing dimension of the dataset must have the same length.
-    variable : str, optional
-        Name of the variable, by default that of the field.
-    unit : str, optional
-        Unit, as an attribute of the variable.
-    is_flag : bool
-        Whether the entries are true or false, stored as 0 and 1.
+    An existing dimension of the dataset must have the same length. With `is_flag`, entries are true
+    or false, stored as 0 and 1.
     """
 
     def __init__(
@@ -242,15 +203,7 @@ class Array:
 
 
 class Arrays:
-    """Number arrays by name, as variables whose names have a prefix.
-
-    Parameters
-    ----------
-    prefix : str
-        The prefix.
-    *dims : str
-        Dimensions of each.
-    """
+    """Number arrays by name, as variables whose names have a prefix."""
 
     def __init__(self, prefix: str, *dims: str) -> None:
         self._prefix = prefix
@@ -286,7 +239,7 @@ def variable(data: xr.Dataset, name: str, path: Path) -> Any:
 def load_libraries() -> None:
     """Import the libraries of `write_dataset`, which takes a second or two.
 
-    Called before a long computation, such that the results of a stopped one are written at once.
+    Called before a long computation, so that the results of a stopped one are written at once.
     """
     import xarray as xr
 
@@ -300,20 +253,9 @@ def write_dataset(
     kind: str,
     put_more: Callable[[Any], None] | None = None,
 ) -> None:
-    """Write a dataset as a file of updyn.
+    """Write a dataset as a file of updyn, which is replaced only once the new one is complete.
 
-    An existing file is replaced only once the new one is complete.
-
-    Parameters
-    ----------
-    data : xarray.Dataset
-        Content of the root of the file.
-    path : path
-        File to write.
-    kind : str
-        Kind of the file, for `updyn.io.hdf5.check_kind`.
-    put_more : callable, optional
-        Writes further content into the open `h5py.File`.
+    `kind` is for `updyn.io.hdf5.check_kind`; `put_more` writes into the open `h5py.File`.
     """
     import h5py
 
@@ -329,31 +271,10 @@ def write_dataset(
 def read_dataset(
     path: str | Path, kind: str, what: str, groups: Sequence[str] = ()
 ) -> tuple[xr.Dataset, dict[str, Folder]]:
-    """Read a file written by `write_dataset`.
+    """Return the root of a file written by `write_dataset`, in memory, and its required groups.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    kind : str
-        Required kind.
-    what : str
-        The kind in words, for messages.
-    groups : sequence of str
-        Required groups.
-
-    Returns
-    -------
-    xarray.Dataset
-        The root of the file, in memory.
-    dict of str to Folder
-        The groups.
-
-    Raises
-    ------
-    FormatError
-        If the file does not exist, is damaged, or is of another kind (the message gives the right
-        reader).
+    `what` is the kind in words. A `FormatError` is raised if the file does not exist, is damaged,
+    or is of another kind (the message gives the right reader).
     """
     path = require_file(path)
     found = load_netcdf(path, kind, f"{what} (NetCDF-4)", groups=groups)

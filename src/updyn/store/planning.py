@@ -16,22 +16,9 @@ __all__ = ["plan_to_json", "write_plan_json"]
 def plan_to_json(plan: Plan, title: str = "") -> dict[str, Any]:
     """Return a plan as a dict that `json.dumps` writes without inf or nan.
 
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    title : str
-        Title of the plan.
-
-    Returns
-    -------
-    dict
-        ``title``; ``criterion``, ``responses``, ``references``, ``band``, ``quantity``, ``noise``,
-        ``lines`` in Hz, ``radius``, ``gain``, ``reference_gain`` and ``doubled`` as in
-        `updyn.Plan`; ``parameters``, one dict per unknown with ``name``, ``start``, ``std``,
-        ``least`` and ``largest`` over the draws (None without draws) and ``counts``; ``further``,
-        ``further_references``, ``parts``, ``bands`` and ``rivals`` as lists of dicts; ``draws``,
-        ``off``, ``seed``, ``screened``; ``versions``.
+    Most entries are fields of `updyn.Plan`; ``lines`` are in Hz. ``parameters`` has a dict per
+    unknown, whose ``least`` and ``largest`` standard deviation are over the draws (None without
+    draws).
     """
     unknowns = []
     for p in plan.parameters:
@@ -64,15 +51,5 @@ _RECORDS = ("further", "further_references", "parts", "bands", "rivals")
 
 
 def write_plan_json(plan: Plan, path: str | Path, title: str = "") -> None:
-    """Write `plan_to_json` to a file; an existing file is replaced once the new one is complete.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    path : path
-        File to write, usually ``plan.json``.
-    title : str
-        Title of the plan.
-    """
+    """Write `plan_to_json` to a file, which is replaced only once the new one is complete."""
     write_json(plan_to_json(plan, title), path)

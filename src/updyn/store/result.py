@@ -329,13 +329,7 @@ class _Adequacy:
 
 
 class _Records:
-    """Records of one kind, as JSON text; absent if there are no records, and in old files.
-
-    Parameters
-    ----------
-    kind : type
-        Their dataclass.
-    """
+    """Records of a dataclass, as JSON text; absent if there are no records, and in old files."""
 
     def __init__(self, kind: Callable[..., Any]) -> None:
         self._kind = kind
@@ -536,38 +530,11 @@ def _take_rows(data: xr.Dataset, name: str, path: Path) -> list[dict[str, float]
 
 # -- JSON ---------------------------------------------------------------------------------------
 def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
-    """Return the outcome as a dict that `json.dumps` writes without inf or nan.
+    """Return the outcome as a dict (docs/job.md) that `json.dumps` writes without inf or nan.
 
-    Parameters
-    ----------
-    result : UpdateResult or JointResult
-        The outcome. For several tests, ``correlation`` and ``noise`` are those of the first.
-
-    Returns
-    -------
-    dict
-        ``status``, ``message``, ``remedy``, ``title``, ``method``, ``options``; ``parameters``, one
-        dict per unknown in order, with ``std`` None and ``identifiable`` False if the data do not
-        determine it, ``at_bound`` True or False and ``bound`` ``"lower"``, ``"upper"`` or None,
-        ``nominal`` and ``unit`` of a factor of 1, ``drives`` of a linked unknown;
-        ``identifiability``; ``correlation`` with ``before``, ``after`` and ``validation`` (may be
-        empty); ``noise``; ``iterations`` (accepted steps) and ``history``;
-        ``timing_s`` in s; ``versions``; ``adequacy``, None if not tested: ``outcome``,
-        ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
-        ``misfit`` over noise by response, reference and band, the ``worst`` places and
-        ``explained_by``, the ``noisy`` sensors and ``lone`` lines; ``trust``, ``holds`` and ``why``
-        of each part of the verdict, None in old records; ``findings``, the detected causes as
-        `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers with an equal
-        fit: ``values`` by unknown, ``odds``, ``sensor`` that would distinguish them and their
-        ``difference`` there; ``modes``, None if not compared: ``rows`` with
-        ``test``, ``start`` and ``updated``, each None or ``number``, ``frequency`` in Hz,
-        ``loss_factor``, ``change`` in % and ``mac``;
-        ``mac`` of the start's and the updated model's modes (rows) with the test's (columns),
-        ``auto_mac`` of the test's, ``comac`` and ``ecomac`` by DOF, ``figures``, ``notes``;
-        ``counterparts``, how many modes of the test the model had before the search, None in old
-        records: ``n_measured``, ``n_paired``, ``pairs``, ``statement``, ``known`` and its
-        basis. For several tests also ``tests``: ``correlation``, ``noise``, ``adequacy``,
-        ``modes`` and ``counterparts`` by name.
+    For several tests, ``correlation`` and ``noise`` are those of the first, and ``tests`` has those
+    of each. Entries that old records lack, such as ``trust``, are None, and so is the ``std`` of an
+    unknown that the data do not determine.
     """
     if isinstance(result, JointResult):
         first: dict[str, Any] = {}
@@ -675,13 +642,5 @@ def _parameter_json(result: UpdateResult, unknown: Parameter) -> dict[str, Any]:
 
 
 def write_result_json(result: UpdateResult | JointResult, path: str | Path) -> None:
-    """Write `result_to_json` to a file; an existing file is replaced once the new one is complete.
-
-    Parameters
-    ----------
-    result : UpdateResult or JointResult
-        The outcome.
-    path : path
-        File to write, usually ``result.json``.
-    """
+    """Write `result_to_json` to a file, which is replaced only once the new one is complete."""
     write_json(result_to_json(result), path)

@@ -1,8 +1,7 @@
 """Mixed values (options, figures, advice) as JSON text: exactly, or plainly for other programs.
 
-JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them
-(``{"__float__": "inf"}``) for exact recovery by `from_text`. `plain` does not mark them: inf and
-nan become null, tuples and arrays become lists.
+`to_text` marks inf, nan, tuples, arrays and complex numbers (``{"__float__": "inf"}``), which JSON
+lacks, for exact recovery by `from_text`. `plain` does not mark them.
 """
 
 from __future__ import annotations
@@ -31,18 +30,8 @@ _WIDEST = 4096  # bytes of an entry of an array
 def to_text(value: Any, what: str) -> str:
     """Return strict JSON from which `from_text` restores `value`.
 
-    Parameters
-    ----------
-    value : object
-        None, bool, int, float, complex, str, arrays of numbers or texts, `Dof`, `DofSet`,
-        `ModeSet`, and mappings, lists and tuples of these.
-    what : str
-        Name of the value, for the warning.
-
-    Warns
-    -----
-    UpdynWarning
-        If it contains an object of another type (a solver, a client), whose text is stored instead.
+    An object of another type (a solver, a client) is stored as its text, with an `UpdynWarning` on
+    `what`.
     """
     return json.dumps(_mark_value(value, what), allow_nan=False, ensure_ascii=False)
 
@@ -135,10 +124,7 @@ def _refuse(constant: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return `value` as strict JSON values.
-
-    inf and nan become None, tuples and arrays become lists, objects of other types become text.
-    """
+    """Return strict JSON values: inf and nan as None, arrays as lists, other objects as text."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | str):
