@@ -51,17 +51,9 @@ else:
 def lock_folder(folder: Path) -> Iterator[None]:
     """Lock an existing folder against writing by other processes and threads.
 
-    Raises
-    ------
-    InUseError
-        If it is locked; the message names the process.
-    FormatError
-        If the lock file cannot be written, or belongs to a user.
-
-    Warns
-    -----
-    UpdynWarning
-        If the file system does not support locks.
+    An `InUseError` with the process is raised if it is locked, a `FormatError` if the lock file
+    cannot be written or belongs to a user. An `UpdynWarning` is given if the file system does not
+    support locks.
     """
     path = folder / LOCK
     number = _acquire_lock(path)

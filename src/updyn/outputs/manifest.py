@@ -66,17 +66,7 @@ _ABOUT = (
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A file that updyn wrote.
-
-    Attributes
-    ----------
-    sha256 : str
-        Digest of its content.
-    run : str
-        Id of the run that wrote it.
-    command : str
-        The command, such as ``"run"``.
-    """
+    """A file that updyn wrote: digest of its content, id of the run, and command."""
 
     sha256: str
     run: str
@@ -85,25 +75,13 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """The files that updyn wrote into a folder.
-
-    Attributes
-    ----------
-    entries : mapping of str to Entry
-        Entries by path relative to the folder, with slashes.
-    """
+    """The files that updyn wrote into a folder, by path relative to the folder, with slashes."""
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
 
     @classmethod
     def read(cls, folder: Path) -> Manifest:
-        """Return the manifest of a folder; an empty one if there is no file.
-
-        Raises
-        ------
-        FormatError
-            If the file is not a manifest of updyn.
-        """
+        """Return the manifest of a folder, empty without a file; `FormatError` if it is invalid."""
         path = folder / MANIFEST
         if not path.exists() and not path.is_symlink():
             return cls()
@@ -140,13 +118,7 @@ class Manifest:
 
 
 def _read_files(content: Any) -> Mapping[str, Any]:
-    """Return the table of files of a manifest.
-
-    Raises
-    ------
-    ValueError
-        If the content is not a manifest.
-    """
+    """Return the table of files of a manifest; `ValueError` if it is not one."""
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ValueError(f"expected 'format': {FORMAT!r}")
     if content.get("schema") != SCHEMA:
@@ -216,10 +188,7 @@ def find_obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
 def find_obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the reasons by name for the files of a folder that must not be replaced.
 
-    Raises
-    ------
-    FormatError
-        If ``manifest.json`` is not a manifest of updyn.
+    A `FormatError` is raised if ``manifest.json`` is not a manifest of updyn.
     """
     manifest = Manifest.read(folder)
     reasons = {name: manifest.find_obstacle(folder, name) for name in names}

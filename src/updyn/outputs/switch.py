@@ -1,12 +1,9 @@
 """Atomic replacement of a set of files in a folder.
 
-All files are first written to ``.unfinished-ID``. When they are on disk, together with a plan of
-the switch, that folder is renamed to ``.finished-ID``; from then on the new set is valid. Its files
-are then moved to their places, and files of the old set without a successor are removed. After a
-kill or a power failure, the next process completes ``.finished-ID`` (`recover`) and removes
-``.unfinished-ID``, and the folder contains either the whole old or the whole new set. The plan
-contains digests of old and new files, which protect files that a user has put there in the
-meantime.
+A complete set on disk with a plan of the switch, in ``.unfinished-ID``, is renamed to
+``.finished-ID``. From then on it is valid, and its files are moved to their places. After a kill or
+a power failure, the next process completes ``.finished-ID`` (`recover`) and removes
+``.unfinished-ID``. Digests in the plan protect files that a user has put there in the meantime.
 """
 
 from __future__ import annotations
@@ -51,12 +48,7 @@ def open_folder(folder: Path) -> Iterator[None]:
     """Create a folder if missing, lock it, and complete an interrupted switch in it.
 
     If the block raises, the folder and its parents are removed again, if they were created here and
-    are empty.
-
-    Raises
-    ------
-    InUseError
-        If another process is writing to it.
+    are empty. An `InUseError` is raised if another process is writing to it.
     """
     with create_folder(folder), lock_folder(folder):
         _recover(folder)
@@ -86,26 +78,9 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 def replace_files(folder: Path, command: str, names: Collection[str] = ()) -> Iterator[Path]:
     """Yield a folder to write a set of files to; at the end, they replace the old set together.
 
-    Parameters
-    ----------
-    folder : Path
-        Destination of the files; it is locked.
-    command : str
-        Name of the command that writes them, for the manifest.
-    names : collection of str
-        Files of the set, in the order in which they appear. A file that is not written is removed
-        from `folder`. Further files that are written belong to the set, too.
-
-    Yields
-    ------
-    Path
-        A folder inside `folder`, empty except for a hidden plan.
-
-    Raises
-    ------
-    InputError
-        If a file that updyn did not write has appeared under a name of the set. The new set is then
-        kept in a separate folder, which the message names.
+    `names` are in the order in which the files appear; one that is not written is removed from
+    `folder`, and other files that are written belong to the set, too. An `InputError` is raised if
+    a user's file has appeared under a name of the set, which is then kept in a separate folder.
     """
     run = secrets.token_hex(8)
     staging = folder / f".unfinished-{run}"
@@ -123,12 +98,8 @@ def replace_files(folder: Path, command: str, names: Collection[str] = ()) -> It
 class _Plan:
     """The plan of a switch to a new set of files.
 
-    Attributes
-    ----------
-    moved : dict of str to list
-        Digests of the file to replace (None if missing) and of the new file, by name, in order.
-    removed : dict of str to str
-        Digest of each file to remove, by name.
+    `moved` has the digests of the old file (None if missing) and the new file, `removed` of the
+    old.
     """
 
     moved: dict[str, list[str | None]]
@@ -224,14 +195,8 @@ def _complete_switch(finished: Path, folder: Path, plan: _Plan) -> None:
 def recover(folder: Path) -> None:
     """Complete or remove the interrupted switches that killed processes left in a folder.
 
-    The folder need not exist.
-
-    Raises
-    ------
-    InUseError
-        If a running process is about to replace the files.
-    InputError
-        If a file that updyn did not write has appeared under a name of the new set.
+    The folder need not exist. An `InUseError` is raised if a running process is about to replace
+    the files, an `InputError` if a user's file has appeared under a name of the new set.
     """
     found = list(_find_interrupted(folder)) if folder.is_dir() else []
     if not found:
