@@ -1,8 +1,7 @@
 """Matplotlib figures of updyn objects: each function takes an object and returns a figure.
 
-The functions draw the data of an object and compute no physics. Without ``ax=``, a new figure is
-made without pyplot, in the colours and sizes of `updyn.style`. matplotlib is imported with the
-first figure; ``pip install "updyn[plots]"`` installs it.
+No physics is computed. Figures are made without pyplot, and matplotlib is imported with the first
+one; ``pip install "updyn[plots]"`` installs it.
 """
 
 from __future__ import annotations

@@ -111,15 +111,7 @@ def _figure_class() -> type[Figure]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
-    """A figure and the axes of its panels.
-
-    Attributes
-    ----------
-    figure : matplotlib.figure.Figure
-        The whole figure, also if the caller owns the axes.
-    axes : dict of str to matplotlib.axes.Axes
-        Axes by panel, from top to bottom.
-    """
+    """A figure, whole even if the caller owns the axes, and its axes by panel, from the top."""
 
     figure: Figure
     axes: Mapping[str, Axes]
@@ -140,27 +132,9 @@ def canvas(
 ) -> Iterator[Canvas]:
     """Yield panels in one column, in a context with the style of updyn.
 
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes, sequence of them, or None
-        Axes of the caller, assigned to the panels in order; None for a new figure.
-    panels : mapping of str to float
-        Relative height by panel name.
-    size : (float, float)
-        Width and height of a new figure in px.
-    share_x : bool
-        Whether the panels of a new figure share the x axis.
-
-    Yields
-    ------
-    Canvas
-        The panels for which there are axes.
-
-    Raises
-    ------
-    OptionError
-        If matplotlib is not installed, `ax` is not an axes object, or there are more axes than
-        panels.
+    `ax` are axes of the caller in the order of the panels, None for a new figure; only panels with
+    axes are yielded. `panels` has relative heights, `size` is in px. An `OptionError` is raised
+    without matplotlib, or if `ax` is not axes or has more axes than panels.
     """
     new_figure = _figure_class()
     import matplotlib
@@ -182,27 +156,10 @@ def canvas(
 def grid_canvas(
     ax: WhichAxes | None, names: Sequence[str], size: tuple[float, float], columns: int
 ) -> Iterator[Canvas]:
-    """Yield panels in a grid, in a context with the style of updyn.
+    """Yield panels in a grid, row by row, in a context with the style of updyn.
 
-    Parameters
-    ----------
-    ax : sequence of matplotlib.axes.Axes, or None
-        One for each panel; None for a new figure.
-    names : sequence of str
-        Names of the panels, row by row.
-    size : (float, float)
-        Width and height of a panel of a new figure in px.
-    columns : int
-        Number of columns.
-
-    Yields
-    ------
-    Canvas
-
-    Raises
-    ------
-    OptionError
-        If matplotlib is not installed, or `ax` does not have one axes object per panel.
+    `ax` has one axes object per panel, None for a new figure; `size` of a panel is in px. An
+    `OptionError` is raised without matplotlib, or if `ax` has another number of axes.
     """
     new_figure = _figure_class()
     import matplotlib
@@ -248,14 +205,9 @@ def _find_figure(axes: Axes) -> Figure:
 
 # -- magnitude and phase ---------------------------------------------------------------------------
 def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
-    """Return magnitudes on the scale `level`; nan for the logarithm of zero.
+    """Return magnitudes on the scale `level` (dB relative to 1 unit); nan for a logarithm of zero.
 
-    The result is in the unit of the values, or in dB relative to 1 unit.
-
-    Raises
-    ------
-    OptionError
-        If `level` is not "log", "dB" or "linear".
+    An `OptionError` is raised if `level` is not "log", "dB" or "linear".
     """
     if level not in LEVELS:
         raise OptionError(f"level {level!r}: {suggest(str(level), LEVELS)}")
@@ -353,20 +305,8 @@ def heat_map(
 ) -> None:
     """Draw a matrix as a colour map with a colour bar, first row at the top.
 
-    Parameters
-    ----------
-    found : Canvas
-        The canvas.
-    values : ndarray of float, shape (n_rows, n_columns)
-        Values from 0 to 1, or from -1 to 1 if `signed`; nan for unknown values.
-    names : (sequence of str, sequence of str)
-        Names of rows and columns.
-    title : str
-        Title of the colour bar, with the unit.
-    signed : bool
-        Whether the scale is -1 to 1.
-    panel : str, optional
-        Name of the panel; the first one by default.
+    Values are from 0 to 1, or from -1 to 1 if `signed`; nan is unknown. `names` are those of rows
+    and columns, `title` that of the colour bar.
     """
     axes = found.first if panel is None else found.axes[panel]
     mesh = axes.pcolormesh(

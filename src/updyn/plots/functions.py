@@ -263,20 +263,10 @@ def one_channel(
     looks: Mapping[str, Mapping[str, Any]] | None = None,
     agreement: str = "",
 ) -> Figure:
-    """Draw magnitude and phase of a single channel.
+    """Draw magnitude and phase of a single channel; options as for `overlay`.
 
-    Parameters
-    ----------
-    measured : FRF
-        An FRF with one channel.
-    fitted : mapping of str to FRF
-        Computed FRFs by their name in the legend.
-    level, log_frequency, ax
-        As for `overlay`.
-    looks : mapping of str to mapping, optional
-        Line properties of each computed curve; None to choose them by name.
-    agreement : str
-        Text added to the title.
+    `looks` are line properties of each computed curve, None to choose them by name; `agreement` is
+    added to the title.
     """
     looks = _computed_looks(fitted) if looks is None else looks
     with canvas(ax, {"magnitude": 2.2, "phase": 1.0}, (960, 520)) as made:
