@@ -16,10 +16,9 @@ __all__ = ["groups_of_faces", "groups_of_lines", "nodes_of_groups"]
 def groups_of_lines(model: Model) -> NDArray[np.intp]:
     """Return the group of each line of the model's geometry, shape (m,); -1 if unknown.
 
-    The model does not store the group of a line. It is determined as the group whose stiffness
-    matrix has the largest norm of the entries between the degrees of freedom of the two nodes. If
-    only one node has degrees of freedom (the other is fixed or dependent), it is the group with the
-    largest entries at that node; if neither has, the group is unknown.
+    The model does not store it. It is the group whose stiffness matrix has the largest norm of the
+    entries between the DOFs of the two nodes; if only one node has DOFs (the other is fixed or
+    dependent), the largest entries at that node; if neither has, it is unknown.
     """
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.line_ends)
@@ -29,9 +28,8 @@ def groups_of_faces(model: Model) -> NDArray[np.intp]:
     """Return the group of each face of the model's geometry, shape (k,); -1 if unknown.
 
     It is the group whose stiffness matrix couples all pairs of nodes of the face, diagonals
-    included, and whose weakest coupling is the strongest of all groups. Nodes without degrees of
-    freedom are ignored; with one node left the rule for lines applies, with none the group is
-    unknown.
+    included, and whose weakest coupling is the strongest of all groups. Nodes without DOFs are
+    ignored; with one node left the rule for lines applies, with none the group is unknown.
     """
     assert model.geometry is not None
     return _groups_of_cells(model, model.geometry.face_corners)
@@ -96,10 +94,9 @@ def _is_first(cells: NDArray[np.intp]) -> NDArray[np.bool_]:
 def nodes_of_groups(
     model: Model, groups: NDArray[np.intp], most: int
 ) -> dict[int, NDArray[np.intp]]:
-    """Return by group the nodes of groups without lines: lumped masses, springs to the ground.
+    """Return the nodes of groups without lines (lumped masses, springs to the ground) by group.
 
-    Groups with more than `most` nodes are omitted. Groups and nodes are positions in the model's
-    groups and in its geometry.
+    Groups with more than `most` nodes are omitted; groups and nodes are positions.
     """
     at = _places(model)
     out = {}
