@@ -1,8 +1,7 @@
 """cuDSS for symmetric matrices on a graphics card, through nvmath-python (extra ``updyn[cuda]``).
 
-The pattern is analysed once and stays on the card; values and right-hand sides are copied to it for
-each factorisation and solve, solutions are copied back. Only the upper triangle is stored (L D
-L^T). Phases, matrix types and parameters as in the cuDSS reference, version 0.8.
+The pattern is analysed once and stays on the card. Only the upper triangle is stored (L D L^T).
+Phases, matrix types and parameters as in the cuDSS reference, version 0.8.
 """
 
 from __future__ import annotations
@@ -51,9 +50,7 @@ def _libraries() -> Any:
 class Cudss:
     """Factorisation of one pattern, analysed once.
 
-    Rows and columns are scaled, which makes the limit of a small pivot independent of units. `real`
-    selects real matrices, definite or not, instead of complex ones. Raises RuntimeError for an
-    error of the library, MemoryError if the card has too little memory.
+    Rows and columns are scaled, which makes the limit of a small pivot independent of units.
     """
 
     install = "pip install 'updyn[cuda]' (a card of NVIDIA with a driver for CUDA 13)"
@@ -87,10 +84,10 @@ class Cudss:
         return int(self._card.query("MEMORY_ESTIMATES", np.int64, 16)[1])
 
     def factor(self, A: Any) -> _CudssFactors:
-        """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
+        """Return the factors of a matrix; those of an earlier call become invalid.
 
-        The result of an earlier call becomes invalid. Raises RuntimeError for an error of the
-        library or a perturbed pivot, MemoryError if the card has too little memory.
+        Raises RuntimeError also for a perturbed pivot, MemoryError if the card has too little
+        memory.
         """
         scale = 1.0 / unit_scale(A.diagonal())
         values = A.data[self._upper].astype(self._kind, copy=False)

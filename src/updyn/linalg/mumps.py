@@ -33,11 +33,7 @@ def _package() -> Any:
 
 
 class Mumps:
-    """Factorisation of one pattern, analysed once (L D L^T with two by two pivots, SYM = 2).
-
-    `real` selects real matrices, definite or not, instead of complex ones. Raises RuntimeError for
-    an error of the library, MemoryError if memory is insufficient.
-    """
+    """Factorisation of one pattern, analysed once (L D L^T with two by two pivots, SYM = 2)."""
 
     install = (
         "install the library MUMPS (Debian: libmumps-seq-dev), then pip install 'updyn[mumps]'"
@@ -71,11 +67,7 @@ class Mumps:
         return int(megabytes) * 10**6
 
     def factor(self, A: Any) -> _MumpsFactors:
-        """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
-
-        The result of an earlier call becomes invalid. Raises RuntimeError if A is singular, or for
-        another error of the library; MemoryError if memory is insufficient.
-        """
+        """Return the factors of a matrix; those of an earlier call become invalid."""
         np.compress(self._upper, A.data, out=self._context.data)  # read by the library
         self._run(self._context.factor, reuse_analysis=True)
         negative = None

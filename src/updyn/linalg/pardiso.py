@@ -1,7 +1,7 @@
 """MKL PARDISO for symmetric matrices, through the ``mkl`` wheel (extra ``updyn[mkl]``).
 
-A pattern is analysed once for all lines and iterations; only the upper triangle is stored and
-factorised (L D L^T). Matrix types 6 and -2 and parameters as in the oneMKL PARDISO reference.
+A pattern is analysed once; only the upper triangle is stored and factorised (L D L^T). Matrix types
+6 and -2 and parameters as in the oneMKL PARDISO reference.
 """
 
 from __future__ import annotations
@@ -51,12 +51,7 @@ def library() -> Any:
 
 
 class Pardiso:
-    """Factorisation of one pattern, analysed once.
-
-    The pattern is symmetric and sorted, with a full diagonal. `real` selects real matrices,
-    definite or not, instead of complex ones; `single` single precision. Raises RuntimeError for an
-    error of the library or an incomplete diagonal, MemoryError if memory is insufficient.
-    """
+    """Factorisation of one symmetric, sorted pattern with a full diagonal, analysed once."""
 
     install = "pip install 'updyn[mkl]' (x86_64)"
     has_single = True
@@ -106,11 +101,9 @@ class Pardiso:
         return self._session.peak_bytes()
 
     def factor(self, A: Any) -> _PardisoFactors:
-        """Factorise a matrix of the pattern and return a solver of right-hand sides, shape (n, r).
+        """Return the factors of a matrix; those of an earlier call become invalid.
 
-        The result of an earlier call becomes invalid. Raises RuntimeError for an error of the
-        library, a perturbed pivot, or a value beyond the range of the precision; MemoryError if
-        memory is insufficient.
+        Raises RuntimeError also for a perturbed pivot or a value beyond the range of the precision.
         """
         session, at = self._session, 0
         for first in range(0, len(self._upper), _BLOCK):

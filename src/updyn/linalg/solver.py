@@ -1,12 +1,10 @@
 """Checked sparse solves with complex or real symmetric matrices of one pattern.
 
-`SparseSolver` analyses a pattern once, factorises its matrices with a backend and checks every
-solution by its backward error. Backends implement `Backend` and are registered in `BACKENDS`.
-
-On request, real matrices are factorised in single precision, in 0.6 of the time and memory (Langou,
-Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006), and solutions are refined.
-One refinement step for a load that excites every mode measures the distance of the factors from the
-matrix; if it is too large, double precision is used.
+Backends implement `Backend` and are registered in `BACKENDS`; every solution is checked by its
+backward error. On request, real matrices are factorised in single precision, in 0.6 of the time and
+memory, and solutions are refined (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc.
+ACM/IEEE SC 2006). One refinement step for a load that excites every mode measures the distance of
+the factors from the matrix; if it is too large, double precision is used.
 """
 
 from __future__ import annotations
@@ -112,27 +110,12 @@ def check_backend(name: str | None) -> str:
 
 @dataclass(slots=True, eq=False)
 class SparseSolver:
-    """Solver for matrices of one pattern, which keeps the analysis between calls.
+    """Solver for matrices of one pattern; only its latest factorisation is valid.
 
-    Only one factorisation is valid at a time, as the next one uses its memory.
-
-    Parameters
-    ----------
-    backend : str
-        One of `BACKENDS`.
-    real : bool
-        Matrices are real (possibly indefinite) instead of complex: 2.5 times faster, in half the
-        memory.
-    single : bool
-        Factorise real matrices in single precision if backend and matrix permit, and refine the
-        solutions to the requested `error`.
-
-    Attributes
-    ----------
-    solve_counts : dict
-        Number of solves by backend; others than `backend` only if it failed.
-    refined : int
-        Number of these that needed a refinement step.
+    `real` matrices (possibly indefinite) are 2.5 times faster, in half the memory. `single`
+    factorises them in single precision if backend and matrix permit. `solve_counts` has the number
+    of solves by backend, others than `backend` only if it failed; `refined` of them needed a
+    refinement step.
     """
 
     backend: str
@@ -149,12 +132,11 @@ class SparseSolver:
         return partial(SparseSolver, real=self.real, single=self.single), (self.backend,)
 
     def solve(self, A: Any, B: NDArray[Any], freq: float, held: str = "") -> NDArray[Any]:
-        """Solve A X = B and check the solution.
+        """Solve A X = B, A sparse CSC, symmetric and sorted with a full diagonal, and check X.
 
-        A is sparse CSC, symmetric and sorted, with a full diagonal; B has shape (n, r). `freq` in
-        Hz and `held`, the held DOFs, are for messages. Raises SolverError if A is singular to
-        rounding, memory is short, or the residual |A X - B| of a column exceeds 1e-8 of |A| |X| +
-        |B| even after a refinement step and with the other backends.
+        `freq` in Hz and `held`, the held DOFs, are for messages. Raises SolverError if A is
+        singular to rounding, memory is short, or the residual |A X - B| of a column exceeds 1e-8 of
+        |A| |X| + |B| even after a refinement step and with the other backends.
         """
         factorised = self.factorise(A, freq, held)
         try:
@@ -174,10 +156,9 @@ class SparseSolver:
         """Factorise A for later right-hand sides; an earlier factorisation becomes invalid.
 
         A must not change while in use. `error` is the permitted relative error of solutions in
-        single precision; with `single_only`, double precision, which needs twice the memory, is not
-        used instead. Raises SolverError if A is singular, memory is short, or A is too close to
-        singular for single precision only; TypeError if A is real for a complex solver or vice
-        versa.
+        single precision; `single_only` excludes double precision, which needs twice the memory.
+        Raises SolverError if A is singular or memory is short, TypeError if A is real for a complex
+        solver or vice versa.
         """
         if np.iscomplexobj(A) == self.real:
             raise TypeError(
@@ -311,8 +292,7 @@ class Factorised:
     def negative(self) -> int | None:
         """Number of negative eigenvalues of a real A (Sylvester's law of inertia); None if unknown.
 
-        For A = K - omega^2 M with positive definite M: the number of natural frequencies below
-        omega.
+        For K - omega^2 M with positive definite M: the number of natural frequencies below omega.
         """
         return self._latest_factors()[0].negative
 
@@ -326,10 +306,9 @@ class Factorised:
         return np.asarray(self._A @ X)
 
     def solve(self, B: NDArray[Any]) -> NDArray[Any]:
-        """Solve A X = B, B of shape (n, r), and check the solution.
+        """Solve A X = B and check X; errors as `SparseSolver.solve`.
 
-        Raises SolverError as `SparseSolver.solve`, RuntimeError if the solver has factorised
-        another matrix since, or was released.
+        Raises RuntimeError if the solver has factorised another matrix since, or was released.
         """
         _, choice = self._latest_factors()
         if self._solver.real and np.iscomplexobj(B):
@@ -363,10 +342,7 @@ class Factorised:
         return X[:, :r]
 
     def _refine_solution(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
-        """Return the solution, its largest backward error and the growth of each column.
-
-        Columns with a larger error than permitted are corrected once.
-        """
+        """Return the solution, its largest backward error and the growth; correct columns once."""
         run, choice = self._latest_factors()
         X = run(B)
         if choice.single:
@@ -383,10 +359,7 @@ class Factorised:
         return X, float(errors.max(initial=0.0)), grown
 
     def _refine_to_tolerance(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
-        """Refine solutions of factors in single precision to the permitted error.
-
-        Raises RuntimeError if they do not converge.
-        """
+        """Refine solutions of single-precision factors; RuntimeError if they do not converge."""
         error, before = self._off.share, 1.0
         for _ in range(_MOST_STEPS):
             if error <= max(self._error, self._off.floor):
@@ -426,11 +399,11 @@ class Factorised:
         return False
 
     def _distance_from_matrix(self, factors: Factors) -> _FactorDistance:
-        """Return the distance of factors in single precision from the matrix A.
+        """Return the distance of factors in single precision, those of A + E, from the matrix A.
 
-        They are those of A + E. A refinement step changes a solution by the share A^-1 E and leaves
-        an error of that share. If it is far below 1, no eigenvalue crosses zero between A + E and
-        A, so both have the same number of negative eigenvalues.
+        A refinement step changes a solution by the share A^-1 E and leaves an error of that share.
+        If it is far below 1, no eigenvalue crosses zero between A + E and A, so both have the same
+        number of negative eigenvalues.
         """
         load = np.asfortranarray(probe_load(self._scale).real)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -456,14 +429,9 @@ RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 
 @dataclass(frozen=True, slots=True)
 class _FactorDistance:
-    """Distance of factors from the matrix.
+    """Distance of factors from the matrix, by a load that excites every mode.
 
-    Attributes
-    ----------
-    share : float
-        Share of the error that a refinement step leaves, for a load that excites every mode.
-    floor : float
-        Relative error of a solution that refinement cannot reduce.
+    `share` of the error remains after a refinement step; `floor` is the error it cannot reduce.
     """
 
     share: float
@@ -501,8 +469,7 @@ _CACHED_NUMBERS = 2**15
 def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
     """Return the scale that makes rows and columns of a matrix comparable, independent of units.
 
-    `diagonal` has shape (..., n). DOFs with a zero entry get 1e-8 of the largest scale, or 1 if all
-    are zero.
+    DOFs with a zero entry get 1e-8 of the largest scale, or 1 if all are zero.
     """
     scale = np.sqrt(np.abs(diagonal))
     largest = scale.max(axis=-1, keepdims=True, initial=0.0)
@@ -510,10 +477,9 @@ def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def growth(diagonal: NDArray[Any], X: NDArray[Any], B: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the growth of the solution of A X = B relative to B, in any units, shape (...).
+    """Return the largest growth of a solution of A X = B relative to B, in any units, shape (...).
 
-    `diagonal`, that of A with shape (..., n), scales rows and columns. The result is the largest
-    over the columns, approximately a lower bound of the condition number of the scaled matrix.
+    It is approximately a lower bound of the condition number of the matrix scaled by `diagonal`.
     """
     scale = unit_scale(diagonal)[..., None]
     grown = _compute_growth((np.abs(X) * scale).max(axis=-2), (np.abs(B) / scale).max(axis=-2))
@@ -538,11 +504,10 @@ def accuracy(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return backward error and growth of each column of A X = B, at the cost of one column in 64.
 
-    The residual of a random combination of the columns is evaluated (Freivalds, 1977), with weights
-    that give small and large columns the same influence; every column only if this exceeds
-    `allowed`. The error, or a bound of it, is normwise in the DOFs scaled by `unit_scale`: max |A x
-    - b| / max (|A| |x| + |b|), nan if the solution is nan. The growth is as `growth` within a
-    factor of 1.4.
+    The residual of a random combination of the columns is evaluated (Freivalds, 1977); every column
+    only if it exceeds `allowed`. The error, or a bound of it, is normwise in the DOFs scaled by
+    `unit_scale`: max |A x - b| / max (|A| |x| + |b|), nan if the solution is nan. The growth is as
+    `growth` within a factor of 1.4.
     """
     errors, grown = np.zeros(X.shape[1]), np.zeros(X.shape[1])
     absolute = None
@@ -610,10 +575,7 @@ def _compute_growth(solved: NDArray[np.float64], load: NDArray[np.float64]) -> N
 
 
 def singular_message(freq: float, held: str = "", *, scale: NDArray[np.float64]) -> str:
-    """Return the message on a singular line in Hz, with a remedy.
-
-    `held` are the held DOFs; `scale` is the `unit_scale` of the matrix.
-    """
+    """Return the message on a singular line in Hz, with a remedy; `held` are the held DOFs."""
     if freq == 0.0:
         why = "the structure is free to move. Omit the line or support the structure"
     else:

@@ -14,11 +14,7 @@ __all__ = ["SuperLU"]
 
 
 class SuperLU:
-    """Sparse LU with an ordering for symmetric patterns; every matrix is analysed again.
-
-    `pattern` and `real` are not used, as SuperLU has no separate analysis; `single` selects single
-    precision.
-    """
+    """Sparse LU with an ordering for symmetric patterns; every matrix is analysed again."""
 
     install = "pip install scipy"
     has_single = True
@@ -37,10 +33,10 @@ class SuperLU:
         """None, as SuperLU does not report it."""
 
     def factor(self, A: Any) -> _LU:
-        """Factorise a matrix and return a solver of right-hand sides, shape (n, r).
+        """Return the factors of a matrix.
 
         Raises RuntimeError if A is exactly singular or a value is beyond the range of the
-        precision, MemoryError if memory is insufficient.
+        precision.
         """
         from scipy.sparse.linalg import splu
 

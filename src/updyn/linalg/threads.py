@@ -21,9 +21,8 @@ _is_alone = ContextVar("_is_alone", default=False)
 def use_one_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Decorate a function to run with one thread of OpenBLAS, the library of numpy and scipy.
 
-    For many small factorisations and products, at each of which the threads would wait for each
-    other; on a busy core, that takes 5 to 50 times as long (measured: 300 equations, two cores).
-    MKL is not affected.
+    In many small factorisations and products, threads wait for each other: on a busy core, that
+    takes 5 to 50 times as long (measured: 300 equations, two cores).
     """
 
     @wraps(function)
@@ -53,10 +52,8 @@ def _openblas() -> Any:
 def limit(n: int) -> None:
     """Limit the threads of MKL, and so of PARDISO, in this process; without MKL do nothing.
 
-    For worker processes with one thread each, before the first factorisation: PARDISO plans its
-    analysis for the number of threads. Numpy's BLAS and other backends are not affected. MKL is
-    limited directly, as it may hang with an additional limit by threadpoolctl. Raises ValueError if
-    n is below 1.
+    Call it before the first factorisation: PARDISO plans its analysis for the number of threads.
+    MKL is limited directly, as it may hang with an additional limit by threadpoolctl.
     """
     if n < 1:
         raise ValueError(f"threads: {n}; expected at least 1")
