@@ -28,16 +28,8 @@ PATIENCE_S = 60.0
 class Cluster(Remote):
     """The engine of the workers of a Dask cluster, including workers that join later.
 
-    Parameters
-    ----------
-    client : distributed.Client
-        A connected client; it is left open. The scheduler's active memory manager is stopped until
-        `close`.
-
-    Raises
-    ------
-    EngineError
-        If there is no worker, or a worker lacks updyn or has another version of it.
+    The client is left open; the scheduler's active memory manager is stopped until `close`. Raises
+    EngineError if there is no worker, or a worker lacks updyn or has another version of it.
     """
 
     expects = "a dask.distributed Client"
@@ -56,23 +48,9 @@ class Cluster(Remote):
 
     @classmethod
     def from_option(cls, option: object) -> Engine | None:
-        """Return the engine for a Client; None for other options.
+        """Return the engine for a Client, None for other options.
 
-        Parameters
-        ----------
-        option : object
-            A value of ``engine=``.
-
-        Returns
-        -------
-        Engine or None
-
-        Raises
-        ------
-        OptionError
-            If it is a Client for asynchronous programs.
-        EngineError
-            If its workers cannot be used.
+        Raises OptionError for a Client of asynchronous programs, EngineError for unusable workers.
         """
         distributed = sys.modules.get("distributed")  # a Client implies that the module is loaded
         if distributed is None or not isinstance(option, distributed.Client):

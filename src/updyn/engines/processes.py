@@ -67,13 +67,7 @@ class _Call:
 
 
 class Processes(Remote):
-    """The engine of worker processes, which start with the first item and end with `close`.
-
-    Parameters
-    ----------
-    workers : int
-        Number of processes.
-    """
+    """The engine of worker processes, which start with the first item and end with `close`."""
 
     expects = "a number of processes from 1 up"
 
@@ -87,21 +81,9 @@ class Processes(Remote):
 
     @classmethod
     def from_option(cls, option: object) -> Engine | None:
-        """Return the engine for a number of processes (1: this one); None for another type.
+        """Return the engine for a number of processes (1: this one), None for another type.
 
-        Parameters
-        ----------
-        option : object
-            A value of ``engine=``.
-
-        Returns
-        -------
-        Engine or None
-
-        Raises
-        ------
-        OptionError
-            If the number is below 1, or far above the number of cores.
+        Raises OptionError if the number is below 1, or far above the number of cores.
         """
         if isinstance(option, bool) or not isinstance(option, int):
             return None
@@ -259,26 +241,11 @@ _ALIGNED = 64
 class Parcel:
     """An object in a file that worker processes map into memory.
 
-    The arrays lie one after the other and are not copied when the file is opened: all processes
-    read the same pages. The file is removed with the last reference to this object. It is written
-    and read by one run in its own temporary folder; files of users are never read this way.
-
-    One mapping serves all arrays. `joblib.load` with ``mmap_mode`` maps each array separately and
-    keeps a file descriptor for each: a model of 250 groups exceeds the usual limit of 1024. It
-    also takes 3.5 times as long to open a model of 100 groups, and 1.3 to 2 times as long to write
-    it.
-
-    Parameters
-    ----------
-    thing : object
-        Object that workers share.
-    path : path
-        The file, which does not exist yet.
-
-    Raises
-    ------
-    EngineError
-        If the file cannot be written.
+    One mapping serves all arrays, so that all processes read the same pages. `joblib.load` with
+    ``mmap_mode`` needs a file descriptor for each array: a model of 250 groups exceeds the usual
+    limit of 1024, and reading and writing take longer. One run writes and reads the file in its
+    temporary folder (files of users are never read this way); it is removed with the last
+    reference. Raises EngineError if it cannot be written.
     """
 
     def __init__(self, thing: Any, path: Path) -> None:

@@ -38,8 +38,8 @@ class _Pending:
 class Remote(ABC):
     """Engine that maps over workers that may die.
 
-    A subclass sends objects and submits, awaits and drops calls, whose type it chooses. When it
-    finds that a call is lost, it prepares for new calls and raises `LostError`.
+    A subclass sends objects and submits, awaits and drops calls. When it finds that a call is lost,
+    it prepares for new calls and raises `LostError`.
     """
 
     #: Largest number of items pending at a time; None for all.
@@ -49,22 +49,7 @@ class Remote(ABC):
         self._sent: list[tuple[Any, Any]] = []
 
     def map(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> Iterator[R]:
-        """Yield ``function(shared, item)`` for every item in turn; see `Engine.map`.
-
-        Parameters
-        ----------
-        function : callable
-            Module-level function.
-        shared : object
-            Data that all items need.
-        items : sequence
-            Arguments that differ.
-
-        Yields
-        ------
-        object
-            Results.
-        """
+        """Yield ``function(shared, item)`` for every item in turn; see `Engine.map`."""
         waiting = deque(items)
         total = len(items)
         pending: deque[_Pending] = deque()
