@@ -118,26 +118,10 @@ class FRFEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Setting:
-    """Parameters of the conversion of spectra to FRFs.
+    """Parameters of the conversion of spectra to FRFs; `freq` in Hz.
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
-    forces : dict of str to str
-        Labels of the forces by channel.
-    responses : dict of str to str
-        Labels of the responses by channel.
-    quantity : str
-        Quantity of the FRF.
-    estimator : str
-        One of `ESTIMATORS`.
-    decay : float
-        Decay of an exponential window whose damping is to be removed, in 1/s.
-    segments : int
-        Number of segments of each record.
-    independent : float
-        Number of these that are independent.
+    `forces` and `responses` are labels by channel. `decay` (1/s) is that of an exponential window
+    whose damping is removed. Of the `segments` of each record, `independent` are independent.
     """
 
     freq: _Real

@@ -20,16 +20,9 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatedFRF:
-    """FRFs and their uncertainty.
+    """FRFs H, their coherence and their variance E|dH|^2, shape (n_f, n_i, n_r).
 
-    Attributes
-    ----------
-    values : ndarray of complex, shape (n_f, n_i, n_r)
-        H.
-    coherence : ndarray of float, shape (n_f, n_i, n_r), or None
-        Ordinary coherence, for several forces the partial one.
-    variance : ndarray of float, shape (n_f, n_i, n_r), or None
-        E|dH|^2.
+    The coherence is the ordinary one, for several forces the partial one.
     """
 
     values: _Complex
@@ -39,15 +32,10 @@ class EstimatedFRF:
 
 @dataclass(frozen=True, slots=True)
 class Estimator:
-    """A conversion of spectra to FRFs.
+    """A conversion of spectra, lines in Hz and force channels to FRFs.
 
-    Attributes
-    ----------
-    estimate : callable
-        Function of `Spectra`, lines in Hz and the channels of the forces that returns `Estimated`.
-    is_local : bool
-        Whether it combines neighbouring lines. It then needs spectra without a window, of records
-        or of segments without overlap, and a single one may suffice for several forces.
+    If `is_local`, it combines neighbouring lines. It then needs spectra without a window, of
+    records or of segments without overlap, and a single one may suffice for several forces.
     """
 
     estimate: Callable[[Spectra, _Real, Sequence[str]], EstimatedFRF]
@@ -96,9 +84,8 @@ def _h2(spectra: Spectra) -> _Complex:
     """Return H2: least squares of the forces on the responses, for noise on the forces.
 
     For one force, each response separately (Mitchell, 1982). For several it is S_xx S_fx^-1, of all
-    responses together, at least as many as forces; with more, the pseudo-inverse (Allemang and
-    Brown, A unified matrix polynomial approach to modal identification, J. Sound Vib. 211, 1998,
-    for the estimator; Moore and Penrose for more).
+    responses together (Allemang and Brown, J. Sound Vib. 211, 1998); with more responses than
+    forces, the pseudo-inverse.
     """
     n_i, n_r = spectra.xf.shape[1:]
     if n_r == 1:

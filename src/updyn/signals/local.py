@@ -51,11 +51,9 @@ def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple
 
     Around each line the responses are (B F + C) / A with polynomials in the frequency: A is common
     to all responses and records; C, the transient at the ends of a record, is separate for each
-    record. McKelvey and Guerin, Non-parametric frequency response estimation using a local rational
-    model, IFAC SYSID (2012); without A it is the local polynomial method of Pintelon, Schoukens,
-    Vandersteen and Barbe, Mech. Syst. Signal Process. 24 (2010) 573. The model of each line is
-    selected by cross-validation (Stone, J. R. Stat. Soc. B 36, 1974): the mean square error at
-    omitted lines, over neighbouring lines, with the logarithm averaged over the responses.
+    record (McKelvey and Guerin, IFAC SYSID 2012; without A it is the local polynomial method of
+    Pintelon, Schoukens, Vandersteen and Barbe, Mech. Syst. Signal Process. 24 (2010) 573). The
+    model of each line is selected by cross-validation (Stone, J. R. Stat. Soc. B 36, 1974).
 
     The spectra are those of records without a window, at evenly spaced lines. Errors of lines in
     one window are correlated. Raises DataError if there are too few lines, a force is zero at a
@@ -71,11 +69,10 @@ def without_transients(
 ) -> tuple[_Complex, _Real]:
     """Return H1 of records without their transients, and the variance of each value.
 
-    The transients C / A are those of `local_rational`. The remaining noise is independent from line
-    to line except for the errors of the transients, so a fit to all lines loses no information. H
-    is (X - C / A) F^H (F F^H)^-1 over the records; the variance is the noise of the local model
-    over the power of the force at the line. Raises DataError as `local_rational`, and for fewer
-    records or segments than forces.
+    H is (X - C / A) F^H (F F^H)^-1 over the records, with C / A of `local_rational`; the variance
+    is the noise of the local model over the power of the force. The remaining noise is independent
+    from line to line, so a fit to all lines loses no information. Raises DataError as
+    `local_rational`, and for fewer records or segments than forces.
     """
     spectra.check_forces(freq, names)
     found = _local_values(spectra, freq, names)
@@ -127,10 +124,7 @@ def _too_few(lines: int, records: int, forces: int) -> str:
 
 
 def _omission_errors(found: LocalValues) -> _Real:
-    """Return the mean logarithm of the error at omitted lines, shape (n_f,).
-
-    Infinite at lines at which the forces cannot be distinguished from transients.
-    """
+    """Return the mean logarithm of the error at omitted lines; inf where forces are inseparable."""
     smooth = uniform_filter1d(found.omission_error, _COMPARISON_LINES, axis=0, mode="nearest")
     error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)
     return np.where((found.separable >= _SEPARABLE).all(axis=1), error, np.inf)

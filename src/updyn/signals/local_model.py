@@ -32,14 +32,8 @@ ROUNDING = 1e-16
 class LocalModel:
     """Shape of a local model: X = (B(r) F + C(r)) / A(r) at r lines from its centre.
 
-    Attributes
-    ----------
-    poles : int
-        Degree of A, which is common to all responses; 0 is the local polynomial method.
-    half : int
-        Number of lines on either side of the centre.
-    degree : int
-        Degree of B and C, at least 1.
+    `poles` is the degree of A, common to all responses (0: local polynomial method); `half` the
+    number of lines on either side of the centre; `degree`, at least 1, that of B and C.
     """
 
     poles: int
@@ -71,7 +65,7 @@ class LocalValues:
         Variance of the responses around the model.
     unexplained : ndarray of complex, shape (n, n_lines, n_i, n_r)
         Sum over the records of the residual at the line times the conjugate of the forces.
-    left_out : ndarray of float, shape (n, n_lines, n_i)
+    omission_error : ndarray of float, shape (n, n_lines, n_i)
         Mean square error at a line of the model fitted without this line.
     separable : ndarray of float, shape (n, n_lines, n_r)
         Share of the power of each force outside polynomial transients and the other forces.
@@ -137,11 +131,10 @@ class Windows:
         return _Solution.of(self._fit(start), offsets).values(start.separable)
 
     def _fit(self, fit: _FittedModels) -> _FittedModels:
-        """Return the fitted models.
+        """Return the fitted models: for a given A, B and C are linear (variable projection).
 
-        For a given A, B and C are linear (variable projection: Golub and Pereyra, SIAM J. Numer.
-        Anal. 10, 1973). A follows from Gauss-Newton steps from A = 1, with each response relative
-        to its residual.
+        A follows from Gauss-Newton steps from A = 1, with each response relative to its residual
+        (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973).
         """
         for step in range(_STEPS if self.model.poles else 0):
             refitted = fit.poles + fit.change(is_first=step == 0)
@@ -218,8 +211,8 @@ class _FittedModels:
     def change(self, *, is_first: bool) -> _Complex:
         """Return the Gauss-Newton step of the poles, shape (n, poles).
 
-        The first step uses the measured response instead of the model's, which is linear least
-        squares of A X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
+        The first step uses the measured response instead of the model's: linear least squares of A
+        X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
         """
         J, _ = self._slopes(self.windows.motion if is_first else self.fitted_motion)
         error = (self.residual / np.sqrt(self.power)[:, None]).reshape(len(J), -1, 1)
@@ -274,7 +267,7 @@ class _Solution:
 
     Attributes
     ----------
-    fit : _Fitted
+    fit : _FittedModels
         The models.
     offsets : ndarray of int, shape (n_lines,)
         Lines from the centre.
@@ -287,8 +280,7 @@ class _Solution:
     leverage : ndarray of float, shape (n, records width, n_i)
         Derivative of each fitted value by its measured value.
     freedom : ndarray of float, shape (n, n_i)
-        Complex degrees of freedom of the residuals; the poles are divided among the responses by
-        their share in them.
+        Complex degrees of freedom of the residuals; the poles are divided among the responses.
     """
 
     fit: _FittedModels

@@ -60,11 +60,10 @@ class Records:
         units: Sequence[str],
         source: str = "",
     ) -> Records:
-        """Return immutable records after a check.
+        """Return immutable records after a check; DataError for invalid values or names.
 
         `values` has shape (n_records, n_channels, n_samples), in the units of the channels, and is
-        copied unless it is immutable and owns its memory. Raises DataError if shapes disagree, a
-        value is not finite, or a name is not unique.
+        copied unless it is immutable and owns its memory.
         """
         array = np.asarray(values)
         is_shared = array.flags.writeable or array.base is not None
@@ -92,14 +91,13 @@ class Records:
 
     @classmethod
     def from_xarray(cls, given: xarray.DataArray) -> Records:
-        """Return the records of a labelled array.
+        """Return the records of a labelled array, as made by `to_xarray`.
 
-        As made by `to_xarray`: dimensions ``record``, ``channel``, ``time`` in any order,
-        coordinates ``channel`` and ``time``, and ``unit`` along ``channel`` if known. An array
-        without ``record`` is one record. Times are in s, in the unit of their attribute ``units``,
-        or timedelta64 or datetime64. An attribute ``units`` of the array is the unit of all
-        channels. Raises DataError if a dimension or coordinate is missing, the times are not evenly
-        spaced or in an unknown unit, or two units of a channel differ.
+        Dimensions may have any order; an array without ``record`` is one record. Times are in s, in
+        the unit of their attribute ``units``, or timedelta64 or datetime64. An attribute ``units``
+        of the array is the unit of all channels. Raises DataError if a dimension or coordinate is
+        missing, the times are not evenly spaced or in an unknown unit, or two units of a channel
+        differ.
         """
         if "record" not in given.dims:
             given = given.expand_dims("record")
@@ -193,10 +191,9 @@ def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) ->
 
 
 def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.float64]:
-    """Return times in s, from 0.
+    """Return times in s, from 0; `label` is the unit of numbers, such as ``"ms since 2020-01-01"``.
 
-    `times` are numbers, timedelta64 or datetime64; `label` is the unit of numbers, such as ``"ms"``
-    or ``"ms since 2020-01-01"``, s if empty. Raises DataError for an unknown unit or another type.
+    Numbers without a label are in s; DataError for an unknown unit or another type.
     """
     stated = label.partition(" since ")[0].strip()
     unit = find_unit(stated or "s", "time")
@@ -244,10 +241,7 @@ def as_records(given: Any) -> Records:
 
 
 def chain_records(parts: Sequence[Records]) -> Records:
-    """Return records of several files as one, in their order.
-
-    Raises DataError with both sources if channels, units, steps or lengths differ.
-    """
+    """Return records of several files as one; DataError if their setups differ."""
     first = parts[0]
     for other in parts[1:]:
         for what, mine, its in (

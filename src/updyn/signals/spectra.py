@@ -63,30 +63,24 @@ class Spectra:
 
     @property
     def ordinary(self) -> _Real:
-        """Ordinary coherence |S_xf|^2 / (S_xx S_ff), shape (n_f, n_i, n_r).
-
-        Bendat and Piersol, Random Data (4th ed. 2010), section 6.1.
-        """
+        """Ordinary coherence |S_xf|^2 / (S_xx S_ff) (Bendat and Piersol 2010, section 6.1)."""
         return _share(np.abs(self.xf) ** 2, self.xx[:, :, None] * self.power[:, None, :])
 
     @property
     def multiple(self) -> _Real:
-        """Multiple coherence S_xf S_ff^-1 S_fx / S_xx, shape (n_f, n_i).
-
-        Bendat and Piersol (2010), sections 7.2 and 7.3. Equal to the ordinary one for one force.
-        """
+        """Multiple coherence S_xf S_ff^-1 S_fx / S_xx (Bendat and Piersol 2010, section 7.2)."""
         if self.ff.shape[1] == 1:
             return self.ordinary[:, :, 0]
         return _share(self._explained_power, self.xx)
 
     @property
     def partial(self) -> _Real:
-        """Partial coherence of a response and a force, without the other forces.
+        """Partial coherence of a response and a force, without the other forces, (n_f, n_i, n_r).
 
-        Shape (n_f, n_i, n_r). |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of the
-        response that no force explains: the squared partial correlation by the coefficients of a
-        regression, and the conditioned spectra of Bendat and Piersol (2010), section 7.3, in one
-        step. Equal to the ordinary one for one force.
+        |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of the response that no force
+        explains: the squared partial correlation by the coefficients of a regression, and the
+        conditioned spectra of Bendat and Piersol (2010), section 7.3, in one step. Equal to the
+        ordinary one for one force.
         """
         if self.ff.shape[1] == 1:
             return self.ordinary

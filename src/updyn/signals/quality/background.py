@@ -88,10 +88,7 @@ def find_mains(
     band: tuple[float, float] | None,
     name: str,
 ) -> Iterator[RecordFinding]:
-    """Yield the largest line of the mains that is present throughout most records.
-
-    For hits, the second half of a record is evaluated.
-    """
+    """Yield the largest mains line present throughout most records (of hits: their second half)."""
     found: list[tuple[float, float, float]] = []
     for f in (base * harmonic for base in _MAINS for harmonic in range(1, _HARMONICS + 1)):
         if f + 10.0 >= 0.5 / step or (band is not None and not band[0] <= f <= band[1]):
@@ -170,7 +167,7 @@ def find_noise_floor(
 ) -> Iterator[RecordFinding]:
     """Yield a response to a hit that is noise at many lines.
 
-    The response must have decayed in the last quarter; `lines` is a mask of the lines to evaluate.
+    The response must have decayed in the last quarter.
     """
     n = len(channel)
     freq = np.fft.rfftfreq(n, step)

@@ -65,10 +65,7 @@ def _shape(channel: _Real) -> tuple[_Real, _Real]:
 
 
 def _pulse_shape(record: _Real) -> tuple[float, float]:
-    """Return the duration in samples, and |sum| over sum of absolute values in it.
-
-    A channel that is zero throughout has all samples, and 0.
-    """
+    """Return the duration in samples, and |sum| over the sum of absolute values in it."""
     size = np.abs(record)
     passed = np.concatenate([[0.0], np.cumsum(np.where(size > _LOUD * size.max(), size**2, 0.0))])
     if passed[-1] == 0.0:

@@ -42,9 +42,8 @@ def find_level_dependence(
 
     Around each peak the FRF of a hit is divided by the complex factor that brings it closest to the
     mean, which removes the effect of a hit away from the point. The remaining shape is regressed on
-    the level, and the explained part is compared with chance (F test). `force` and `motion` are
-    without offset, shape (n, n_samples); `lines` is a mask of the lines to evaluate; `records` are
-    the numbers of the hits.
+    the level, and the explained part is compared with chance (F test). `force` and `motion` have no
+    offset.
     """
     levels = np.abs(force).max(axis=1)
     n = len(levels)
@@ -177,15 +176,7 @@ def find_leakage(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Averages:
-    """Spectra of segments with an overlap of a half.
-
-    Attributes
-    ----------
-    xf : ndarray of complex, shape (n, lines)
-        X conj(F) of each segment.
-    ff : ndarray of float, shape (n, lines)
-        |F|^2 of each segment.
-    """
+    """X conj(F) and |F|^2 of segments with an overlap of a half, shape (n, lines)."""
 
     xf: _Complex
     ff: _Real
