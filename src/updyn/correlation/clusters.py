@@ -1,9 +1,8 @@
 """Clusters of close modes, whose shapes are compared as subspaces.
 
-Two shapes with the same frequency are an arbitrary basis of a plane, and a small perturbation
-rotates the shapes of two close frequencies: a coupling by a share e of their frequency rotates
-them by 1/2 atan(2 e / gap). Close modes are therefore compared by the principal angles between the
-spans of their shapes (Bjorck & Golub, Math. Comp. 27 (1973) 579-594).
+A coupling by a share e of their frequency rotates the shapes of two close modes by 1/2 atan(2 e /
+gap). Close modes are therefore compared by the principal angles between the spans of their shapes
+(Bjorck & Golub, Math. Comp. 27 (1973) 579-594).
 """
 
 from __future__ import annotations
@@ -121,16 +120,10 @@ def _format_frequencies(frequency: Array) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PairingRule:
-    """Limits of the pairing of modes.
+    """Limits of the pairing of modes: relative differences of frequency, and MAC.
 
-    Attributes
-    ----------
-    gate : float
-        Largest relative difference of frequency of a pair.
-    least_mac : float
-        Least MAC of a pair of equal frequencies.
-    close : float
-        Largest relative difference of frequency in a cluster.
+    `gate` limits the difference of a pair, `close` that in a cluster; `least_mac` is the least MAC
+    of a pair of equal frequencies.
     """
 
     gate: float
@@ -140,15 +133,7 @@ class PairingRule:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairedModes:
-    """Pairs of modes, and the subspaces of close modes.
-
-    Attributes
-    ----------
-    pairs : ModePairs
-        By ascending measured frequency.
-    subspaces : tuple of Subspace
-        By ascending measured frequency.
-    """
+    """Pairs of modes, and the subspaces of close modes, both by ascending measured frequency."""
 
     pairs: ModePairs
     subspaces: tuple[Subspace, ...]
@@ -168,9 +153,8 @@ class PairedModes:
 def cluster_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
     """Divide modes into clusters of close frequencies, by ascending frequency.
 
-    A mode without a close one is a cluster by itself. `close` is the largest relative difference
-    between the highest and the lowest frequency of a cluster; too large groups are divided at
-    their largest gap.
+    `close` is the largest relative difference between the highest and the lowest frequency of a
+    cluster; too large groups are divided at their largest gap.
     """
     found: list[_Indices] = []
     waiting = [np.argsort(frequency, kind="stable")]
@@ -191,10 +175,9 @@ def cluster_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
 def pair_clusters(
     a: NDArray[Any], b: NDArray[Any], frequency: tuple[Array, Array], rule: PairingRule
 ) -> PairedModes:
-    """Pair computed and measured modes one to one, and modes of clusters by their subspaces.
+    """Pair computed (a) and measured (b) modes one to one, and those of clusters by subspace.
 
-    `a` and `b` are computed and measured shapes at the sensors, shape (N, n_a) and (N, n_b). The
-    MAC of a pair with modes in a subspace is that of the subspace.
+    The MAC of a pair with modes in a subspace is that of the subspace.
     """
     clusters = cluster_modes(frequency[0], rule.close), cluster_modes(frequency[1], rule.close)
     values = mac(a, b)
@@ -226,8 +209,7 @@ def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
     """Pair computed and measured modes by frequency alone, in ascending order; MAC is nan.
 
     The pairs have the least sum of the squared logarithms of their frequency ratios, which keeps
-    the order of the frequencies; a measured mode without a computed one within the gate has no
-    pair.
+    the order. A measured mode without a computed one within the gate has no pair.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -350,10 +332,7 @@ def _add_subspaces(
 def principal_vectors(
     a: NDArray[Any], b: NDArray[Any], n: int
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the unit vectors, shape (N, n), of the n smallest principal angles between two spans.
-
-    The vectors are orthogonal within each span; n is at most the dimension of the smaller span.
-    """
+    """Return orthonormal vectors, (N, n), of the n smallest principal angles between two spans."""
     one, two = orthonormalise(unit_shapes("shapes", a)), orthonormalise(unit_shapes("shapes", b))
     left, _, right = np.linalg.svd(one.conj().T @ two, full_matrices=False)
     return one @ left[:, :n], two @ right[:n].conj().T

@@ -57,10 +57,7 @@ def figure_text(name: str, value: float) -> str:
 
 
 def agreement_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return figures of agreement by column heading as a text table with a row per figure.
-
-    A figure that a column lacks is a dash; without any figure, the text is empty.
-    """
+    """Return figures of agreement as a text table with a row per figure, a column per heading."""
     shown = {heading: figures for heading, figures in columns.items() if figures}
     rows = []
     for name, words in FIGURE_NAMES.items():

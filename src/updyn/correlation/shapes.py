@@ -268,10 +268,7 @@ def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs
 
 
 def find_moving(at_sensors: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a mask of the shapes (N, n) that move at given DOFs, with values `at_sensors` (k, n).
-
-    At these DOFs, the other shapes are zero except for rounding.
-    """
+    """Return a mask of the shapes (N, n) that move at DOFs with values `at_sensors` (k, n)."""
     largest = np.abs(shapes).max(axis=0)
     return np.asarray(np.abs(at_sensors).max(axis=0) > _AT_REST * largest)
 
