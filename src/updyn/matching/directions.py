@@ -41,16 +41,8 @@ _ROTATION = 3
 class SensorDirection:
     """Node of the model for a sensor, and its direction there.
 
-    Attributes
-    ----------
-    sensor : Dof
-        Label of the sensor in the measurement, positive.
-    role : str
-        Its role in the measurement.
-    dof : Dof
-        Node in the model, with direction and sign of the label.
-    vector : ndarray of float, shape (3,), or None
-        Unit direction in the global system of the model; None for that of `dof`.
+    `dof` is the node in the model with direction and sign of the label. `vector` is the unit
+    direction in the global system of the model, or None for that of `dof`.
     """
 
     sensor: Dof
@@ -61,16 +53,10 @@ class SensorDirection:
 
 @dataclass(frozen=True, slots=True)
 class AssignedDof:
-    """The DOF of a sensor.
+    """The DOF of a sensor, with the sign of the sensor.
 
-    Attributes
-    ----------
-    dof : Dof
-        DOF in the model returned by `assign_dofs`, with the sign of the sensor.
-    angle : float
-        Angle in degrees between the sensor and that DOF before any rotation.
-    turned : bool
-        Whether the DOF was rotated.
+    `angle` in degrees is that between the sensor and the DOF before any rotation; `turned` is True
+    if the DOF was rotated.
     """
 
     dof: Dof
@@ -105,11 +91,11 @@ def assign_dofs(
 ) -> tuple[Model, list[AssignedDof], list[str]]:
     """Assign a DOF to each sensor, rotating the DOFs of nodes with oblique sensors.
 
-    A sensor within `angle` degrees of a DOF is taken to be along it. The model (the same object if
-    nothing was rotated), the DOFs in the order of `targets`, and notes are returned. Labels are
-    unchanged. `Geometry.axes` has the orthogonal directions of rotated nodes; the title and the
-    notes give other directions. A `MatchError` is raised if the model lacks a DOF, or the
-    directions at one node are too many or too close.
+    A sensor within `angle` degrees of a DOF is taken to be along it. Returns the model (the same
+    object if nothing was rotated), the DOFs in the order of `targets`, and notes. Labels are
+    unchanged; `Geometry.axes` has the orthogonal directions of rotated nodes, title and notes give
+    others. Raises MatchError if the model lacks a DOF, or directions at one node are too many or
+    too close.
     """
     nodes = {target.dof.node for target in targets}
     frames = _node_frames(model, nodes)
@@ -236,7 +222,7 @@ def _missing_dof(model: Model, target: SensorDirection) -> str:
 # -- one node
 @dataclass(frozen=True, slots=True, eq=False)
 class _NodeDirections:
-    """New directions of a node, as rows in its old directions.
+    """New directions of a node, as rows in its old ones.
 
     `same` is True if translations and rotations have the same three orthogonal directions.
     """
@@ -351,10 +337,7 @@ def _check_angles(node: int, found: Sequence[_Local]) -> None:
 
 
 def _complete_axes(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return three directions as rows: those of the sensors, then others orthogonal to them.
-
-    Each direction is in the row of the axis nearest to it.
-    """
+    """Return the sensors' directions and orthogonal ones as three rows, by nearest axis."""
     vectors = list(_vectors(found))
     labels = [DIRECTIONS.index(local.target.dof.direction) % 3 for local in found]
     axes = np.flatnonzero(mask).tolist()

@@ -35,11 +35,10 @@ Points = NDArray[np.float64]
 
 # -- rigid alignment
 def fit_rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
-    """Fit a rotation and a shift of points x (n, 3) to points y (n, 3), by least squares.
+    """Return rotation, shift and rms distance of points (n, 3), by `updyn.positions.rigid_motion`.
 
-    Then y is about ``x @ rotation.T + shift``; the root mean square of the remaining distances is
-    also returned. A `MatchError` is raised for fewer than three points, or points in a line, which
-    leave the rotation about it undetermined. See `updyn.positions.rigid_motion`.
+    Raises MatchError for fewer than three points, or points in a line, which leave the rotation
+    about it undetermined.
     """
     if len(x) < 3:
         raise MatchError(
@@ -148,9 +147,8 @@ def _fit_to_nearest(
 ) -> Alignment:
     """Fit points (n, 3) to the nearest points of the model by iterated closest points.
 
-    Besl & McKay 1992; it finds a local minimum. The fit starts from the given positions and, if
-    the points are not within the tolerance, once more with the centres of both sets aligned.
-    `nearest` returns the nearest points of the model; the tolerance is in m.
+    Besl & McKay 1992; it finds a local minimum. The fit starts from the given positions and, if the
+    points are not within the tolerance (m), once more with the centres of both sets aligned.
     """
     starts: Sequence[tuple[str, Points]] = (
         ("from the positions as given", np.zeros(3)),
@@ -193,17 +191,7 @@ def _iterate_nearest(
 # -- nearest nodes
 @dataclass(frozen=True, slots=True)
 class NodeMatch:
-    """Node of the model for a node of the test.
-
-    Attributes
-    ----------
-    node : int
-        Node of the model.
-    distance : float
-        Distance of the two in m.
-    note : str
-        Remark on another node at a similar distance.
-    """
+    """Node of the model for a node of the test, distance in m, and note on other near nodes."""
 
     node: int
     distance: float
@@ -240,10 +228,7 @@ class _Candidates:
             self._trees[need] = rows, KDTree(geometry.xyz[rows])
 
     def nearest(self, points: Points, n: int) -> tuple[NDArray[np.intp], Points]:
-        """Return geometry rows and distances in m of the n nearest nodes, shape (len(points), n).
-
-        Missing nodes have an infinite distance.
-        """
+        """Return geometry rows and distances (m) of the n nearest nodes; missing nodes have inf."""
         rows = np.zeros((len(points), n), dtype=np.intp)
         distances = np.full((len(points), n), np.inf)
         for need, (candidate_rows, tree) in self._trees.items():
@@ -333,12 +318,11 @@ def match_nodes(
     unit: str | None,
     alignment: Any,
 ) -> tuple[dict[int, NodeMatch], Alignment, list[str]]:
-    """Find the nearest node of the model for each node of the test.
+    """Return the nearest model node of each test node, the alignment and notes.
 
     `needs` maps nodes of the test to the required DOFs of the model node: translations (0),
-    rotations (1) or both. The other arguments are as for `match`. The matches by node of the test,
-    the alignment and notes are returned. A `MatchError` is raised if no node is within the
-    tolerance, two nodes are equally near, or the unit must be given.
+    rotations (1) or both. Raises MatchError if no node is within the tolerance, two nodes are
+    equally near, or the unit must be given.
     """
     if model.geometry is None:
         raise MatchError(

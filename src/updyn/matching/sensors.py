@@ -217,17 +217,7 @@ def _roles(data: FRF | ModeSet) -> dict[Dof, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """Model labels and nodes by those of the test.
-
-    Attributes
-    ----------
-    dofs : mapping of Dof to Dof
-        DOFs of the model by sensor.
-    nodes : mapping of int to int
-        Nodes of the model by node of the test.
-    written : mapping of Dof or int to str
-        The original entries of both, for messages.
-    """
+    """Model labels and nodes by those of the test, and the original entries for messages."""
 
     dofs: Mapping[Dof, Dof] = field(default_factory=dict)
     nodes: Mapping[int, int] = field(default_factory=dict)
@@ -330,18 +320,9 @@ def _check_is_sensor(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _UserInput:
-    """Sensors of a test, with the user's table, directions and geometries.
+    """Sensors of a test with their roles, and the user's table, directions and geometries.
 
-    Attributes
-    ----------
-    sensors : mapping of Dof to str
-        Roles by label.
-    table : _Table
-        Model labels and nodes by those of the test.
-    vectors : mapping of Dof to ndarray, shape (3,)
-        Directions by label.
-    measured, given : Geometry or None
-        Geometry of the measurement, and argument of `match`.
+    `measured` is the geometry of the measurement, `given` the argument of `match`.
     """
 
     sensors: Mapping[Dof, str]
@@ -385,8 +366,8 @@ class _UserInput:
     ) -> tuple[Alignment | None, list[str]]:
         """Compare the positions of nodes that are not in the table, and warn of other axes.
 
-        The alignment in which labels and positions agree (None if they agree directly) and notes
-        are returned.
+        Returns notes and the alignment in which labels and positions agree, None if they agree
+        directly.
         """
         if tolerance == _ANY:
             return None, ["By label whatever the positions are (tolerance = any)"]
