@@ -1,14 +1,8 @@
-"""Calibration factors of sensors as unknowns.
+"""Calibration factors of sensors as unknowns: s_i s_j H_ij is compared with the measurement.
 
-A sensor with a wrong sensitivity scales a whole row of the FRF by one factor. No noise model of
-independent values describes this error, so the factor is an unknown with a prior. The measurement
-is compared with
-
-    s_i s_j H_ij
-
-with s_i of the response sensor and s_j of the force sensor (a scale parameter of the measurement
-with a Gaussian prior on its logarithm, as in Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425,
-sec. 4). The model itself is not changed.
+A wrong sensitivity scales a whole row of the FRF, which no noise model of independent values
+describes. Gaussian priors on ln s_i as in Kennedy & O'Hagan, J. R. Stat. Soc. B 63 (2001) 425, sec.
+4.
 """
 
 from __future__ import annotations
@@ -151,15 +145,7 @@ def _unsigned_labels(dofs: DofSet) -> list[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
-    """Calibration factors of the channels of some data.
-
-    Attributes
-    ----------
-    rows : ndarray of float, shape (n, n_i)
-        Power of each unknown in the factor of each response.
-    columns : ndarray of float, shape (n, n_j)
-        Power of each unknown in the factor of each reference.
-    """
+    """Powers of the unknowns in the factors of responses (n, n_i) and references (n, n_j)."""
 
     rows: _Vector
     columns: _Vector

@@ -20,25 +20,10 @@ _RELAXED = -0.5
 class Coordinates:
     """The optimiser's coordinates x: logarithms of factors, equivalent loss factors for damping.
 
-    The coordinate of a loss factor is the loss factor. That of a Rayleigh coefficient is its loss
-    factor at one frequency, the same for all tests of a run: alpha / omega and omega beta. So all
-    coordinates are of order one in any band.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The unknowns.
-    box : (ndarray, ndarray), optional
-        Narrower bounds in x, each of shape (n,).
-    within : ndarray of float, shape (n, k), optional
-        Orthonormal directions; x moves from the start only along these.
-    unit : float, optional
-        Standard deviation of the residuals to which priors are relative; by default it is estimated
-        from the residual.
-    omega : float
-        The frequency of the equivalent loss factors in rad/s.
-    centre : ndarray of float, shape (n,), optional
-        Centres of the priors in x; by default the start of the unknowns.
+    Those of Rayleigh coefficients are alpha / `omega` and `omega` beta, at one `omega` (rad/s) in
+    all tests of a run, so that all x are of order one. `box` has narrower bounds in x; x moves only
+    along the columns of `within`; priors are relative to residuals of the standard deviation `unit`
+    (None: estimated), about `centre` (None: the start).
     """
 
     parameters: ParameterSet

@@ -214,21 +214,7 @@ def has_quantity(model: Model, group: str, quantity: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Fitted data and validation data of one test.
-
-    Attributes
-    ----------
-    whole : FRF
-        All data.
-    fitted : FRF
-        The fitted data.
-    responses : tuple of str
-        Labels of the validation responses.
-    band : tuple of (float, float) or None
-        Validation band in Hz.
-    held : FRF or None
-        The validation data.
-    """
+    """Fitted data and validation data of one test: whole `responses` and a `band` in Hz."""
 
     whole: FRF
     fitted: FRF
@@ -283,17 +269,7 @@ def list_validation(validation: object) -> list[Any]:
 
 @dataclass(frozen=True, slots=True)
 class ModalSplit:
-    """Fitted modes and validation modes of one test.
-
-    Attributes
-    ----------
-    whole, fitted : ModeSet
-        All modes, and the fitted modes.
-    band : tuple of (float, float) or None
-        Validation band in Hz.
-    held : ModeSet or None
-        The validation modes.
-    """
+    """Fitted modes and validation modes of one test; the validation `band` is in Hz."""
 
     whole: ModeSet
     fitted: ModeSet

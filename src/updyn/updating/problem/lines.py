@@ -37,25 +37,11 @@ _FEW = 2
 
 
 def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> NDArray[np.intp]:
-    """Return the positions of the selected lines in the data of a part.
+    """Return the positions of the selected lines in the data of a part; None: all lines.
 
-    Parameters
-    ----------
-    lines : None, str or array_like of float
-        None: all lines. ``"d-optimal:40"``: 40 lines for the smallest joint uncertainty of all
-        unknowns; ``"a-optimal:40"``: 40 lines for the smallest mean variance,
-        ``"a-optimal:40:shaft.*"`` for that of some unknowns (globs, separated by commas). Else
-        frequencies in Hz, each a line of the data.
-    part : FRFPart
-        Built on all lines.
-
-    Raises
-    ------
-    OptionError
-        If the text is not understood, asks for more lines than the data have, or names unknowns
-        that do not exist.
-    DataError
-        If a frequency is not a line of the data.
+    ``"d-optimal:40"``: 40 lines for the smallest joint uncertainty of all unknowns;
+    ``"a-optimal:40"``: for the smallest mean variance, ``"a-optimal:40:shaft.*"`` of some unknowns
+    (globs, separated by commas). Else frequencies in Hz, each a line of the data.
     """
     frf = part.frf
     if lines is None:
@@ -98,17 +84,10 @@ def choose_lines(lines: str | ArrayLike | None, part: FRFPart) -> NDArray[np.int
 def select_d_optimal(part: FRFPart, count: int) -> NDArray[np.intp]:
     """Return positions of `count` lines selected by the determinant of the Fisher information.
 
-    Lines are selected one by one by the largest increase, at the start of the unknowns, for
-    relative noise with a floor of 1 % of the rms of all data of the same unit, as is typical of
-    sensors. Loss factors are taken as at least 0.02, so that a peak at a wrong frequency still
-    selects lines on its flanks.
-
-    Notes
-    -----
-    Greedy maximisation of log det (Fedorov, Theory of Optimal Experiments, 1972, chapter 3). If
-    there are at most twice as many lines as unknowns, lines are then exchanged one for one while
-    this increases the determinant (Fedorov's exchange): the first lines were selected when the
-    information was still nearly singular.
+    Relative noise with a floor of 1 % of the rms, as is typical of sensors; loss factors of at
+    least 0.02, so that a peak at a wrong frequency selects lines on its flanks. Greedy (Fedorov,
+    Theory of Optimal Experiments, 1972, chapter 3); few lines are then exchanged one for one,
+    because the first were selected when the information was nearly singular.
     """
     return _select_by_information(
         part, f"d-optimal {count}", lambda information: _maximise_determinant(information, count)
@@ -120,14 +99,8 @@ def select_a_optimal(
 ) -> NDArray[np.intp]:
     """Return positions of `count` lines selected by the variance of the unknowns `wanted`.
 
-    Lines are selected one by one by the largest decrease of the mean over these unknowns (by
-    default all) of their variance relative to that with all lines; for one unknown it is
-    c-optimality. The information is that of `select_d_optimal`, and all unknowns are fitted.
-
-    Notes
-    -----
-    Greedy minimisation of a weighted trace of the covariance (Fedorov, Theory of Optimal
-    Experiments, 1972, chapter 2).
+    Greedy minimisation of the mean of their variances, relative to those with all lines (Fedorov,
+    Theory of Optimal Experiments, 1972, chapter 2), with the information of `select_d_optimal`.
     """
     at = list(range(part.n)) if wanted is None else list(wanted)
     return _select_by_information(

@@ -25,16 +25,9 @@ _Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Local:
-    """Reduced least-squares problem at one point.
+    """Reduced least-squares problem at one point: half the sum of squares, R (k, n), k <= n, and q.
 
-    Attributes
-    ----------
-    cost : float
-        Half the sum of squared residuals.
-    R : ndarray of float, shape (k, n)
-        Reduced Jacobian, k <= n.
-    q : ndarray of float, shape (k,)
-        Reduced residual: the gradient is R^T q.
+    The gradient is R^T q.
     """
 
     cost: float
@@ -84,10 +77,7 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 @use_one_thread
 def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
-    """Return R of the QR factors of [columns^T last], shape (min(m, n + 1), n + 1).
-
-    `columns` has the shape (n, m); the matrix is usually tall.
-    """
+    """Return R of the QR factors of [columns^T last], shape (min(m, n + 1), n + 1)."""
     if len(last) > _TALL * (len(columns) + 1) and len(columns):
         found = _triangle_by_cholesky(columns, last)
         if found is not None:

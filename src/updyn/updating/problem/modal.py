@@ -1,10 +1,8 @@
 """Measured modes as data: `ModalPart` of a test, its pairs with modes of the model, its residuals.
 
-Modes of the undamped model are paired with the measured ones at every point, by shape and
-frequency. Measured modes with close frequencies are compared by the span of their shapes, because
-the basis of the span is arbitrary. A measured mode that resembles no mode of the model has no
-residuals; the misfit counts it as if its shape did not agree at all, and decreases when a mode of
-the model comes to resemble it.
+Undamped modes are paired at every point, by shape and frequency; close ones are compared by the
+span of their shapes. A measured mode that resembles no mode of the model has no residuals; the
+misfit counts it as if its shape did not agree at all.
 """
 
 from __future__ import annotations
@@ -69,8 +67,7 @@ class ModalTarget:
     rows : ndarray of int, shape (k,)
         DOFs of the model.
     weight : ndarray of float, shape (k,)
-        Sign of each sensor, divided by the rms of all modes at sensors of its unit (translation or
-        rotation).
+        Sign of each sensor, divided by the rms of all modes at sensors of its unit.
     std_frequency, std_loss_factor : ndarray of float, shape (m,)
         Standard deviations as shares; 0 if not known.
     std_shapes : ndarray of float, shape (k, m)
@@ -199,18 +196,9 @@ def _share_of_rms(modes: ModeSet, level: _Real, length: _Real) -> _Real:
 class Pairs:
     """Modes of the model that are paired with the measured ones.
 
-    Attributes
-    ----------
-    modes : RealModes
-        Modes of the model.
-    which : ndarray of int, shape (m,)
-        Number of the paired mode of the model.
-    mac : ndarray of float, shape (m,)
-        MAC of each pair; for close measured modes, MAC with the best combination of the shapes of
-        `spans`.
-    spans : tuple of ndarray of int
-        For each measured mode, the modes of the model with whose span its shape is compared: the
-        paired mode, or those of the whole cluster.
+    `which`, shape (m,), is the number of the paired mode; `spans` has, for each measured mode, the
+    modes with whose span its shape is compared: the paired mode, or those of the whole cluster;
+    `mac` is that with the best combination of their shapes.
     """
 
     modes: RealModes
@@ -228,14 +216,13 @@ class Pairs:
         target: ModalTarget,
         like: float = SIMILAR_MAC,
     ) -> Pairs:
-        """Compute modes of the model and pair them with the measured ones.
+        """Compute modes of the model and pair them with the measured ones, one to one.
 
-        The pairs are one to one and maximise the sum of MAC less half the logarithm of the
-        frequency ratio (Hungarian assignment; Kuhn 1955). Close measured modes are compared by the
-        span of their shapes, and paired in ascending order, if the span of as many modes of the
-        model contains all of their shapes (MAC of at least `least_mac`); else one by one. If shapes
-        cannot be distinguished, the pairs minimise the sum of squares of these logarithms, which
-        keeps the order of the frequencies.
+        The pairs maximise the sum of MAC less half the logarithm of the frequency ratio (Hungarian
+        assignment; Kuhn 1955). Close measured modes are paired in ascending order if the span of as
+        many modes of the model contains their shapes; else one by one. If shapes cannot be
+        distinguished, the sum of squares of these logarithms is minimised, which keeps the order of
+        the frequencies.
         """
         highest = _BEYOND * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
         modes = RealModes.lowest(system, state, len(target.value), highest)
@@ -268,7 +255,7 @@ class Pairs:
     ) -> Pairs:
         """Return the best pairs, with the measured modes of `clusters` compared by their spans.
 
-        `move`, shape (n,), states which modes of the model move at the sensors.
+        `move` states which modes of the model move at the sensors.
         """
         # The MAC of a mode that does not move at the sensors is rounding error. With a single
         # sensor all MACs are 1.
@@ -311,24 +298,8 @@ def _subspace_mac(shapes: _Real, span: _Real) -> _Real:
 class ModalPart:
     """Model, measured modes and unknowns of one test.
 
-    Attributes
-    ----------
-    system : AffineSystem
-        The compiled model.
-    unknowns : Unknowns
-        The terms of the model that the unknowns scale.
-    coordinates : Coordinates
-        The optimiser's coordinates.
-    target : ModalTarget
-        The measured modes.
-    noise : ModalNoise
-        Their standard deviations, as far as known before a fit.
-    session : Session
-        Cache of evaluations and stop request.
-    name : str
-        Name of the test if there are several.
-    least_mac : float
-        Smallest MAC at which a measured mode and a mode of the model count as similar.
+    `noise` is as far as known before a fit; `least_mac` is the smallest MAC of similar modes;
+    `name` is that of the test if there are several.
     """
 
     system: AffineSystem
@@ -541,19 +512,9 @@ class ModalPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ModeDerivatives:
-    """Derivatives of one mode of the model by x.
+    """Derivatives by x of the eigenvalue (n,) and loss factor of one mode, and of shapes (s, k, n).
 
-    Attributes
-    ----------
-    value : ndarray of float, shape (n,)
-        Derivatives of the eigenvalue.
-    span : ndarray of float, shape (s, k, n)
-        Derivatives of the shapes of its span at the sensors' DOFs; of shape (s, 0, n) if shapes are
-        not compared.
-    loss : _LossFactor or None
-        Its loss factor, if measured and changed by unknowns.
-    by_loss : ndarray of float, shape (n,)
-        Derivatives of the loss factor.
+    `span` has the shape (s, 0, n) if shapes are not compared.
     """
 
     value: _Real
@@ -564,19 +525,7 @@ class _ModeDerivatives:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ModalResidual:
-    """Residuals of one kind of one mode.
-
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    r : ndarray of float, shape (r,)
-        Residuals, as shares.
-    J : ndarray of float, shape (r, n)
-        Derivatives by x.
-    std : ndarray of float, shape (r,)
-        Standard deviations of the data; 0 if unknown.
-    """
+    """Residuals of one kind (of `KINDS`) of a mode, as shares; `std` is that of the data or 0."""
 
     kind: str
     r: _Real
@@ -615,22 +564,10 @@ def _cache_kind(*, shapes: bool) -> str:
 class _LossFactor:
     """Loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
 
-    The loss factor from the energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust.
-    Soc. Am. 34 (1962) 954; Johnson & Kienholz, AIAA J. 20 (1982) 1284) is exact to second order in
-    the loss factors, unless the frequencies of modes are closer than their half-power bandwidth.
-
-    Attributes
-    ----------
-    factor : float
-        The loss factor.
-    force : ndarray of float, shape (N,)
-        D phi, with D the imaginary part of the dynamic stiffness at omega.
-    own : ndarray of float, shape (n,)
-        Derivative of phi^T D phi by the values of the unknowns for constant shape and omega.
-    by_eigenvalue : float
-        Derivative of phi^T D phi by omega^2.
-    value : float
-        omega^2.
+    From the energy dissipated in the undamped shape (Ungar & Kerwin, J. Acoust. Soc. Am. 34 (1962)
+    954; Johnson & Kienholz, AIAA J. 20 (1982) 1284): exact to second order in the loss factors,
+    unless modes are closer than their half-power bandwidth. `force` is D phi; `own`, shape (n,),
+    and `by_eigenvalue` are derivatives of phi^T D phi by the values and by omega^2 = `value`.
     """
 
     factor: float
@@ -663,26 +600,14 @@ class _LossFactor:
         return cls(float(by_term @ energy) / value, force, own, steeper, value)
 
     def derivatives(self, value: _Real, along: _Real, slope: _Real) -> _Real:
-        """Return the derivatives of the loss factor by x, shape (n,).
-
-        Arguments are the derivatives by x of omega^2, force^T phi and the values, all of shape
-        (n,).
-        """
+        """Return the derivatives by x, from those of omega^2, force^T phi and the values."""
         energy = self.own * slope + 2.0 * along + self.by_eigenvalue * value
         return np.asarray((energy - self.factor * value) / self.value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModalError:
-    """Residuals of modes, each divided by its standard deviation.
-
-    Parameters
-    ----------
-    noise : ModalNoise
-        Standard deviations of the modes.
-    shapes : bool
-        Whether shapes are compared.
-    """
+    """Residuals of modes, each divided by its standard deviation; of shapes only if `shapes`."""
 
     noise: ModalNoise
     shapes: bool = True

@@ -1,7 +1,6 @@
 """`SpanProjection` of a measured shape onto the span of one or several modes of the model.
 
-Close measured modes are an arbitrary basis of their span (see `updyn.correlation.clusters`), so
-each of their shapes is compared with the nearest combination of the shapes of the model.
+Close measured modes are an arbitrary basis of their span (see `updyn.correlation.clusters`).
 """
 
 from __future__ import annotations
@@ -21,21 +20,11 @@ _ROUNDING = 1e-15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpanProjection:
-    """Projection of a measured shape of unit length onto a span, with its derivatives by x.
+    """Projection of a measured shape psi of unit length onto a span, with its derivatives by x.
 
-    Attributes
-    ----------
-    measured : ndarray of float, shape (k,)
-        The measured shape psi, of unit length.
-    within : ndarray of float, shape (k,)
-        P psi, with the orthogonal projection P. For a single mode with the shape phi it is
-        phi (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982).
-    within_by_x : ndarray of float, shape (k, n)
-        Derivatives of `within`.
-    size : float
-        phi^T psi of the nearest combination phi of unit modal mass.
-    size_by_x : ndarray of float, shape (n,)
-        Derivatives of `size`.
+    `within`, shape (k,), is P psi with the orthogonal projection P; for one mode with the shape
+    phi, phi (phi^T psi) / |phi|^2, the modal scale factor of Allemang & Brown (1982). `size` is
+    phi^T psi of the nearest combination phi of unit modal mass.
     """
 
     measured: _Real
@@ -46,17 +35,12 @@ class SpanProjection:
 
     @classmethod
     def of(cls, measured: _Real, shapes: _Real, derivatives: _Real) -> SpanProjection:
-        """Return the projection of a measured shape of unit length, shape (k,).
+        """Return the projection onto the span of shapes (k, s) with derivatives (s, k, n) by x.
 
-        `shapes`, shape (k, s), are the shapes of the model that span, at the sensors;
-        `derivatives`, shape (s, k, n), are their derivatives by x.
-
-        Notes
-        -----
-        With the pseudo-inverse G of the shapes Phi, a = G psi and P = Phi G,
-        P' psi = (1 - P) Phi' a + G^T Phi'^T (1 - P) psi (G. H. Golub & V. Pereyra, SIAM J. Numer.
-        Anal. 10 (1973) 413-432, eq. 4.12). Derivatives of the shapes within their own span, which
-        are large for close frequencies, have no effect.
+        With the pseudo-inverse G of Phi, a = G psi and P = Phi G, P' psi = (1 - P) Phi' a + G^T
+        Phi'^T (1 - P) psi (Golub & Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432, eq. 4.12).
+        Derivatives of the shapes within their own span, large for close frequencies, have no
+        effect.
         """
         U, sizes, Vt = _decompose(shapes)
         share = Vt.T @ (U.T @ measured / sizes)

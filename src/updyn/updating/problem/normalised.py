@@ -23,16 +23,9 @@ _Complex = NDArray[np.complex128]
 class NormalisedDerivatives(LineResidual):
     """Rows d ln H / dx, normalised to a norm of at most 1; the residual is 0.
 
-    On a resonance of loss factor eta, d ln H / dx is as large as 1 / eta. A test of rank compares
-    singular values, so one such line would hide all others, which may determine other unknowns.
-    Scaling a row does not change the null space.
-
-    Parameters
-    ----------
-    weight : ndarray of float, shape (n_f, n_i, n_j)
-        1 for the values that are used, else 0.
-    name : str
-        Name in the report.
+    On a resonance d ln H / dx is as large as 1 / loss factor. A test of rank compares singular
+    values, so such a line would hide all others. Scaling a row does not change the null space.
+    `weight` is 1 for the values that are used, else 0.
     """
 
     weight: NDArray[np.float64]

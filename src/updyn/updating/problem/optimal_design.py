@@ -1,9 +1,7 @@
-"""Optimal design: selection of items by the Fisher information that each adds.
+"""Optimal design: selection of items (lines, sensors, forces) by the Fisher information of each.
 
-An item is a frequency line, a sensor or a force. Its information is a matrix (n, n) of the
-unknowns, scaled by that of all items (`scale_information`); the information of a design is the sum
-over its items. A criterion gives each design a score; `select_greedily` and `exchange_items`
-maximise it (Fedorov, Theory of Optimal Experiments, 1972, chapter 3).
+Information (n, n) is scaled by that of all items and added over items; a greedy selection and
+exchanges maximise a score of it (Fedorov, Theory of Optimal Experiments, 1972, chapter 3).
 """
 
 from __future__ import annotations
@@ -49,12 +47,8 @@ class DesignScore(ABC):
 class DOptimal(DesignScore):
     """log det of the information: small volume of the confidence ellipsoid.
 
-    Parameters
-    ----------
-    others : tuple of int
-        Unknowns that are fitted, but do not count. The score is then that of the information on the
-        remaining unknowns with these eliminated (D_s-optimality; Atkinson, Donev & Tobias, Optimum
-        Experimental Designs, 2007, section 10.3).
+    The fitted unknowns `others` are eliminated and do not count (D_s-optimality; Atkinson, Donev &
+    Tobias, Optimum Experimental Designs, 2007, section 10.3).
     """
 
     others: tuple[int, ...] = ()
@@ -70,15 +64,7 @@ class DOptimal(DesignScore):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AOptimal(DesignScore):
-    """Negative logarithm of the mean variance of some unknowns, each relative to its minimum.
-
-    Parameters
-    ----------
-    wanted : list of int
-        The unknowns that count.
-    least : ndarray of float, shape (n_wanted,)
-        Their variances with all items.
-    """
+    """Negative log of the mean variance of the unknowns `wanted`, each over that with all items."""
 
     wanted: list[int]
     least: _Real
@@ -120,10 +106,9 @@ def initial_information(n: int) -> _Real:
 def select_greedily(
     information: _Real, total: _Real, count: int, criterion: DesignScore
 ) -> tuple[list[int], _Real]:
-    """Select items one by one, each with the largest increase of the score.
+    """Return items selected one by one by the largest score, and `total` with these added.
 
-    Returns the selected items in order, and the information `total`, shape (..., n, n), with these
-    added. `information` has the shape (n_items, ..., n, n) and is scaled.
+    `information`, shape (n_items, ..., n, n), must be scaled.
     """
     chosen: list[int] = []
     is_available = np.ones(len(information), dtype=np.bool_)
@@ -142,8 +127,7 @@ def exchange_items(
 ) -> list[int]:
     """Exchange selected items for others, the best pair first, while the score increases.
 
-    `total` is the information including the selected items. A new item has the position of the one
-    that it replaces.
+    `total` includes the selected items. A new item has the position of the one that it replaces.
     """
     chosen = list(chosen)
     for _ in range(_EXCHANGES):

@@ -45,20 +45,9 @@ _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 class Drive:
     """A quantity of a group on which an unknown acts.
 
-    Parameters
-    ----------
-    group, quantity : str
-        The group and its quantity; for a calibration factor (`updyn.calibration`) the label of the
-        sensor. A value (loss factor, Rayleigh coefficient) is set to that of the unknown; any other
-        quantity is multiplied by value**power.
-    power : float
-        The exponent; 1 for a value.
-
-    Raises
-    ------
-    ParameterError
-        If the quantity is not known, the power is not a finite number other than 0, or the power of
-        a value is not 1.
+    A value (loss factor, Rayleigh coefficient) is set to that of the unknown, with a power of 1;
+    any other quantity is multiplied by value**power. `group` of a calibration factor is the label
+    of the sensor. Invalid ones raise `ParameterError`.
     """
 
     group: str
@@ -85,32 +74,13 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One unknown.
+    """One unknown; invalid numbers, bounds or drives raise `ParameterError`.
 
-    Parameters
-    ----------
-    group, quantity : str
-        The changed quantity. ``stiffness``, ``mass`` and ``viscous`` are factors relative to the
-        initial group; ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are
-        values. For a linked unknown, the two parts of its name.
-    start, lower, upper : float
-        Start and bounds, in the unit of the unknown.
-    prior_std : float, optional
-        Standard deviation of a Gaussian prior about `start`, in the unit of the unknown; for a
-        factor, that of its logarithm, so 0.3 means about 30 %.
-    drives : tuple of Drive
-        Quantities on which a linked unknown acts (`updyn.link`); empty: its own group and quantity.
-    nominal : float, optional
-        Physical value of a factor of 1 (a modulus, a thickness), in `unit`; reports show the
-        product.
-    unit : str
-        Unit of `nominal`.
-
-    Raises
-    ------
-    ParameterError
-        If the quantity is not known, a number is not finite, bounds are out of order or do not fit
-        the quantity, the start lies outside the bounds, or the drives do not fit together.
+    ``stiffness``, ``mass`` and ``viscous`` are factors relative to the initial group;
+    ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. `prior_std` is
+    of a Gaussian prior about `start`, for a factor of its logarithm (0.3: about 30 %). `drives` are
+    the quantities of a linked unknown (`updyn.link`); `nominal`, in `unit`, is the physical value
+    of a factor of 1 for reports.
     """
 
     group: str
@@ -227,14 +197,7 @@ class Parameter:
         return ", ".join(laws)
 
     def physical(self, value: float, std: float = math.nan) -> str:
-        """Return a value of the unknown as text in physical units; empty without `nominal`.
-
-        Parameters
-        ----------
-        value, std : float
-            Value and standard deviation in the unit of the unknown; the deviation may be nan or
-            inf.
-        """
+        """Return a value of the unknown as text in physical units; empty without `nominal`."""
         if self.nominal is None:
             return ""
         text = f"{value * self.nominal:.6g}"
@@ -272,18 +235,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet(Sequence[Parameter]):
-    """An ordered, immutable set of unknowns.
-
-    Parameters
-    ----------
-    items : tuple of Parameter
-        The unknowns, each group and quantity once.
-
-    Raises
-    ------
-    ParameterError
-        If the set is empty, or an unknown occurs twice.
-    """
+    """An ordered, immutable set of unknowns; a duplicate or no unknown is a `ParameterError`."""
 
     items: tuple[Parameter, ...]
 
@@ -364,14 +316,7 @@ class ParameterSet(Sequence[Parameter]):
         return self._column("is_factor")
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a table with a row for each unknown.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Index: ``unknown``. Columns: ``group``, ``quantity``, ``start``, ``lower``, ``upper``,
-            ``prior_std`` (nan without a prior) and ``unit``.
-        """
+        """Return a table with a row for each unknown; ``prior_std`` is nan without a prior."""
         import pandas as pd
 
         names = ("group", "quantity", "start", "lower", "upper")
@@ -387,22 +332,9 @@ class ParameterSet(Sequence[Parameter]):
         return np.array([getattr(p, attribute) for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
-        """Return a copy with other start values.
+        """Return a copy with other start values, (n,) or by unknown, within the bounds.
 
-        Parameters
-        ----------
-        values : array_like of float, shape (n,), or mapping of str to float
-            New start values; a mapping may name only some unknowns.
-
-        Returns
-        -------
-        ParameterSet
-            The same unknowns with the same bounds.
-
-        Raises
-        ------
-        ParameterError
-            If a name is not in the set, the length is wrong, or a value lies outside its bounds.
+        Raises `ParameterError` for unknown names, a wrong length, or values outside the bounds.
         """
         if isinstance(values, Mapping):
             names = self.names
@@ -418,25 +350,7 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(items))
 
     def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
-        """Return a copy with physical values for some factors.
-
-        Parameters
-        ----------
-        nominal : mapping of str to float
-            Physical value of a factor of 1, by unknown.
-        unit : str
-            Unit of these values.
-
-        Returns
-        -------
-        ParameterSet
-            The same unknowns.
-
-        Raises
-        ------
-        ParameterError
-            If a name is not in the set, or a number is not above 0.
-        """
+        """Return a copy with physical values, in `unit`, of a factor of 1 for some unknowns."""
         for name in nominal.keys() - set(self.names):
             raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
         items = list(self.items)
@@ -446,41 +360,17 @@ class ParameterSet(Sequence[Parameter]):
         return ParameterSet(tuple(items))
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
-        """Return `model` with the unknowns at `values`; calibration factors have no effect.
+        """Return the initial `model` with the unknowns at `values`, shape (n,).
 
-        Parameters
-        ----------
-        model : Model
-            The initial model, to which factors are relative.
-        values : array_like of float, shape (n,)
-            The unknowns, in order. Their bounds are not checked.
-
-        Returns
-        -------
-        Model
-            The changed copy.
-
-        Raises
-        ------
-        ParameterError
-            If the length is wrong.
-        ModelError
-            If the model lacks a group or a quantity, or a value is not finite.
+        Calibration factors have no effect. The bounds are not checked. Raises `ModelError` if the
+        model lacks a group or a quantity.
         """
         return model.scaled(self.changes(values))
 
     def at_start(self, model: Model) -> Model:
-        """Return `model` with the unknowns at their start values.
+        """Return `model` with the unknowns at their start values; `model` itself if all agree.
 
-        Parameters
-        ----------
-        model : Model
-            The model of a test; it may lack groups and quantities.
-
-        Returns
-        -------
-        Model
-            `model` itself if every unknown starts at its value in the model.
+        It may lack groups and quantities.
         """
         changes: dict[str, dict[str, float]] = {}
         for name, change in self.changes(self.start).items():
@@ -494,23 +384,7 @@ class ParameterSet(Sequence[Parameter]):
         return model.scaled(changes) if changes else model
 
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
-        """Return the changes of each group at `values`, as the argument of `Model.scaled`.
-
-        Parameters
-        ----------
-        values : array_like of float, shape (n,)
-            The unknowns, in order.
-
-        Returns
-        -------
-        dict of str to dict of str to float
-            By group and quantity: factors, and values of damping.
-
-        Raises
-        ------
-        ParameterError
-            If the length is wrong.
-        """
+        """Return factors and damping by group and quantity, as the argument of `Model.scaled`."""
         changes: dict[str, dict[str, float]] = {}
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
             if parameter.is_channel:

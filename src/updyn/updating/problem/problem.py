@@ -49,16 +49,7 @@ SPREAD, _LONG = 5e8, 5e10
 class LineBlock:
     """Model and measurement at a block of lines, in the measured quantity and signs.
 
-    Attributes
-    ----------
-    lines : slice
-        The lines.
-    H : ndarray of complex, shape (n_f, n_i, n_j)
-        FRF of the model.
-    dH : ndarray of complex, shape (n, n_f, n_i, n_j), or None
-        Derivatives by the optimiser's coordinates.
-    measured : ndarray of complex, shape (n_f, n_i, n_j)
-        The data.
+    `dH`, shape (n, n_f, n_i, n_j), has the derivatives by the optimiser's coordinates.
     """
 
     lines: slice
@@ -71,29 +62,10 @@ class LineBlock:
 class FRFPart:
     """Model, data and unknowns of one test.
 
-    Attributes
-    ----------
-    solver : FieldSolver
-        The compiled model with its solver.
-    unknowns : Unknowns
-        The terms of the model that the unknowns scale.
-    coordinates : Coordinates
-        The optimiser's coordinates.
-    frf : FRF
-        The data of the fit: chosen lines, responses and references.
-    rows, columns : ndarray of int
-        Model DOFs of responses and references.
-    sign : ndarray of float, shape (n_i, n_j)
-        Product of the signs of response and reference; 0 if symmetry forbids the response.
-    session : Session
-        Engine and cache of the run. A copy sent to another process has a default session.
-    name : str
-        Name of the test if there are several.
-    as_read : bool
-        Whether the FRFs of the model are multiplied by the calibration factors of the sensors; else
-        they are those of the structure.
-    variants : tuple of Variant
-        The model without frequent mistakes. A copy sent to another process has none.
+    `rows` and `columns` are the model DOFs of responses and references; `sign`, shape (n_i, n_j),
+    is the product of their signs, 0 if symmetry forbids the response. Unless `as_read`, FRFs of the
+    model exclude the calibration factors. `variants` are the model without frequent mistakes.
+    Copies in other processes have a default `session` and no variants.
     """
 
     solver: FieldSolver
@@ -166,9 +138,8 @@ class FRFPart:
     def without_rounding(self, x: _Vector, share: float) -> FRFPart:
         """Return the part with exact zeros in channels that are rounding error, in model and data.
 
-        These are channels below `share` (`relative_levels`), in the data and in the model at x.
-        Symmetry forbids these responses. The model's values there are numerical error, whose
-        derivatives would count as information on the unknowns.
+        Symmetry forbids these responses, below `share` (`relative_levels`) in data and model.
+        Derivatives of the model's numerical error would count as information on the unknowns.
         """
         is_rounding = relative_levels(self.frf.values, self.frf) <= share
         if is_rounding.any():
@@ -347,15 +318,7 @@ def _block_responses(part: FRFPart, item: tuple[_Vector, slice]) -> _Complex:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """All parts of an update, with the same unknowns.
-
-    Attributes
-    ----------
-    parts : tuple of FRFPart
-        Parts of tests that measured FRFs, with different names if there are several.
-    modal : tuple of ModalPart
-        Parts of tests that measured modes. One test may have both.
-    """
+    """All parts of an update, with the same unknowns; one test may have FRFs and modes."""
 
     parts: tuple[FRFPart, ...]
     modal: tuple[ModalPart, ...] = ()

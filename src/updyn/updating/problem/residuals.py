@@ -1,7 +1,7 @@
 """Residuals between model and measurement, and their reduction by block of lines.
 
-A residual turns a block of lines into real residuals and their Jacobian. The blocks are stacked by
-QR factors, so the Jacobian of all lines is never stored and the normal equations are never formed.
+Blocks are stacked by QR factors, so the Jacobian of all lines is never stored and the normal
+equations are never formed.
 """
 
 from __future__ import annotations
@@ -197,12 +197,9 @@ class LineResidual(ABC):
 def noise_weights(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     """Return weights of measured values from 0 (noise) to 1 (no noise), shape (n_f, n_i, n_j).
 
-    With the variance E|dH|^2 in squared units of the data, the weight is
-    sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2. A value below the noise has no phase,
-    and the logarithm of its level is that of the noise. Noise alone exceeds three of its standard
-    deviations once in 8,000 values; if the model has a small response there, these values would
-    have the largest logarithms of all. Far from the solution, noise below a tenth of the level
-    makes little difference. Values that are rounding error have the weight 0.
+    sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no phase,
+    and noise exceeds three standard deviations once in 8,000 values; a small response of the model
+    there would give the largest logarithms of all. 0 for rounding error.
     """
     size = np.abs(values)
     excess = np.maximum(size**2 - _BIAS * variance, 0.0)
@@ -213,17 +210,10 @@ def noise_weights(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogError(LineResidual):
-    """r = w ln(H_A / H_X): difference of log magnitude and phase.
+    """r = w ln(H_A / H_X): difference of log magnitude and phase; w (1 by default) from the noise.
 
-    It is nearly the maximum-likelihood residual for constant relative noise, and converges from far
-    away. Values that are exactly zero in model or data have no logarithm and have the weight 0.
-
-    Parameters
-    ----------
-    weight : ndarray of float, shape (n_f, n_i, n_j), optional
-        Weights from the noise (`noise_weights`); by default 1.
-    name : str
-        Name in the report.
+    Nearly the maximum-likelihood residual for constant relative noise; converges from far away.
+    Exact zeros in model or data have no logarithm and have the weight 0.
     """
 
     weight: NDArray[np.float64] | None = None
@@ -263,15 +253,7 @@ class LogError(LineResidual):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutputError(LineResidual):
-    """r = (H_A - H_X) / sigma.
-
-    Parameters
-    ----------
-    weight : ndarray of float, shape (n_f, n_i, n_j)
-        1 / sigma of the real and of the imaginary part of each value, in the unit of the data.
-    name : str
-        Name in the report.
-    """
+    """r = (H_A - H_X) / sigma; `weight` is 1 / sigma of the real and of the imaginary part."""
 
     weight: NDArray[np.float64]
     name: str = "output-error"
@@ -302,15 +284,7 @@ E = TypeVar("E", bound=LineResidual)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResidualSet(Generic[E]):
-    """Residuals of several tests.
-
-    Parameters
-    ----------
-    errors : tuple
-        Residual of each test that measured FRFs, evaluated by block of lines.
-    modal : tuple of ModalError
-        Residual of each test that measured modes.
-    """
+    """Residuals of each test that measured FRFs, by block of lines, and of each with modes."""
 
     errors: tuple[E, ...]
     modal: tuple[ModalError, ...] = ()

@@ -1,9 +1,7 @@
 """Session of a run: its engine, its cache of evaluations, and the stop request.
 
-Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
-So a run can be repeated exactly with cached evaluations: after an interruption
-(`updyn.updating.fit.checkpoint`), or with results that other processes computed in advance
-(`Session.remember`). Methods need no code for this.
+Evaluations are pure functions and methods are deterministic, so a run can be repeated exactly with
+cached evaluations, after an interruption or from other processes (`Session.remember`).
 """
 
 from __future__ import annotations
@@ -52,13 +50,7 @@ class Cache(Protocol):
 
 
 class RecentCache:
-    """Cache of the most recent results.
-
-    Parameters
-    ----------
-    limit : float
-        Bytes beyond which the oldest are removed; the latest is always kept.
-    """
+    """Cache of the most recent results up to `limit` bytes; the latest is always kept."""
 
     def __init__(self, limit: float = _RECENT_BYTES) -> None:
         self._limit = limit
@@ -90,18 +82,7 @@ class RecentCache:
 class Session:
     """Engine, cache and stop request of a run; a copy sent to another process is a new one.
 
-    Attributes
-    ----------
-    engine : Engine
-        Engine for the solution of lines.
-    cache : Cache or None
-        Cache of evaluations.
-    wants_stop : callable or None
-        Returns whether to stop; called between blocks of lines.
-    stopped : bool
-        Whether the user has asked to stop.
-    lines_solved : int
-        Number of lines solved so far.
+    `wants_stop` returns whether to stop and is called between blocks of lines.
     """
 
     engine: Engine = _SERIAL

@@ -71,22 +71,10 @@ _NUMBERS, _KEYS = ("relative", "floor"), ("relative", "floor", "source", "robust
 def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
     """Choose the noise model of FRFs.
 
-    Parameters
-    ----------
-    noise : None, str or mapping
-        None: the variance of the data unless it is zero everywhere, else their coherence (of two
-        averages or more, and not 1 everywhere), else estimated. ``"variance"``, ``"coherence"``,
-        ``"estimated"`` and ``"estimated-by-channel"`` select a model. A mapping with ``relative``
-        and/or ``floor`` states the noise; a mapping with ``source`` selects a model by name. In
-        both, ``robust = "student-t"`` gives less weight to outliers; alone, it keeps the default
-        source.
-    frf : FRF
-        The data of the fit.
-
-    Raises
-    ------
-    OptionError
-        If a name or key is not known, a number is not usable, or the data lack the required field.
+    None: the variance of the data unless it is zero everywhere, else their coherence (of two
+    averages or more, and not 1 everywhere), else estimated. A name selects a model; a mapping has
+    ``relative`` and/or ``floor`` (stated noise) or ``source`` (a name), and ``robust =
+    "student-t"`` for less weight on outliers.
     """
     if not isinstance(noise, Mapping):
         return _choose_source(noise, frf)

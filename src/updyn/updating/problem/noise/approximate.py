@@ -19,17 +19,10 @@ _Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approximate(WrappedNoise):
-    """Noise plus the known error of an approximate model.
+    """Noise plus the known error of a model, as a share of the largest |H| of the line.
 
     The error is included in the variance before a fit (`initial_variance`), which weights a search.
     The noise itself, which a fit with a better model uses, is unchanged.
-
-    Parameters
-    ----------
-    base : NoiseModel
-        The noise.
-    share : ndarray of float, shape (n_i, n_j)
-        Error of the model in each channel, relative to the largest |H| of the line.
     """
 
     base: NoiseModel

@@ -47,27 +47,11 @@ _RATIOS, _FAR = 40, np.log(1e3)
 class Estimated(NoiseModel):
     """Noise with E|dH|^2 = (relative |H|)^2 + (floor rms)^2, both estimated from the residual.
 
-    Relative noise and floor maximise the likelihood of the residual under complex Gaussian noise.
-    The residual is first corrected for the fitted unknowns. Model error counts as noise.
-
-    With fewer than 30 degrees of freedom (real and imaginary parts of the data, less the unknowns)
-    two numbers cannot be estimated: the likelihood would mistake residuals that are small by chance
-    for a lack of noise. Then one scale is estimated, at a ratio of relative noise to floor in the
-    middle of the identifiable range (`ratio_range`), and confidence intervals are those of
-    Student's distribution.
-
-    Parameters
-    ----------
-    relative, floor : float
-        Relative noise and floor; nan before the first residual.
-    tails : float
-        Degrees of freedom of Student's distribution for the likelihood; inf: Gaussian.
-    common_floor : float
-        Floor from the scatter of neighbouring lines, known before any residual.
-    own_floors : tuple of (str, float)
-        Such floors of the responses whose lines contradict `common_floor`.
-    spare : int, optional
-        Degrees of freedom, if there were few.
+    Both maximise the likelihood of the residual, corrected for the fitted unknowns; model error
+    counts as noise. With fewer than 30 degrees of freedom (`spare`) the likelihood would mistake
+    small residuals for a lack of noise: one scale is estimated, at a ratio in the middle of
+    `ratio_range`. `tails` are the degrees of freedom of Student's distribution (inf: Gaussian);
+    `common_floor` and the deviating `own_floors` come from the scatter of neighbouring lines.
     """
 
     relative: float = np.nan
@@ -117,13 +101,7 @@ class Estimated(NoiseModel):
 class _NoiseResidual:
     """A residual for the estimation of noise; all arrays have the shape (n_f, n_i, n_j).
 
-    Parameters
-    ----------
-    size, level, squared : ndarray of float
-        As for `fit_two_numbers`.
-    is_nonzero : ndarray of bool
-        Values that are not zero in both the model and the data. A zero response, as of symmetry,
-        carries no information on the noise.
+    Values that are zero in model and data, as by symmetry, carry no information on the noise.
     """
 
     size: _Real
@@ -181,12 +159,9 @@ def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
 def fit_two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
     """Return the relative noise and floor of maximum likelihood; relative noise is at most 1.
 
-    `size` is |H| of the model, `level` that to which the floor is relative, and `squared` the
-    squared magnitude of the residual, all of one shape; `tails` is that of `Estimated`.
-
-    At a given ratio of the two numbers, the Gaussian likelihood is largest if the reduced
-    chi-square is 1. So the search is over the ratio alone, from floor only to relative noise only,
-    and cannot end in a local minimum of two variables.
+    `size` is |H| of the model, `level` that to which the floor is relative. At a given ratio of the
+    two numbers, the Gaussian likelihood is largest if the reduced chi-square is 1, so the search is
+    over the ratio alone and has no local minimum of two variables.
     """
     from scipy.optimize import minimize
 
@@ -238,10 +213,9 @@ _FEWEST_LINES = 20
 def estimate_floor(frf: FRF) -> float:
     """Return the noise floor, as a share of the rms of its unit, from neighbouring lines.
 
-    The scatter about a local polynomial is noise if lines are dense; otherwise it also contains the
-    shape of resonances. Relative noise and floor are both fitted to it. The shape is proportional
-    to the level and counts as relative noise, which is discarded. The result is 0 for fewer than
-    twenty lines, because resonances fill every window.
+    The scatter about a local polynomial also contains the shape of resonances if lines are not
+    dense. The shape is proportional to the level: it counts as relative noise, which is discarded.
+    0 for fewer than twenty lines, because resonances fill every window.
     """
     if len(frf.freq) < _FEWEST_LINES:
         return 0.0
@@ -260,9 +234,8 @@ _SAMPLES_OF_ONE, _CONTRADICTS = 2_000, float(np.log(100.0))
 def find_own_floors(frf: FRF, common: float) -> Floors:
     """Return the floors of the responses whose lines contradict the common floor.
 
-    Sensors of another type or range have another floor. A response has its own floor if its lines
-    are more likely with it than with the common floor at odds of 100 to 1, each with its best
-    relative noise. Only one in five lines counts, because windows overlap.
+    The odds have to be 100 to 1, each with its best relative noise. Only one in five lines counts,
+    because windows overlap.
     """
     if len(frf.freq) < _FEWEST_LINES or len(frf.responses) < 2:
         return ()
@@ -339,21 +312,9 @@ _ENOUGH = 25
 class EstimatedByChannel(NoiseModel):
     """Noise with E|dH|^2 = (relative |H|)^2 + (floor rms)^2, estimated for each response.
 
-    Parameters
-    ----------
-    tails : float
-        Degrees of freedom of Student's distribution for the likelihood; inf: Gaussian.
-    relative, floor : ndarray of float, shape (n_i,), optional
-        Relative noise and floor of each response; None before the first residual, when noise of
-        typical size is assumed. The floor is a share of the rms of all data of the same unit.
-    names : tuple of str
-        Labels of these responses.
-    held : bool
-        Whether the numbers are fixed.
-    common_floor : float
-        Common floor from the scatter of neighbouring lines, known before any residual.
-    own_floors : tuple of (str, float)
-        Such floors of the responses whose lines contradict `common_floor`.
+    `relative` and `floor`, shape (n_i,), are None before the first residual, when noise of typical
+    size is assumed; the floor is a share of the rms of all data of the same unit. Other fields are
+    those of `Estimated`.
     """
 
     tails: float = np.inf

@@ -165,13 +165,7 @@ class NoiseModel(ABC):
 
 
 class WrappedNoise(NoiseModel):
-    """Base class of the noise models that modify another noise model.
-
-    Attributes
-    ----------
-    base : NoiseModel
-        The modified noise model.
-    """
+    """Base class of the noise models that modify another noise model, `base`."""
 
     __slots__ = ()
 
@@ -229,12 +223,7 @@ def two_part_variance(
 class Stated(NoiseModel):
     """Noise with the variance E|dH|^2 = (relative |H|)^2 + (floor rms)^2 that the user states.
 
-    Parameters
-    ----------
-    relative : float
-        Noise proportional to |H|.
-    floor : float
-        Noise independent of |H|, as a share of the rms of all data of the same unit.
+    The rms is that of all data of the same unit.
     """
 
     relative: float
@@ -298,23 +287,11 @@ _USUAL = 10
 class Coherence(NoiseModel):
     """Noise with the variance |H_X|^2 (1 - gamma^2) / (gamma^2 (n - 1)), smoothed along the lines.
 
-    H_X and gamma^2 come from the same n spectra, and S_nn = (1 - gamma^2) S_yy is the part of the
-    output that the input does not explain (Bendat & Piersol, Random Data, 4th ed. 2010, sections
-    6.1.4 and 9.2.3, there with n for n - 1). For given inputs, H1 is a regression with one complex
-    unknown. The formula estimates its variance S_nn / (n S_xx) without bias, although gamma^2
-    itself is biased (Carter, Knapp & Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337), and
-    independently of the error of H_X. With the model's |H| instead of |H_X|, the variance would be
-    nearly zero at an antiresonance, where |H_X| and hence gamma^2 consist mostly of noise. The
-    estimate has n - 1 degrees of freedom, too few for a weight; `smooth_variance` smooths it.
-
-    Parameters
-    ----------
-    scale_known : bool
-        Whether the number of averages is known.
-    freq : ndarray of float, shape (n_f,), optional
-        Lines of `smoothed` in Hz.
-    smoothed : SmoothVariance, optional
-        Smoothed variance at these lines. If None, it is computed from the data of each call.
+    S_nn = (1 - gamma^2) S_yy (Bendat & Piersol, Random Data, 4th ed. 2010, sections 6.1.4 and
+    9.2.3, there n for n - 1); S_nn / (n S_xx) is without bias, although gamma^2 is biased (Carter,
+    Knapp & Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337). The model's |H| for |H_X|
+    would give nearly zero at an antiresonance. `scale_known`: the number of averages is known;
+    `smoothed` at `freq` (Hz) is computed from the data of each call if None.
     """
 
     scale_known: bool
@@ -380,15 +357,7 @@ _KNOTS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothVariance:
-    """A smooth variance, floor + relative |H|^2.
-
-    Attributes
-    ----------
-    floor : ndarray of float, shape (n_f, ...)
-        Part independent of |H|, in squared units of the data.
-    relative : ndarray of float, shape (n_f, ...)
-        Part proportional to |H|^2, divided by |H|^2.
-    """
+    """A smooth variance, floor + relative |H|^2, both of shape (n_f, ...)."""
 
     floor: _Real
     relative: _Real
@@ -399,21 +368,13 @@ class SmoothVariance:
 
 
 def smooth_variance(variance: _Real, size: _Real, freedom: int) -> SmoothVariance:
-    """Smooth variance estimates with a chi-square distribution along the lines.
+    """Smooth estimates, independent and distributed as Gamma(freedom) / freedom, along the lines.
 
-    `variance` and `size` = |H_X| have the shape (n_f, ...). The estimates are above 0, independent
-    from line to line and distributed as Gamma(freedom) / freedom.
-
-    Two parts, a floor and one proportional to |H|^2, both piecewise linear along the lines, are
-    fitted to each channel by maximum likelihood (the Itakura-Saito divergence, by the
-    multiplicative updates of Fevotte, Bertin & Durrieu, Neural Computation 21 (2009) 793, with the
-    exponent 1/2 that guarantees descent). The ratio of the estimates to this fit is averaged over
-    neighbouring lines. A line more than ten times above the median of its neighbours keeps its own
-    variance: it is a hum or a glitch, not scatter.
-
-    The mean of the inverse of the result is the inverse of the variance, which makes weights
-    unbiased: the mean inverse of a mean of d variables with the distribution Gamma(1) is
-    d / (d - 1) too large.
+    A floor and a part proportional to |H|^2, piecewise linear, are fitted to each channel by
+    maximum likelihood (multiplicative updates of Fevotte, Bertin & Durrieu, Neural Computation 21
+    (2009) 793, with the exponent 1/2 for descent). The ratio to this fit is averaged over
+    neighbours; a line ten times above their median keeps its variance (hum). The mean inverse of a
+    mean of d Gamma(1) variables, d / (d - 1), is corrected: weights are unbiased.
     """
     from scipy.ndimage import uniform_filter1d
 

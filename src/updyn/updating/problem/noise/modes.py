@@ -43,34 +43,13 @@ _WIDEST = 1e3
 class ModalNoise:
     """Standard deviations of measured modes: those of the data, and an added one for each kind.
 
-    The added number of a kind of residual is either stated by the user, and then replaces the
-    standard deviations of the data, or is estimated from the residual:
-    s^2 = (sum r^2 + n_0 s_0^2) / (n + n_0), with the typical size s_0 of the kind and its weight
-    n_0 as a number of residuals (an inverse gamma prior; Gelman et al., Bayesian Data Analysis, 3rd
-    ed. 2013, section 2.6). For weights in a fit, n is the number of residuals: then sizes and
-    unknowns minimise one common function, and frequencies that the unknowns can reproduce are
-    reproduced even if the residuals of the shapes are large. For standard deviations, n is reduced
-    by the leverage of the unknowns (K. R. Koch, Parameter Estimation and Hypothesis Testing in
-    Linear Models, 1999, section 3.6: variance components by their redundancies).
-
-    The typical size is the assumed one. If shapes are more exact than assumed, all typical sizes
-    are reduced in the same ratio. Larger residuals of shapes do not increase it: they are errors of
-    the model, not of the frequencies.
-
-    Attributes
-    ----------
-    added : mapping of str to float
-        Standard deviation by kind of residual, as a share.
-    stated : frozenset of str
-        Kinds whose number the user states.
-    size_known : bool
-        Whether no number is estimated or assumed.
-    kind : str
-        Description of the noise for the record.
-    by_ratio : tuple of str
-        Kinds with the typical size, because the unknowns leave too few degrees of freedom.
-    degrees_of_freedom : int or None
-        Fewest degrees of freedom of an estimated number, if they are few.
+    The added one is stated, and then replaces those of the data, or s^2 = (sum r^2 + n_0 s_0^2) /
+    (n + n_0), with the typical size s_0 (inverse gamma prior; Gelman et al., Bayesian Data
+    Analysis, 3rd ed. 2013, section 2.6). For weights, n counts residuals: sizes and unknowns then
+    minimise one function. For standard deviations, the leverage of the unknowns reduces n (K. R.
+    Koch, Parameter Estimation and Hypothesis Testing in Linear Models, 1999, section 3.6). Typical
+    sizes are those assumed, reduced in one ratio if shapes are more exact; larger residuals of
+    shapes are errors of the model.
     """
 
     added: Mapping[str, float] = field(default_factory=lambda: dict(ASSUMED_OF_MODES))
@@ -206,12 +185,10 @@ def _estimate_size(r: _Real, std: _Real, number: float, typical: float) -> float
 
 
 def choose_modal_noise(noise: Any) -> ModalNoise:
-    """Return the noise model of modes.
+    """Return the noise model of modes; None: that of the data plus an estimated number by kind.
 
-    With None, it has the standard deviations of the modes, plus an estimated number for each kind
-    of residual. A mapping with ``frequency``, ``shape``, ``loss_factor`` and ``scale`` states these
-    numbers as shares: 0.001 for a frequency known to 0.1 %. The scale of shapes of unit modal mass
-    is used only if it is stated.
+    A mapping with ``frequency``, ``shape``, ``loss_factor`` and ``scale`` states these as shares.
+    The scale of shapes of unit modal mass is used only if it is stated.
     """
     if noise is None:
         return ModalNoise()

@@ -16,12 +16,11 @@ _DEGREE = 2
 
 
 def estimate_scatter(frf: FRF) -> NDArray[np.float64]:
-    """Return the scatter of data about a parabola through five neighbouring lines.
+    """Return the scatter of data about a parabola through five neighbouring lines, an E|dH|^2.
 
-    It is an estimate of E|dH|^2 with 2 complex degrees of freedom, shape (n_f, n_i, n_j), in
-    squared units of the data, and 0 for fewer than five lines. It includes the curvature of the FRF
-    between the lines. No model is needed (a local polynomial without the transient; Pintelon &
-    Schoukens, System Identification, 2nd ed. 2012, chapter 7).
+    It has 2 complex degrees of freedom, includes the curvature of the FRF between the lines, and is
+    0 for fewer than five lines (local polynomial without the transient; Pintelon & Schoukens,
+    System Identification, 2nd ed. 2012, chapter 7).
     """
     values = frf.values.reshape(len(frf.freq), -1)
     if len(values) < WINDOW:

@@ -27,24 +27,12 @@ _SMALL = 0.1
 class Robust(WrappedNoise):
     """Noise model with Student's t distribution instead of the Gaussian one.
 
-    A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v
-    and the weight (nu + 2) / (nu + 2 |r|^2 / v), which is updated together with the noise
-    (iteratively reweighted least squares; Lange, Little & Taylor, J. Am. Stat. Assoc. 84 (1989)
-    881, section 3). If the level of the noise is estimated, it is scaled so that the median of
-    |r|^2 is that of Gaussian noise. The weights are divided by a common number, so that the
-    weighted Jacobian gives the covariance of an M-estimate, E psi^2 / (E psi')^2 (Huber, Robust
-    Statistics, 1981, eq. 6.4 of chapter 7), with both means taken from the residual.
-
-    Parameters
-    ----------
-    base : NoiseModel
-        The noise without outliers.
-    factor : float
-        Factor on the variance of `base` if its level is not known.
-    weight : ndarray of float, shape (n_f, n_i, n_j), optional
-        Divisor of the variance; None before the first residual.
-    outliers : dict
-        Down-weighted values, for the record.
+    The weight of a residual is (nu + 2) / (nu + 2 |r|^2 / v), updated together with the noise
+    (Lange, Little & Taylor, J. Am. Stat. Assoc. 84 (1989) 881, section 3); an estimated level is
+    scaled so that the median of |r|^2 is Gaussian. Weights are divided by a common number so that
+    the weighted Jacobian gives the covariance of an M-estimate, E psi^2 / (E psi')^2 (Huber, Robust
+    Statistics, 1981, eq. 6.4 of chapter 7). `weight` divides the variance; `factor` scales a level
+    not known.
     """
 
     base: NoiseModel

@@ -15,17 +15,11 @@ _SHARED = 32.0
 def size_p_value(
     square: ArrayLike, count: ArrayLike, freedom: ArrayLike, averages: int | None
 ) -> NDArray[np.float64]:
-    """Return the probability that noise causes sums of squares at least as large.
+    """Return the probability that noise causes sums of squares, in deviations, at least as large.
 
-    `square` are sums of squares of the real and imaginary parts of residuals, each divided by its
-    standard deviation; `count` is the number of real values in each, and `freedom` this number less
-    that of the unknowns fitted to them, at least 1. All have one shape.
-
-    If the noise is known exactly (`averages` None), the sum has the chi-square distribution with
-    `freedom` degrees of freedom. If its level at each line is estimated from n averages, the mean
-    has the F distribution with n - 1 times `count` as second degrees of freedom, but with `count`
-    at most that of sixteen lines: smoothing correlates the errors of the noise level over more
-    lines.
+    Chi-square with `freedom` (`count` less fitted unknowns, at least 1) degrees of freedom for
+    noise known exactly (`averages` None). Else F with n - 1 times `count` as second degrees of
+    freedom, `count` at most that of sixteen lines: smoothing correlates errors of the noise level.
     """
     from scipy.special import chdtrc, fdtrc  # slow to import and rarely needed
 
