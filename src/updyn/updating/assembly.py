@@ -37,18 +37,9 @@ class UsedData:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
-    """The problem of a run.
+    """The problem of a run: whole models and fitted data, parts of FRFs first.
 
-    Attributes
-    ----------
-    setup : Setup
-        Checked input.
-    problem : Problem
-        Whole model and all fitted data of each test; parts of FRFs first.
-    reduced : Reducing or None
-        The reduced models; None if the whole models are solved.
-    session : Session
-        Engine and memory of the run.
+    `reduced` is None if the whole models are solved.
     """
 
     setup: Setup
@@ -124,10 +115,7 @@ class Assembly:
         return decisive
 
     def record(self, i: int, fitted: Problem) -> dict[str, Any]:
-        """Return the used options of part `i`, and how it was solved, for the record.
-
-        `fitted` is the problem at the end of the fit.
-        """
+        """Return the used options of part `i`, and how it was solved, for the record."""
         used = {**self.used_options[i], "engine": self.session.engine.name}
         if i >= len(self.problem.parts):
             return used

@@ -1,8 +1,8 @@
 """Modes that models and tests of a run have in common, and the consequences if there are few.
 
-If a model has no more counterparts of the measured modes than a model of another structure has, it
-is the wrong model or far from the right one. Then the search ends after its first tries, unless one
-of these explains the data, and an answer with as few counterparts is not plausible.
+A model with no more counterparts than a model of another structure is wrong or far from the right
+one: the search ends after its first tries, unless one explains the data, and an answer with as few
+counterparts is not plausible.
 """
 
 from __future__ import annotations
@@ -32,17 +32,7 @@ REMEDY = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeComparison:
-    """Modes of models and tests before a search.
-
-    Attributes
-    ----------
-    tests : tuple of Test
-        The tests, with the models at the start of the update.
-    modes : tuple of (ModeSet or None)
-        Modes of each test that are given in addition to its FRFs.
-    found : tuple of Counterparts
-        Counterparts of each test.
-    """
+    """Counterparts of each test before a search, and the modes given in addition to its FRFs."""
 
     tests: tuple[Test, ...]
     modes: tuple[ModeSet | None, ...]
@@ -52,10 +42,7 @@ class ModeComparison:
     def of(
         cls, tests: Sequence[Test], unknowns: ParameterSet, options: Mapping[str, Any]
     ) -> ModeComparison:
-        """Compare the modes of each test with those of its model at the start of the unknowns.
-
-        `options` are those of the method; ``modes`` among them holds the modes of the tests.
-        """
+        """Compare the modes of each test with those of its model at the start of the unknowns."""
         given = options.get("modes")
         by_test = given if isinstance(given, Mapping) else {}
         one = given if isinstance(given, ModeSet) else None
@@ -88,10 +75,7 @@ class ModeComparison:
     def wrap_fault_detector(
         self, detect_data_fault: Callable[[Monitor], bool]
     ) -> Callable[[Monitor], bool]:
-        """Return the function that decides whether to end a search after its first tries.
-
-        `detect_data_fault` searches for a fault of the data that explains them.
-        """
+        """Return the function that decides whether to end a search after its first tries."""
         if not self.few:
             return detect_data_fault
 

@@ -35,23 +35,7 @@ __all__ = ["Conclusion", "conclude"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conclusion:
-    """What a run states about all tests together.
-
-    Attributes
-    ----------
-    status, message, remedy : str
-        As of `updyn.UpdateResult`.
-    values, std : dict of str to float
-        Values and standard deviations of the unknowns.
-    alternatives : tuple of Alternative
-        Other answers that fit equally well and differ.
-    trust : Trust
-        The parts of the verdict.
-    findings : tuple of Finding
-        Causes of the residual.
-    models : tuple of Model
-        The updated model of each test.
-    """
+    """Conclusion of a run on all tests together; fields as of `updyn.UpdateResult`."""
 
     status: str
     message: str

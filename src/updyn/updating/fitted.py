@@ -33,15 +33,10 @@ class Fitted:
 
 
 def fit_tests(assembly: Assembly, monitor: Monitor) -> Fitted:
-    """Choose the lines and fit.
+    """Choose the lines and fit; raises `SolverError` if the model is singular near its start, too.
 
-    If the model is singular at the start, because a line is a natural frequency of an undamped
-    model, the fit starts from slightly changed unknowns.
-
-    Raises
-    ------
-    SolverError
-        If the model cannot be solved at its start or near it, at one of the lines.
+    If it is singular at the start, because a line is a natural frequency of an undamped model, the
+    fit starts from slightly changed unknowns.
     """
     try:
         return _fit_from_start(assembly, monitor)

@@ -23,17 +23,7 @@ __all__ = ["Judged", "judge_tests"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """A fit with its assessment, and the causes of its residual.
-
-    Attributes
-    ----------
-    problem : Problem
-        The problem on the fitted lines.
-    judgement : Judgement
-        The fit and its assessment.
-    causes : Causes
-        Causes of the residual.
-    """
+    """A fit on the fitted lines with its assessment, and the causes of its residual."""
 
     problem: Problem
     judgement: Judgement

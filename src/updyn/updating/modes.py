@@ -80,10 +80,8 @@ def modal_table(
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
     """Return a result whose verdict takes account of the modes that the update made worse.
 
-    The status is ``"not-credible"`` if the modes contradict the answer. `tables` are those of all
-    tests that were fitted together and whose residual is not noise. If the residual of FRFs is
-    noise, the model reproduces them, including their resonances; a contradiction by modes
-    identified from them is then an error of the identification.
+    `tables` are those of all tests fitted together whose residual is not noise: if the residual of
+    FRFs is noise, a contradiction by modes identified from them is an error of the identification.
     """
     if result.trust is None:
         return result

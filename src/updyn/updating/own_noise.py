@@ -1,11 +1,9 @@
 """Continuation of a fit with separate noise for each sensor, if sensors differ.
 
-Noise estimated from the residual is first assumed to be the same at all sensors. If the residual
-contradicts this, the fit continues from its end with two noise parameters for each sensor, and the
-new fit is kept if its residual is noise. If the model cannot follow a sensor, its
-residual is larger than noise, however small its weight; then the first fit is kept. It is also kept
-if noise cannot be distinguished from the residual of a wrong sensor: on lines so far apart that the
-response itself is not smooth, or if the noise is a third of the response.
+The new fit is kept if its residual is noise: if the model cannot follow a sensor, its residual is
+larger than noise, however small its weight. The first fit is kept if noise cannot be distinguished
+from the residual of a wrong sensor: lines so far apart that the response is not smooth, or noise of
+a third of the response.
 """
 
 from __future__ import annotations
@@ -42,23 +40,7 @@ __all__ = ["SensorNoiseFit"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorNoiseFit:
-    """Continues a fit with separate noise for each sensor.
-
-    Parameters
-    ----------
-    problem : Problem
-        The fitted problem.
-    strategy : Method
-        The method of the fit.
-    noises : sequence of NoiseModel
-        Noise model of each part, common to all sensors.
-    chosen : sequence
-        Noise option of the user for each part.
-    monitor : Monitor
-        Records the steps.
-    reduced : Reducing or None
-        The reduced models.
-    """
+    """Continues a fit with separate noise for each sensor, from `noises` common to all sensors."""
 
     problem: Problem
     strategy: Method

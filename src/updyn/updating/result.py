@@ -658,10 +658,7 @@ def _describe_residual(found: Adequacy | None, message: str) -> list[str]:
 def find_result(result: UpdateResult | JointResult, test: str | None) -> UpdateResult:
     """Return the result of one test of an update; `test` is None for an update with one test.
 
-    Raises
-    ------
-    OptionError
-        If `result` is not a result, or has no test of that name; the message names the nearest.
+    Raises `OptionError` if `result` is not a result or has no test of that name.
     """
     if not isinstance(result, UpdateResult | JointResult):
         raise OptionError(f"expected the result of an update, found {type(result).__name__}")

@@ -39,13 +39,8 @@ def run(
 ) -> list[UpdateResult]:
     """Fit the unknowns to all tests and return one result for each.
 
-    Raises
-    ------
-    InputError
-        If models, data, unknowns or options do not fit together, or the checkpoint to resume
-        belongs to another run.
-    SolverError
-        If a model cannot be solved at its start, at one of the lines.
+    Raises `InputError` for inconsistent input or the checkpoint of another run, and `SolverError`
+    if a model cannot be solved at its start.
     """
     start = time.perf_counter()
     setup = prepare_setup(tests, parameters, options)

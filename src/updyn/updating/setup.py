@@ -45,32 +45,10 @@ __all__ = ["RunOptions", "Setup", "prepare_setup"]
 class RunOptions:
     """Options of the run of an update; most are the arguments of `updyn.update` of the same name.
 
-    Attributes
-    ----------
-    method : str
-        Name of the method.
-    method_options : mapping of str to object
-        Options of the method.
-    engine : None, int, dask.distributed Client or Engine
-        Engine that evaluates lines and tries of the search.
-    callback : callable or None
-        Called with a `Progress` after every step and between blocks of lines.
-    title : str
-        Title of the update.
-    tier : {"dense", "sparse", "reduced"} or None
-        How the model is solved.
-    backend : str or None
-        Sparse factorisation.
-    accuracy : float
-        Accuracy of the reduced tier.
-    checkpoint : path or None
-        File that receives every evaluation.
-    resume : bool
-        Whether to continue the run in `checkpoint`.
-    regularise : None, str or float
-        Regularisation of the unknowns.
-    seek_causes : bool
-        Whether to search for causes of the residual after the fit.
+    `tier` is the solution ("dense", "sparse" or "reduced"), `backend` the sparse factorisation, and
+    `accuracy` that of the reduced tier; the file `checkpoint` receives every evaluation, and
+    `resume` continues its run. `callback` gets a `Progress` after every step and between blocks of
+    lines.
     """
 
     method: str = "maximum-likelihood"
@@ -87,13 +65,7 @@ class RunOptions:
     seek_causes: bool = True
 
     def check(self) -> None:
-        """Check the types of options that are first used during the run.
-
-        Raises
-        ------
-        OptionError
-            If an option has another type than expected.
-        """
+        """Check the types of options that are first used during the run; raise `OptionError`."""
         if self.callback is not None and not callable(self.callback):
             raise OptionError(f"callback = {self.callback!r}: expected a function, or None")
         if not isinstance(self.title, str):
@@ -110,13 +82,7 @@ class RunOptions:
             )
 
     def check_without_lines(self) -> None:
-        """Refuse options of the line-by-line solution for an update to modes.
-
-        Raises
-        ------
-        OptionError
-            If there is such an option.
-        """
+        """Raise `OptionError` for options of the line-by-line solution in an update to modes."""
         for key in ("tier", "backend"):
             if getattr(self, key) is not None:
                 raise OptionError(f"{key}: modes are computed by one way; leave it out", key=(key,))
@@ -126,26 +92,8 @@ class RunOptions:
 class Setup:
     """Checked input of a run.
 
-    Attributes
-    ----------
-    tests : tuple of Test
-        The tests, with the models at the start of the unknowns.
-    selection : Selection
-        The unknowns, and how they were selected.
-    options : RunOptions
-        Options of the run.
-    method : Method
-        The method.
-    driver : Method
-        The method with its regularisation.
-    splits : tuple of Split
-        Fitted and held-out data of each test with FRFs.
-    modal_splits : tuple of ModalSplit
-        Fitted and held-out data of each test with modes.
-    noises : tuple of NoiseModel
-        Noise of each test with FRFs.
-    before : ModeComparison
-        Modes that models and tests have in common.
+    `tests` have the models at the start of the unknowns; `driver` is the method with its
+    regularisation. Splits and noises are those of each test with FRFs or modes.
     """
 
     tests: tuple[Test, ...]
@@ -191,10 +139,7 @@ def prepare_setup(
 ) -> Setup:
     """Check tests, unknowns and options, and split the data of each test.
 
-    Raises
-    ------
-    InputError
-        If models, data, unknowns or options do not fit together.
+    Raises `InputError` if they do not fit together.
     """
     options.check()
     if isinstance(options.regularise, np.generic):  # plain type, for the record and the fingerprint

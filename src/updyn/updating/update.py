@@ -311,13 +311,6 @@ def joint_identifiability(
     """Return the identifiability of the unknowns from several tests together, at their start.
 
     Held-out data count as data here.
-
-    Raises
-    ------
-    InputError
-        If models, data, unknowns or options do not fit together.
-    SolverError
-        If a model cannot be solved at a line.
     """
     return start_analysis(tests, parameters).report
 
