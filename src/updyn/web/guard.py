@@ -189,7 +189,7 @@ class _Limit:
         return {"type": "http.disconnect"}
 
     async def send(self, message: Message) -> None:
-        """Pass on what the application answers, unless the request was refused."""
+        """Pass on a message of the application, unless the request was refused."""
         if self._begun or not self.exceeded:
             self._begun = True
             await self._send(message)

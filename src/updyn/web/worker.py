@@ -110,7 +110,7 @@ class Worker:
             self._process.wait()
 
     def _collect_errors(self) -> None:
-        """Keep the last lines of what the process writes on stderr."""
+        """Keep the last lines that the process writes on stderr."""
         assert self._process is not None
         assert self._process.stderr is not None
         with self._process.stderr as lines:
@@ -118,7 +118,7 @@ class Worker:
                 self._errors.append(line.rstrip("\n"))
 
     def _read_events(self, error_reader: threading.Thread) -> None:
-        """Take what the process writes until it ends."""
+        """Read the lines that the process writes until it ends."""
         assert self._process is not None
         assert self._process.stdout is not None
         with self._process.stdout as lines:
@@ -153,7 +153,7 @@ class Worker:
         self.version += 1
 
     def _record_end(self, code: int) -> None:
-        """Note how the process ended."""
+        """Record the end of the process."""
         if code == 0 and self.status:
             self.state = "done"
         elif self.state == "stopping" and not TASKS.find(self.task).stops:

@@ -51,7 +51,7 @@ class Workspace:
 
     @property
     def version(self) -> tuple[object, ...]:
-        """Changes whenever what a page shows of the job may have changed."""
+        """A value that changes whenever the shown state of the job may have changed."""
         document = self.document
         return () if document is None else (document.path, document.version, document.is_changed)
 
@@ -108,7 +108,7 @@ class Workspace:
     def open_job(self, name: str | Path) -> None:
         """Open a job of the project, unless another one has unsaved edits.
 
-        An `InputError` is raised if it has, or the path leads out of the project; a `JobError` if
+        An `InputError` is raised for unsaved edits or a path outside the project, a `JobError` if
         the job cannot be read.
         """
         path = self.project.inside(name)
@@ -293,7 +293,7 @@ class Workspace:
 
 
 def _memory_limit() -> int:
-    """Return how many bytes reading and looking may take: half of those of the machine."""
+    """Return the memory limit of the `Desk` in bytes: half of the machine's; 0 if unknown."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
     except (AttributeError, OSError, ValueError):
