@@ -345,7 +345,7 @@ class ValidationSection(ReportSection):
     needs_frfs = True
 
     def context(self, content: PageContent) -> dict[str, Any]:
-        """Return the held-out data and how well they are predicted."""
+        """Return the held-out data and the figures of their prediction."""
         result = content.result
         scores = result.correlation.get("validation") or {}
         return {
