@@ -138,7 +138,10 @@ class DOptimalLayout(Criterion):
 
 
 class AOptimalLayout(Criterion):
-    """Smallest mean variance of the parameters of interest, relative to that of all candidates."""
+    """Smallest mean variance of the parameters of interest, each relative to its minimum.
+
+    The minimum is the variance with all candidates at the start of the parameters.
+    """
 
     by_information = True
     source = "Fedorov, Theory of Optimal Experiments, 1972, chapter 2"
