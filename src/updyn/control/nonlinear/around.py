@@ -30,29 +30,10 @@ class LinearLoop:
 
         x' = A x + B w + E e,   z = C x + D w + G e
 
-    with the torque w of the nonlinearity, the motion z that it acts on, and the inputs e. `series`
-    are the rows of the plant's outputs and the controller's torque.
-
-    Attributes
-    ----------
-    A : ndarray of float, shape (n, n)
-    B, C : ndarray of float, shape (n,)
-        Column of w, row of z.
-    D : float
-        Direct feed-through from w to z: residual flexibility.
-    E : ndarray of float, shape (n, n_e)
-        Columns of the inputs: every input of the plant, and the reference.
-    G : ndarray of float, shape (n_e,)
-    entries : tuple of str
-        Names of the inputs.
-    series : ndarray of float, shape (n_s, n)
-    series_w, series_e : ndarray of float, shapes (n_s,), (n_s, n_e)
-    names : tuple of str
-        Names of the series.
-    output, input : str
-        Output z and input w of the plant.
-    unit : str
-        Unit of z.
+    with the torque w of the nonlinearity, the motion z that it acts on, in `unit`, and the inputs
+    e: every input of the plant, and the reference. `series`, `series_w` and `series_e` give the
+    outputs of the plant and the torque of the controller from x, w and e. D is residual
+    flexibility.
     """
 
     A: _Real
@@ -107,20 +88,12 @@ def linear_loop(
     names: Mapping[str, Any],
     pade: int,
 ) -> LinearLoop:
-    """Return the closed loop without its nonlinearity.
+    """Return the closed loop without its nonlinearity, which acts between output and input `at`.
 
-    The plant is continuous; the nonlinearity acts between its output and input `at`. `names` are
-    ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and ``measured`` of others;
-    None: the only candidate. `pade` is the order for the dead time.
-
-    Raises
-    ------
-    OptionError
-        If a name is missing or unknown, or the quantity of the output does not suit the
-        nonlinearity.
-    ModelError
-        If the plant is sampled, or its output does not respond to the input as the nonlinearity
-        requires.
+    `names` are ``torque``, ``velocity``, ``position`` of a `Controller`, ``torque`` and
+    ``measured`` of others; None: the only candidate. `pade` is the order for the dead time. Raises
+    OptionError for a missing or unknown name or an unsuitable quantity, ModelError for a sampled
+    plant or an output that does not respond to the input as the nonlinearity requires.
     """
     if not isinstance(plant, Plant):
         raise OptionError(

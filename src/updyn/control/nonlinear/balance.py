@@ -46,28 +46,12 @@ _STABLE = {True: "stable", False: "unstable"}
 class LimitCycle:
     """A limit cycle predicted by harmonic balance.
 
-    Attributes
-    ----------
-    amplitude : float
-        Amplitude of the first harmonic of the motion z at the nonlinearity, in `unit`.
-    frequency : float
-        In Hz.
-    stable : bool
-        Whether the loop returns to it: Loeb's criterion holds, and no other pole of the loop under
-        the oscillation is unstable. An unstable cycle is a boundary: oscillations below it decay or
-        fall to the next stable cycle and those above grow, or the other way round.
-    loeb : bool
-        Loeb's criterion alone.
-    gain : complex
-        Describing function of the cycle.
-    third : float
-        Third harmonic of z that the loop would add, as a share of the amplitude:
-        |S(3 i omega) T_3| / A. The prediction neglects it.
-    unit : str
-        Unit of the amplitude.
-    doubt : str
-        The reason if the prediction may be off by more than a tenth, or the cycle may not exist, so
-        a simulation is necessary; else empty.
+    `amplitude` is that of the first harmonic at the nonlinearity, in `unit`; `frequency` is in Hz;
+    `gain` is the describing function. `stable`: the loop returns to the cycle, as Loeb's criterion
+    (`loeb`) holds and no other pole of the loop under the oscillation is unstable; an unstable
+    cycle is a boundary between decay and growth. `third` is the neglected third harmonic |S(3 i
+    omega) T_3| / A. `doubt`, if not empty, is the reason for a simulation: the prediction may be
+    off by more than a tenth, or the cycle may not exist.
     """
 
     amplitude: float
@@ -86,15 +70,9 @@ class LimitCycle:
 
 
 class LimitCycles(tuple[LimitCycle, ...]):
-    """All predicted limit cycles by frequency: a tuple with a summary.
+    """All predicted limit cycles by frequency, searched in a `band` in Hz.
 
-    Attributes
-    ----------
-    band : (float, float)
-        Searched frequency range in Hz.
-    linear_stable : bool
-        Whether the loop is stable without the nonlinearity: with permanent contact of the mesh, or
-        without friction.
+    `linear_stable`: the loop is stable with permanent contact of the mesh, or without friction.
     """
 
     band: tuple[float, float]
@@ -112,12 +90,7 @@ class LimitCycles(tuple[LimitCycle, ...]):
         return tuple(self), self.band, self.linear_stable
 
     def summary(self) -> str:
-        """Return the predictions as text.
-
-        Returns
-        -------
-        str
-        """
+        """Return the predictions as text."""
         where = f"from {self.band[0]:.4g} to {self.band[1]:.4g} Hz"
         loop = f"The loop without the nonlinearity is {_STABLE[bool(self.linear_stable)]}."
         if not self:

@@ -23,23 +23,11 @@ _ONE = 1e-9  # largest relative deviation of a mesh from one spring
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenMesh:
-    """A model with an open mesh.
+    """A model with an open mesh, and the port across it.
 
-    Attributes
-    ----------
-    model : Model
-        Without the stiffness and the damping of the mesh, with its inertias.
-    port : Port
-        Across the mesh: the pair of torques that drives it apart, and its twist. Both an input and
-        an output of the plant.
-    stiffness : float
-        Of the mesh, in N m per rad of twist at the reference DOF.
-    damping : float
-        Its viscous damping at this DOF, in N m s/rad.
-    group : Group
-        The removed mesh.
-    name : str
-        Name of the group.
+    `model` keeps the inertias of the mesh. `port` is the pair of torques that drives it apart, and
+    its twist: both an input and an output of the plant. `stiffness` in N m/rad and `damping` in N m
+    s/rad are those of the removed `group` at the reference DOF.
     """
 
     model: Model
@@ -50,24 +38,11 @@ class OpenMesh:
     name: str
 
     def backlash(self, gap: float, *, frequency: float | None = None) -> Backlash:
-        """Return the mesh with a gap.
+        """Return the mesh with a gap from flank to flank, in rad of twist at the reference DOF.
 
-        Parameters
-        ----------
-        gap : float
-            From flank to flank, in rad of twist at the reference DOF.
-        frequency : float, optional
-            In Hz, at which the damper dissipates as much as the loss factor of the mesh, which has
-            no counterpart in the time domain. Required for a mesh with a loss factor.
-
-        Returns
-        -------
-        Backlash
-
-        Raises
-        ------
-        OptionError
-            If a number is out of its range, or the frequency is missing.
+        At `frequency` in Hz the damper dissipates as much as the loss factor of the mesh, which has
+        no counterpart in the time domain. Raises OptionError if a mesh with a loss factor lacks it,
+        or a number is out of range.
         """
         damping = self.damping
         if self.group.loss_factor:

@@ -25,19 +25,7 @@ _SIGN = {1.0: "+", -1.0: "-"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearPiece:
-    """One linear piece.
-
-    Attributes
-    ----------
-    name : str
-        ``"gap"``, ``"contact +"``, ``"contact -"``; ``"stick"``, ``"slip +"``, ``"slip -"``.
-    F : ndarray of float, shape (m, m)
-    borders : ndarray of float, shape (n_b, m)
-    w : ndarray of float, shape (m,)
-        Torque on the plant.
-    z : ndarray of float, shape (m,)
-        Motion at the nonlinearity.
-    """
+    """One linear piece, with rows of the torque w on the plant and of the motion z, shape (m,)."""
 
     name: str
     F: _Real

@@ -19,17 +19,7 @@ _LAST = 0.4  # share of the time that is evaluated
 
 @dataclass(frozen=True, slots=True)
 class OscillationEnd:
-    """The end of an oscillation.
-
-    Attributes
-    ----------
-    verdict : str
-        As in `Simulation`.
-    amplitude, peak, frequency : float or None
-        First harmonic, half of peak to peak, and frequency in Hz.
-    periods : int
-        Number of periods evaluated.
-    """
+    """The end of an oscillation: verdict and figures as in `Simulation`."""
 
     verdict: str
     amplitude: float | None = None
@@ -41,8 +31,8 @@ class OscillationEnd:
 def judge_end(time: _Real, z: _Real, switches: _Real, half: float) -> OscillationEnd:
     """Return the classification of the end of a series `z`.
 
-    `switches` are the times at which contact or sticking changed; `half` is half the gap of a
-    backlash, 0 for friction.
+    `switches` are the times of changes of contact or sticking; `half` is half a gap, 0 for
+    friction.
     """
     end = float(time[-1])
     first = int(np.searchsorted(time, (1.0 - _LAST) * end))

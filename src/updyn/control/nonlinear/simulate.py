@@ -34,37 +34,13 @@ _MOST = 2_000_000
 class Simulation:
     """Time response of a loop with a nonlinearity.
 
-    Attributes
-    ----------
-    time : ndarray of float, shape (n_t,)
-        In s: every step, and every change of contact or sticking.
-    reading : ndarray of float, shape (n_t,)
-        Motion at the nonlinearity: twist in rad, or velocity in rad/s.
-    torque : ndarray of float, shape (n_t,)
-        Torque of the nonlinearity against this motion, in N m.
-    series : ndarray of float, shape (n_t, n_s)
-        Outputs of the plant, then the torque of the controller, by `names`.
-    names : tuple of str
-        Names of the columns.
-    phase : ndarray of str, shape (n_t,)
-        ``"gap"``, ``"contact +"``, ``"contact -"``; or ``"stick"``, ``"slip +"``, ``"slip -"``.
-    switches : ndarray of float
-        Times in s at which `phase` changes.
-    verdict : {"limit cycle", "decays", "at rest", "grows", "not settled"}
-        Behaviour at the end.
-    amplitude : float or None
-        First harmonic of `reading` over the last whole periods of a limit cycle, which harmonic
-        balance predicts.
-    peak : float or None
-        Half of peak to peak over these periods.
-    frequency : float or None
-        Frequency of the limit cycle in Hz.
-    periods : int
-        Number of these periods.
-    unit : str
-        Unit of `reading`.
-    facts : dict
-        Step, number of switches, constant inputs.
+    `time` in s has every step and every change of contact or sticking (`switches`). `reading` is
+    the motion at the nonlinearity in `unit`, `torque` acts against it, in N m. `series`, shape
+    (n_t, n_s), are the outputs of the plant and the torque of the controller, by `names`. `phase`
+    is ``"gap"``, ``"contact +"``, ``"contact -"``, or ``"stick"``, ``"slip +"``, ``"slip -"``.
+    `verdict` is ``"limit cycle"``, ``"decays"``, ``"at rest"``, ``"grows"`` or ``"not settled"``.
+    Over the last `periods` of a limit cycle, `amplitude` is the first harmonic of `reading`, `peak`
+    half of peak to peak, and `frequency` in Hz.
     """
 
     time: _Real
@@ -91,12 +67,7 @@ class Simulation:
         return self.series[:, self.names.index(name)]
 
     def summary(self) -> str:
-        """Return the result as text.
-
-        Returns
-        -------
-        str
-        """
+        """Return the result as text."""
         head = f"{self.time[-1]:.5g} s, {len(self.switches)} changes of contact or sticking: "
         if self.verdict == "limit cycle":
             return (

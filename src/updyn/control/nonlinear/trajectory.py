@@ -22,19 +22,7 @@ _AT_ONCE = 200  # switches within one step that count as chatter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """A trajectory through linear pieces.
-
-    Attributes
-    ----------
-    time : ndarray of float, shape (n_t,)
-        In s: every step and every switch.
-    states : ndarray of float, shape (n_t, m)
-    piece : ndarray of int, shape (n_t,)
-        Index in `names` of the piece from that time on.
-    names : tuple of str
-    switches : ndarray of float, shape (n_s,)
-        Times of the switches in s.
-    """
+    """A trajectory: states, shape (n_t, m), the piece from each time on, times of switches."""
 
     time: _Real
     states: _Real
