@@ -63,13 +63,7 @@ class _PlantJobTable(JobTable):
         callback: Callable[[Progress], bool | None] | None,
         engine: Any,
     ) -> PlantResult | None:
-        """Return the plant; None if the update was stopped or has failed.
-
-        Warns
-        -----
-        UpdynWarning
-            If the plant does not hold its tolerance.
-        """
+        """Return the plant, None without a finished update; warn if the tolerance is not held."""
         from updyn.uncertainty.draws import Draws
 
         if result.status in ("stopped", "failed"):

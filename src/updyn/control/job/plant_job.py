@@ -42,10 +42,7 @@ _LATER = ("title", "plant", "servo", "uncertainty", "output")
 
 
 def default_plant_out(job: Job) -> Path:
-    """Return the default folder of a plant: that of the job's run.
-
-    For a job file that a run has written, this is the folder of the file.
-    """
+    """Return the folder of the job's run, that of the job file if a run has written it."""
     if _written_by_run(job):
         return job.path.parent
     return default_out(job)
@@ -77,41 +74,13 @@ def plant_job(
     engine: int | Client | Engine | None = None,
     say: Callable[[str], object] | None = None,
 ) -> PlantResult:
-    """Make the plant of a job and write its files.
+    """Make the plant of a job and write its files, ``control.json`` and ``plant.html``.
 
-    The plant is that of the updated model if the job has been run: without `run`, the result is
-    searched in `out` and in the job's results folder. Without a result it is that of the original
-    model, which the source states.
-
-    Parameters
-    ----------
-    job : Job
-        From `load_job`, with ``[plant]``.
-    out : path, optional
-        The folder; by default that of the job's run.
-    run : path, optional
-        The folder of the finished run, if it is another.
-    prepared : Prepared, optional
-        Result of `prepare`, if already available.
-    engine : None, int, dask.distributed Client or Engine
-        Engine for a family of plants, as for `updyn.update`.
-    say : callable, optional
-        Called with the name of each stage.
-
-    Returns
-    -------
-    PlantResult
-        In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, replaced
-        together. If no plant holds the tolerance, `out` contains no plant file afterwards, not even
-        of an earlier call; record and page state the error reached.
-
-    Raises
-    ------
-    InputError
-        If the job, a file or the folder is invalid, or the run is of another job; nothing is
-        written.
-    SolverError
-        If the model has no response at a frequency; nothing is written.
+    Without `run`, a finished run is searched in `out` and in the job's results folder; without one
+    the plant is that of the original model. Files are replaced together. If no plant holds the
+    tolerance, no plant file remains; record and page state the error reached. Raises InputError for
+    invalid input or a run of another job, SolverError if the model has no response; nothing is
+    written then.
     """
     out = check_plant_out(job, default_plant_out(job) if out is None else out)
     table = job.table(PlantTable)

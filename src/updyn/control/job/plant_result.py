@@ -54,51 +54,12 @@ _MODES = 80
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantResult:
-    """The plant of a job with its model and its errors.
+    """The plant of a job with its model and its errors; no plant if no order holds the tolerance.
 
-    Attributes
-    ----------
-    title : str
-        Title of the job.
-    model : Model
-        The model of the plant.
-    updated : bool
-        Whether it is the updated model.
-    source : str
-        A sentence on the source of the model.
-    band : (float, float)
-        In Hz.
-    tolerance : float
-        Largest permitted error.
-    measure : {"relative", "peak"}
-        Measure of this error.
-    plant : Plant or None
-        None if no order holds the tolerance.
-    message : str
-        The reason for a missing plant.
-    conversions : tuple of ConversionError
-        Conversions of the damping, for comparison.
-    freq : ndarray of float, shape (n_f,)
-        Lines at which plant and model are compared, in Hz.
-    exact : ndarray of complex, shape (n_f, n_y, n_u)
-        Response of the model with its structural damping at these lines.
-    answer : ndarray of complex, shape (n_f, n_y, n_u)
-        Response of the plant at these lines.
-    sampled : Plant or None
-        The plant discretised by ``sampling``.
-    family : PlantFamily or None
-        Plants drawn from the uncertainty of the update.
-    weights : mapping of (int, int) to UncertaintyWeight
-        Weights that cover the family, by index of output and input: of the channels of the servo's
-        loops, or of all channels.
-    servo : Servo or None
-        The controller of ``[servo]`` on the plant, or on the family.
-    drive : DriveFigures or None
-        Figures of the drive.
-    nonlinear : tuple of Nonlinear
-        Results of the loop with backlash or friction.
-    notes : tuple of str
-        Remarks in sentences.
+    `source` is a sentence on the source of the model, `message` the reason for a missing plant.
+    `exact` and `answer`, shape (n_f, n_y, n_u), are the responses of the model, with structural
+    damping, and of the plant at `freq` in Hz. `measure`, ``"relative"`` or ``"peak"``, is that of
+    `tolerance`. `weights` cover the family, by index of output and input.
     """
 
     title: str
@@ -156,13 +117,11 @@ def make_plant(
     say: Callable[[str], object] | None = None,
     strict: bool = True,
 ) -> PlantResult:
-    """Make the plant, family and servo of a job.
+    """Make the plant, family and servo of a job; no plant if no order holds the tolerance.
 
-    Without a `result` the plant is that of the original model; `source` is a sentence on the
-    source of the model. `draws` of the parameters from a bootstrap or sampling make the family, on
-    `engine`. With `strict`, a failing servo is an error; else a note states the reason. The result
-    has no plant if no order holds the tolerance. Raises JobError with the line of the job if the
-    plant fails for another reason, SolverError if the model has no response at a frequency.
+    Without a `result` the plant is that of the original model; `source` is a sentence on it. With
+    `strict`, a failing servo is an error, else a note. Raises JobError with the line of the job if
+    the plant fails for another reason, SolverError if the model has no response at a frequency.
     """
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)

@@ -52,19 +52,7 @@ _WIND = (
 
 
 def control_record(result: PlantResult) -> dict[str, Any]:
-    """Return a plant result as a dict without inf or nan, for `json.dumps`.
-
-    Returns
-    -------
-    dict
-        ``title``; ``updated``, whether the model is updated, and its ``source``; ``band`` in Hz;
-        ``tolerance``, ``tolerance_of`` and ``met``, whether it is held; ``message``, the reason for
-        a missing plant; ``plant`` or None: ``relative_error``, ``error``, ``peak_error``,
-        ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``, ``poles`` (``re``,
-        ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with their errors,
-        ``zeros``; ``conversions`` of the damping for comparison; ``sampled``, ``family``, ``servo``
-        and ``drive``, None if not requested; ``nonlinear``, limit cycles; ``notes``; ``versions``.
-    """
+    """Return a plant result as a dict without inf or nan, for `json.dumps`."""
     return {
         "title": result.title,
         "updated": result.updated,
@@ -169,19 +157,7 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
 
 
 def servo_record(servo: Servo) -> dict[str, Any]:
-    """Return a servo as a dict without inf or nan, for `json.dumps`.
-
-    Returns
-    -------
-    dict
-        ``stable``, for every loop and member of a family; ``controller``; the names of the ports;
-        ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
-        ``velocity_loop``, ``position_loop`` and ``torque_loop``: ``margins`` with the fields of
-        `updyn.control.servo.margins.Margins`, and ``worst`` over the family; ``sampled`` or None:
-        ``dt`` in s, ``delay`` in intervals, the same loops, ``poles`` (z); ``robust``: the fields
-        of each `updyn.control.servo.margins.RobustMargin`, and ``meaning``; ``step``,
-        ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
-    """
+    """Return a servo as a dict without inf or nan, for `json.dumps`."""
     loops = {loop.name: _loop(loop) for loop in servo.loops}
     return {
         "stable": servo.stable,
@@ -253,16 +229,7 @@ def drive_record(drive: DriveFigures) -> dict[str, Any]:
 
 
 def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
-    """Return a loop with backlash or friction as a dict without inf or nan, for `json.dumps`.
-
-    Returns
-    -------
-    dict
-        ``kind``, ``where``, ``law`` (its parameters); ``linear_stable``; ``cycles``, the fields of
-        each `updyn.control.nonlinear.balance.LimitCycle` except the describing function;
-        ``simulation`` or None: ``verdict``, ``amplitude``, ``frequency`` and so on; ``begun``,
-        ``disputed`` and ``note``.
-    """
+    """Return a loop with backlash or friction as a dict without inf or nan, for `json.dumps`."""
     names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
     cycle = ("amplitude", "frequency", "stable", "loeb", "third", "unit", "doubt")
     return {

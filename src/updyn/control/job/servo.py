@@ -77,24 +77,10 @@ def job_servo(job: Job, plant: Plant | PlantFamily, sampled: Plant | None = None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nonlinear:
-    """Results of a loop with one nonlinearity.
+    """Limit cycles by harmonic balance, and simulation, of a loop with backlash or friction.
 
-    Attributes
-    ----------
-    kind : {"backlash", "friction"}
-        The kind of nonlinearity.
-    where : str
-        Its place, in words.
-    law : Backlash or CoulombFriction
-        Its parameters.
-    cycles : LimitCycles
-        Limit cycles by harmonic balance.
-    simulation : Simulation or None
-        The simulated loop.
-    begun : str
-        Initial state of the simulation, in words.
-    note : str
-        The reason for a missing simulation; else empty.
+    `kind` is ``"backlash"`` or ``"friction"``, with the parameters `law`. `where`, its place, and
+    `begun`, the initial state, are in words; `note` is the reason for a missing simulation.
     """
 
     kind: str
