@@ -1,21 +1,10 @@
 """A plant as a C99 header for controller code: matrices, names and functions.
 
-Every name begins with the stem of the file, so a program can include several plants. Names in
-``mount.h``::
-
-    MOUNT_N_STATES, MOUNT_N_INPUTS, MOUNT_N_OUTPUTS   sizes
-    MOUNT_DT, MOUNT_DELAY                             sampling interval in s (0.0: continuous),
-                                                      intervals of delay
-    MOUNT_BAND_LOW, MOUNT_BAND_HIGH, MOUNT_ERROR      band in Hz, and the error in it
-    mount_A, mount_B, mount_C, mount_D                double, by rows, in SI units
-    mount_input_names, mount_input_units, mount_output_names, mount_output_units
-    mount_output(x, u, y)                             y = C x + D u
-    mount_derivative(x, u, dx)                        continuous plant: dx = A x + B u
-    mount_step(x, u, y)                               sampled plant: y = C x + D u,
-                                                      then x = A x + B u
-
-Numbers have all digits needed to read them back exactly. The header allocates no memory and
-includes no other file.
+Every name begins with the stem of the file, so a program can include several plants: in ``mount.h``
+``MOUNT_N_STATES``, ``mount_A`` and so on, in SI units, and ``mount_output(x, u, y)``, with
+``mount_derivative(x, u, dx)`` (continuous) or ``mount_step(x, u, y)`` (sampled: y = C x + D u, then
+x = A x + B u). Numbers have all digits needed to read them back exactly. The header allocates no
+memory and includes no other file.
 """
 
 from __future__ import annotations

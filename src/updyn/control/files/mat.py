@@ -1,8 +1,7 @@
 """A plant as MATLAB variables without structs, so ``load`` and ``ss`` are sufficient.
 
-The variable ``comment`` contains the command that makes the system. ``dt`` is 0 for a continuous
-plant, as for ``ss``; names and units are cell arrays of char. All variables:
-`updyn.control.files.items`. Version 5 is written; 5 to 7.3 are read.
+``dt`` is 0 for a continuous plant, as for ``ss``; ``comment`` contains the command that makes the
+system. All variables: `updyn.control.files.items`. Version 5 is written; 5 to 7.3 are read.
 """
 
 from __future__ import annotations
