@@ -54,7 +54,7 @@ class Inputs:
 
     `options` are the reader options ``quantity``, ``scale`` and ``unit`` of the user. `matching` is
     None, and `unmatched` has labels of the test, if some are not DOFs of the model; `match_error`
-    says why matching by label failed, and `match_options` are those of `match` without ``by``.
+    is the error of matching by label, and `match_options` are those of `match` without ``by``.
     `counterparts` is None if the sensor positions are unknown.
     """
 

@@ -45,7 +45,7 @@ def toml_lines(text: str) -> dict[Place, int]:
 
 
 def line_of(place: Place, lines: Mapping[Place, int]) -> int | None:
-    """Return the line of `place`, else of its nearest parent in the text; None if there is none."""
+    """Return the line of `place`, else of its nearest parent in the text; None without either."""
     for depth in range(len(place), 0, -1):
         if place[:depth] in lines:
             return lines[place[:depth]]
