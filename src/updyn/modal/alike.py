@@ -18,17 +18,10 @@ _SAME_SHAPE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class AlikePair:
-    """Two modes with nearly the same shape.
+    """Two modes with nearly the same shape; `first` and `second` are frequencies in Hz, ascending.
 
-    Attributes
-    ----------
-    first, second : float
-        Their frequencies in Hz, ascending.
-    mac : float
-        MAC of their shapes.
-    overlap : bool
-        Whether the frequencies differ by less than the sum of the half-power bandwidths: then the
-        resonance curves overlap, and the two may be one mode found twice.
+    `overlap`: they differ by less than the sum of the half-power bandwidths, so the two may be one
+    mode found twice.
     """
 
     first: float
@@ -38,10 +31,7 @@ class AlikePair:
 
 
 def find_alike_pairs(modes: ModeSet) -> list[AlikePair]:
-    """Return the pairs of modes with a MAC of 0.9 or more, overlapping ones first, then by MAC.
-
-    A pair with an unknown loss factor does not count as overlapping.
-    """
+    """Return the pairs of modes with a MAC of 0.9 or more, overlapping ones first, then by MAC."""
     mac, frequency = auto_mac(modes.shapes), modes.frequency
     width = frequency * modes.loss_factor
     found = []

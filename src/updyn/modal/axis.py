@@ -20,14 +20,8 @@ class Axis:
     """The variable x of a fit by partial fractions, scaled to the highest frequency.
 
     For structural damping, x = omega^2 and a mode has the pole omega_r^2 (1 + i eta_r). For viscous
-    damping, x = i omega and a mode has a pole and its mirror image.
-
-    Attributes
-    ----------
-    mirrored : bool
-        Whether damping is viscous.
-    unit : float
-        Circular frequency of |x| = 1, in rad/s.
+    damping (`mirrored`), x = i omega and a mode has a pole and its mirror image. `unit` is the
+    circular frequency of |x| = 1, in rad/s.
     """
 
     mirrored: bool
@@ -84,7 +78,7 @@ class Axis:
         """Return phi phi^T for residues of accelerance, both of shape (k, ...).
 
         s^2 A / (s - p) has the residue p^2 A, with A = phi phi^T / (2 i omega_d); x A / (x - p) has
-        the residue p A.
+        p A.
         """
         factor = 2j * poles.imag / poles**2 if self.mirrored else 1.0 / poles
         return np.asarray(residues * factor.reshape(-1, *(1,) * (residues.ndim - 1)))

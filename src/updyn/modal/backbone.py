@@ -1,11 +1,9 @@
 """Fit of one mode with an amplitude-dependent pole to a leaning peak.
 
-In first-order harmonic balance, weakly nonlinear joints make the pole of a mode depend on the
-square of its motion: p(a) = p + c a with the square a of the motion of this mode (A. H. Nayfeh & D.
-T. Mook, Nonlinear Oscillations, 1979, section 4.1). With x = omega^2 the real part of the shift c
-is that of the squared frequency, and the imaginary part that of damping. For a force of equal
-amplitude at all lines and references, a is the solution of a cubic equation at each line; residues
-and polynomial follow by linear least squares, as in `refine`.
+In first-order harmonic balance, p(a) = p + c a with the square a of the motion of the mode (A. H.
+Nayfeh & D. T. Mook, Nonlinear Oscillations, 1979, section 4.1); a is the solution of a cubic
+equation at each line, for a force of equal amplitude at all lines and references. Residues and
+polynomial follow by linear least squares, as in `refine`.
 """
 
 from __future__ import annotations
@@ -32,10 +30,9 @@ _TINY = 1e-300
 def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
     """Return the square of the motion of a mode relative to that of the linear peak, shape (n,).
 
-    The mode has `pole` at small motion, shifted by `shift` at unit motion; `width` is the distance
-    of the half-power points from the pole. With X = (x - pole) / width and C = shift / width,
-    a |X - C a|^2 = 1. For a shift above 1.54 widths there may be three solutions; the smallest is
-    returned.
+    With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1; `width` is the distance of
+    the half-power points from the pole. Of up to three solutions, above 1.54 widths, the smallest
+    is returned.
     """
     X, C = (x - pole) / width, shift / width
     square, crossed = np.abs(X) ** 2, 2.0 * (X.conj() * C).real
@@ -54,13 +51,7 @@ def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _LeaningWindow(LineWindow):
-    """A window whose free pole depends on the motion of its mode.
-
-    Attributes
-    ----------
-    shift : complex
-        Shift of the pole at unit motion.
-    """
+    """A window whose free pole depends on the motion of its mode, by `shift` at unit motion."""
 
     shift: complex = 0.0
 
@@ -80,10 +71,7 @@ class _LeaningWindow(LineWindow):
         return np.stack([direct_term + image, 1j * (direct_term - image)], axis=1)
 
     def slopes(self, pole: complex) -> NDArray[Any]:
-        """Return the derivatives of the functions by real and imaginary parts of pole and shift.
-
-        The result has the shape (rows, m, 4), by parameters in units of the width.
-        """
+        """Return derivatives by parts of pole and shift in units of the width, (rows, m, 4)."""
         width, mirrored = float(self.width(np.array([pole]))[0]), self.basis.mirrored
         a = motion(self.x, pole, self.shift, width)[:, None]
         moved_pole, x = pole + self.shift * a, self.x[:, None]
@@ -113,12 +101,8 @@ class _LeaningWindow(LineWindow):
 class Level:
     """The squared motion of a mode in the runs of a measurement.
 
-    Attributes
-    ----------
-    runs : ndarray of int, shape (p,)
-        Number of the run of each channel.
-    of_runs : ndarray of float, shape (J,)
-        Squared motion of each run relative to the largest.
+    `runs`, shape (p,), is the run of each channel; `of_runs`, shape (J,), the squared motion of
+    each run relative to the largest.
     """
 
     runs: NDArray[np.intp]
@@ -142,23 +126,10 @@ class Level:
 class Backbone:
     """A fit of one mode with an amplitude-dependent pole.
 
-    Attributes
-    ----------
-    pole : complex
-        The pole at small motion.
-    shift : complex
-        Shift of the pole at the largest motion.
-    level : Level
-        Squared motion of the runs.
-    fits : list of WindowFit
-        Fit of the channels of each run.
-    normal : ndarray of float, shape (4, 4)
-        Gauss-Newton matrix of the cost by real and imaginary parts of pole and shift, in units of
-        the width.
-    gradients : ndarray of float, shape (p, 4)
-        Gradient of the cost of each channel by these.
-    follow : ndarray of complex, shape (p, 4)
-        Derivatives of the residues by these.
+    `pole` is that at small motion, `shift` its change at the largest motion; `fits` are those of
+    the channels of each run. By the real and imaginary parts of pole and shift, in units of the
+    width: `normal`, shape (4, 4), is the Gauss-Newton matrix of the cost, `gradients`, shape (p,
+    4), its gradient by channel, and `follow`, shape (p, 4), the derivatives of the residues.
     """
 
     pole: complex
@@ -182,9 +153,8 @@ class Backbone:
     def agreement(self, width: float) -> float:
         """Return the squared shift relative to its variance between channels.
 
-        For p channels with a common shift by chance only, it has Hotelling's T^2 distribution with
-        p - 1 degrees of freedom, also if the residuals are not noise (H. White, Econometrica 50
-        (1982) 1-25).
+        By chance it has Hotelling's T^2 distribution with p - 1 degrees of freedom, also if the
+        residuals are not noise (H. White, Econometrica 50 (1982) 1-25).
         """
         follow = np.linalg.lstsq(self.normal, self.gradients.T, rcond=None)[0][2:]
         shift = np.array([self.shift.real, self.shift.imag]) / width
@@ -246,10 +216,7 @@ def fit_backbone(
 
 
 def predict_gain(window: LineWindow, linear: WindowFit, at: int, level: Level) -> float:
-    """Return the expected decrease of the cost by a first step from a linear fit.
-
-    `at` is the number of the pole that may depend on the motion.
-    """
+    """Return the expected decrease of the cost by a first step from a linear fit, for pole `at`."""
     every = np.ones(len(level.runs), dtype=np.bool_)
     equations = _Equations.of(
         _select_channels(window, every, 0.0), linear, at, level.of_runs[level.runs]
@@ -305,14 +272,7 @@ def _fit_at(
 class _Equations:
     """Gauss-Newton equations of one run, by real and imaginary parts of pole and shift.
 
-    Attributes
-    ----------
-    normal : ndarray of float, shape (4, 4)
-        Matrix of the cost.
-    gradients : ndarray of float, shape (p, 4)
-        Gradient of the cost of each channel.
-    follow : ndarray of complex, shape (p, 4)
-        Derivatives of the residues.
+    Shapes as in `Backbone`: `normal` (4, 4), `gradients` and `follow` (p, 4).
     """
 
     normal: _Real
@@ -323,8 +283,7 @@ class _Equations:
     def of(cls, window: _LeaningWindow, found: WindowFit, at: int, share: _Real) -> _Equations:
         """Return the equations at the fit of a run, in the approximation of Kaufman (`refine`).
 
-        `at` is the number of the pole that depends on the motion, `share`, shape (p,), the share of
-        the shift in each channel.
+        `at` is the pole that depends on the motion; `share`, shape (p,), its shift by channel.
         """
         slopes = window.slopes(complex(found.poles[at]))
         m, flat = slopes.shape[1], slopes.reshape(len(slopes), -1)

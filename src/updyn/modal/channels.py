@@ -1,9 +1,8 @@
 """Linear least squares of many channels with common columns and separate weights.
 
-A QR decomposition for each channel would be exact but slow. Here a single one, with weights between
-those of all channels, makes the columns orthonormal, and each channel solves its normal equations
-in these. Their condition number depends on the ratio of its weights to the common ones, not on that
-of the columns. The normal matrices of all channels are one matrix product.
+A single QR decomposition, with weights between those of all channels, replaces one for each
+channel; each solves its normal equations in the orthonormal columns, whose condition depends on the
+ratio of its weights to the common ones only.
 """
 
 from __future__ import annotations
@@ -53,8 +52,7 @@ class Columns:
     def of(cls, A: NDArray[Any], deviation: _Real) -> Columns:
         """Return the decomposition of columns A, shape (n, k).
 
-        `deviation` are the standard deviations of the values, shape (p, n) or, common to all
-        channels, (1, n).
+        `deviation` are standard deviations, shape (p, n) or, common to all channels, (1, n).
         """
         size = np.linalg.norm(A, axis=0) + _TINY
         logs = np.log(deviation)
@@ -112,8 +110,7 @@ class Columns:
     def project_out(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the residual products and fit coefficients of further columns T, shape (n, j).
 
-        The weighted products of residuals have the shape (p, j, j) or (1, j, j), the coefficients
-        (p, k, j) or (1, k, j).
+        The products have the shape (p, j, j) or (1, j, j), the coefficients (p, k, j) or (1, k, j).
         """
         T = T * self.common_weights[:, None]
         along = self.Q.conj().T @ T

@@ -24,11 +24,10 @@ _FAINT = 0.1
 def remove_decay(frf: FRF) -> FRF:
     """Return FRFs on the axis of real frequency; data without a decay unchanged.
 
-    Data of records with an exponential window are H(i omega + decay). Accelerances are fitted by a
-    rational function of -s^2 with common poles (vector fitting), the exact form for a structure
-    with structural damping. The change of the fit from i omega + decay to i omega is added to the
-    data, so their deviations from the fit are kept. A line at 0 Hz is unchanged: the window affects
-    it only to second order.
+    Accelerances H(i omega + decay) of records with an exponential window are fitted by a rational
+    function of -s^2 with common poles, exact for structural damping; the change of the fit to i
+    omega is added to the data, so their deviations are kept. A line at 0 Hz is unchanged: the
+    window affects it only to second order.
     """
     if not frf.decay:
         return frf

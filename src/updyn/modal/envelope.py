@@ -1,9 +1,8 @@
 """Correlation of noise over neighbouring lines, as its power over the time of the record.
 
-The noise of FRFs from records of finite length, with an exponential window or zero padding, is
-smooth over several lines. Its inverse Fourier transform over the lines is concentrated in a part of
-the record, because the correlation over lines is the transform of the power over time (Wiener and
-Khinchin). A test that assumes independent lines would identify ripples of the noise as modes.
+The noise of FRFs from records of finite length is smooth over several lines: its correlation over
+lines is the transform of its power over time (Wiener and Khinchin). A test that assumes independent
+lines would identify ripples of the noise as modes.
 """
 
 from __future__ import annotations
@@ -49,13 +48,9 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
-    """Power of the noise over the period 1 / (distance of the lines).
+    """Power of the noise, shape (m,), mean 1, at even times over the period 1 / (line distance).
 
-    Attributes
-    ----------
-    power : ndarray of float, shape (m,)
-        Power at m even times from 0 to the period, with mean 1; a single value for white noise,
-        with independent lines.
+    A single value is white noise, with independent lines.
     """
 
     power: _Real
@@ -101,9 +96,8 @@ class Envelope:
     def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
         """Estimate the envelope from the residuals of fits; white if values are too few.
 
-        For each window of n neighbouring lines, `residuals` has columns Q, shape (n, m), with Q Q^H
-        the projection on the fit, and residuals in units of their standard deviations, shape
-        (p, n).
+        For each window of n lines, `residuals` has columns Q, shape (n, m), with Q Q^H the
+        projection on the fit, and residuals in units of their standard deviations, shape (p, n).
         """
         powers, responses = [], []
         for Q, residual in residuals:
@@ -122,10 +116,10 @@ class Envelope:
         return cls(_estimate_power(powers, responses))
 
     def inflation(self, columns: NDArray[Any]) -> _Real:
-        """Return the variance of noise projections relative to that of white noise, shape (k,).
+        """Return the variance of noise projections relative to white noise, (k,), at least 1.
 
         Noise of unit variance is projected on `columns`, functions of n neighbouring lines, shape
-        (n, k). The result is at least 1: smaller estimates are not used.
+        (n, k).
         """
         if self.is_white:
             return np.ones(columns.shape[1])
@@ -162,12 +156,11 @@ def _power_response(response: NDArray[np.complex128] | _Real) -> _Real:
 
 
 def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
-    """Return the estimated power over time, with mean 1.
+    """Return the estimated power over time, with mean 1, by a fixed-point iteration.
 
-    `powers`, shape (m, p), are those of each part at each time and in each channel; `responses`,
-    shape (m, m), are from `_power_response`. In a fixed-point iteration the power at each time is
-    multiplied by the median of measured over expected powers. For exponentially distributed powers
-    the median is log 2 times the mean; the mean itself would be raised by a mode in one part.
+    `powers` have the shape (m, p), `responses`, (m, m), are from `_power_response`. Medians of
+    measured over expected powers are used, because a mode in one part would raise the mean; for
+    exponentially distributed powers the median is log 2 times the mean.
     """
     whole = np.ones(_LINES)
     response_at_time = np.mean([np.sum(r, axis=1) for r in responses], axis=0)
@@ -185,9 +178,8 @@ def _estimate_power(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Rea
 def _extrapolate_power(power: _Real, known: NDArray[np.bool_]) -> _Real:
     """Return the power over time, with mean 1, extrapolated to times around 0.
 
-    These are not estimated. They follow from the powers just after and, since time is periodic,
-    just before; the extrapolation is exponential, like the decay of records with an exponential
-    window.
+    The extrapolation, from the powers just after and (time is periodic) just before, is
+    exponential, like the decay of records with an exponential window.
     """
     at = np.flatnonzero(known)
     first, last = int(at[0]), int(at[-1])

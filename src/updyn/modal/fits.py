@@ -38,16 +38,8 @@ _UNDAMPED = 1e-6
 class WeightedFit:
     """A window, its fit, and the weights of the fit.
 
-    Attributes
-    ----------
-    window : LineWindow
-        Lines and other modes.
-    window_fit : WindowFit
-        The fit.
-    weights : Weights
-        Weights of the fit.
-    added : ndarray of int, shape (k,)
-        Number of the user's pick for poles that are modes without a test; -1 for all others.
+    `added`, shape (k,), is the number of the user's pick for poles that are modes without a test;
+    -1 for all others.
     """
 
     window: LineWindow
@@ -185,10 +177,9 @@ def make_mode(
     squared_error: _Real,
     without: _Real,
 ) -> Mode:
-    """Return a mode of a window.
+    """Return a mode of a window; `std` has the shape (2,), squared residuals (p, n_f).
 
-    `std`, shape (2,), are standard deviations of the parts of the pole; `squared_error` and
-    `without`, shape (p, n_f), are squared residuals with and without the mode.
+    `squared_error` and `without` are squared residuals with and without the mode.
     """
     window = fit.window
     at = window.near(pole)

@@ -1,19 +1,10 @@
 """`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
 
-1. Matrix fractions of increasing order are fitted in overlapping parts of the band; poles that are
-   stable from order to order are candidates (`stabilisation`, `lscf`). For few lines without
-   noise, all poles are fitted at once (`vector_fitting`).
-2. The band is searched in tiles (`tiles`): candidates and a grid of poles are added one by one
-   while they explain more than chance would (`search`) in noise that may be correlated over
-   lines (`envelope`). Poles are refined to maximum likelihood, window by window, with standard
-   deviations (`fit_all_windows`, `refine`).
-3. Close poles may be one mode with a different frequency in each run, for example if a sensor
-   moves with its mass. They are merged if poles for each run fit better than several common poles
-   (`runs`).
-4. Poles of a leaning peak, whose stiffness depends on the level, become one mode (`leaning`,
-   `backbone`).
-5. Poles that the user has picked are added and refined with the others (`picks`).
-6. Shapes follow from the residues (`sides`); peaks without a mode are listed (`unexplained`).
+Stable poles of matrix fractions (`stabilisation`, `lscf`) are candidates; for few lines without
+noise, all poles are fitted at once (`vector_fitting`). Tiles of the band are searched (`tiles`,
+`search`, `envelope`), and poles are refined to maximum likelihood (`fit_all_windows`, `refine`).
+Poles of one mode are merged if it differs between runs (`runs`) or leans (`leaning`, `backbone`).
+Picks of the user are added (`picks`); shapes follow from the residues (`sides`).
 """
 
 from __future__ import annotations
@@ -162,7 +153,7 @@ def identify_with_picks(
 def _refine_exact_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
     """Return the modes of noise-free data to rounding accuracy.
 
-    For such data, only the polynomial for modes outside the window limits the accuracy. Vector
+    Only the polynomial for modes outside the window limits the accuracy of such data; vector
     fitting from the known poles also finds poles outside the band.
     """
     if not modes or min(mode.quality for mode in modes) < 1.0 - _NEARLY:
@@ -195,8 +186,7 @@ def _refine_exact_modes(measured: Measured, modes: list[Mode]) -> list[Mode]:
 def _identify_noise_free(measured: Measured) -> list[Mode]:
     """Return the modes of few lines without noise; none for noisy data, or without modes.
 
-    Few lines may be too far apart for a search part by part, but without noise they determine all
-    poles together.
+    Few lines may be too far apart for a search part by part, but determine all poles together.
     """
     axis, most = measured.axis, len(measured.x) // _LINES_A_MODE
     f = np.linspace(measured.freq[0], measured.freq[-1], min(_FIRST, most) + 2)[1:-1]

@@ -20,15 +20,9 @@ _Real = NDArray[np.float64]
 class Indicator:
     """The complex mode indicator function.
 
-    Attributes
-    ----------
-    freq : ndarray of float, shape (n_f,)
-        Lines in Hz, without 0 Hz.
-    values : ndarray of float, shape (n_f, k)
-        Singular values of the accelerances at each line, descending; k is the smaller of the
-        numbers of responses and references.
-    unit : str
-        Unit of the values.
+    `freq`, shape (n_f,), are lines in Hz, without 0 Hz; `values`, shape (n_f, k), the singular
+    values of the accelerances, descending, with k the smaller of the numbers of responses and
+    references.
     """
 
     freq: _Real

@@ -1,8 +1,8 @@
 """Leaning peaks: modes whose stiffness depends on the level, which a linear fit splits.
 
-Neighbouring poles, or a single one, are compared by likelihood with one mode that has an
-amplitude-dependent pole (`backbone`). The linear fit of a leaning peak disturbs those of its
-neighbours and the estimate of the noise, so a second round starts with the peaks of the first.
+Neighbouring poles are compared by likelihood with one mode of amplitude-dependent pole
+(`backbone`). A second round starts with the peaks of the first, because the linear fit of a leaning
+peak disturbs its neighbours and the estimate of the noise.
 """
 
 from __future__ import annotations
@@ -48,16 +48,10 @@ _LARGEST = 8.0 / (3.0 * np.sqrt(3.0))
 
 @dataclass(frozen=True, slots=True)
 class PolesByRun:
-    """Poles that are modes with a pole for each run, unless a leaning peak explains more.
+    """Poles, by fit and position, that are modes with a pole for each run.
 
-    Attributes
-    ----------
-    members : frozenset of (int, int)
-        Fit and position of the poles.
-    cost : float
-        Cost of the fit with a pole for each run.
-    gain : float
-        Gain in deviance over the fit with common poles, less that by chance.
+    They are modes unless a leaning peak explains more. `gain` is the gain in deviance over the fit
+    with common poles, less that by chance; `cost` that of the fit.
     """
 
     members: frozenset[tuple[int, int]]
@@ -67,18 +61,9 @@ class PolesByRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bundle:
-    """Close poles.
+    """Close poles: `members` by fit and position, by ascending frequency, all within `fit`.
 
-    Attributes
-    ----------
-    members : list of (int, int)
-        Fit and position of the poles, by ascending frequency.
-    fit : WeightedFit
-        Fit that contains all of them.
-    positions : list of int
-        Their positions in it.
-    claims : list of PolesByRun
-        Alternatives for some of them.
+    `positions` are those in this fit; `claims` are alternatives for some of them.
     """
 
     members: list[tuple[int, int]]
@@ -95,18 +80,10 @@ class Bundle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaning:
-    """A mode in place of poles of the linear fit.
+    """A mode in place of poles of the linear fit: `members`, by fit and position.
 
-    Attributes
-    ----------
-    members : frozenset of (int, int)
-        Fit and position of these poles.
-    fit : WeightedFit
-        The linear fit with the window and weights of `backbone`.
-    backbone : Backbone
-        The fit.
-    gain : float
-        Gain in deviance over the linear fit, less that of free values by chance.
+    `fit` is the linear fit with the window and weights of `backbone`; `gain` the gain in deviance
+    over it, less that of free values by chance.
     """
 
     members: frozenset[tuple[int, int]]
@@ -118,8 +95,7 @@ class Leaning:
         """Return the mode.
 
         Its standard deviation includes the shift along the peak as the root mean square, weighted
-        by the squared motion. A model without this shift would otherwise be compared with too small
-        a deviation.
+        by the squared motion, because a model without this shift is compared with it.
         """
         window, weights, found = self.fit.window, self.fit.weights, self.backbone
         pole = np.array([found.pole])
@@ -183,10 +159,7 @@ def _find_in_bundle(
     envelope: Envelope,
     count: int,
 ) -> Iterator[Leaning]:
-    """Yield the leaning peaks of a bundle, without poles in common.
-
-    Those of the most poles come first, and among these those of the largest gain.
-    """
+    """Yield the leaning peaks of a bundle, without poles in common, most poles and gain first."""
     fit = bundle.fit
     if (fit.added[bundle.positions] >= 0).any():
         return

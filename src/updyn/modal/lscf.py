@@ -27,13 +27,10 @@ _UNSTABLE = 1e-4
 def fit_orders(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
     """Yield the stable poles s in rad/s within the band for fits of increasing order.
 
-    Poles of the functions Y, shape (n_f, n_o, n_r), are common to the columns. Each matrix
-    polynomial has n_r poles per order, counting both of a conjugate pair. Poles that are unstable
-    by rounding are reflected.
-
-    Right matrix fraction Y(omega) = B(omega) A(omega)^-1 in powers of z = exp(-i (omega - omega_1)
-    T), with the band on half of the circle. The numerators are eliminated from the normal
-    equations, whose blocks are of Toeplitz form (Peeters et al. 2004, equations 10-17).
+    Right matrix fraction Y(omega) = B(omega) A(omega)^-1, Y of shape (n_f, n_o, n_r), in powers of
+    z = exp(-i (omega - omega_1) T), with the band on half of the circle; numerators are eliminated
+    from the normal equations (Peeters et al. 2004, equations 10-17). Each order has n_r poles,
+    counting both of a conjugate pair.
     """
     orders = list(orders)
     n_r, largest = Y.shape[2], max(orders)

@@ -94,8 +94,7 @@ class Measured:
     ) -> LineWindow:
         """Return a window of some lines with nearby poles of other modes fixed.
 
-        If residues of the others are given, shape (m, p), the contributions of distant ones are
-        subtracted.
+        If residues of the others are given, shape (m, p), distant contributions are subtracted.
         """
         freq = self.freq[lines]
         frequency = self.axis.frequency(others)

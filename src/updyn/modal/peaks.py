@@ -1,8 +1,7 @@
 """`find_resonance_peaks`: peaks of the complex mode indicator function as approximate modes.
 
-At a well separated resonance the FRF matrix is nearly that of one mode, so its first singular
-vectors are the shape (C. Y. Shih et al., Mech. Syst. Signal Process. 2 (1988) 367-377). The cost is
-one singular value decomposition for each line, a small part of an identification.
+At a well separated resonance the first singular vectors are the shape (C. Y. Shih et al., Mech.
+Syst. Signal Process. 2 (1988) 367-377).
 """
 
 from __future__ import annotations
@@ -56,10 +55,10 @@ def find_resonance_peaks(frf: FRF) -> ModeSet | None:
 
 
 def find_prominences(level: _Real) -> tuple[NDArray[np.intp], _Real]:
-    """Return positions of the inner local maxima of a curve, and heights over adjacent valleys.
+    """Return positions of the inner local maxima of a curve, and their topographic prominences.
 
-    The height is that over the higher of the two lowest values between the maximum and the next
-    higher value, or the end of the curve, on either side (topographic prominence).
+    A prominence is the height over the higher of the two lowest values before the next higher
+    value, or the end of the curve, on either side.
     """
     inner = level[1:-1]
     peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))

@@ -38,9 +38,8 @@ def start_pole_at(
 ) -> complex:
     """Return the initial pole of a pick at a frequency in Hz.
 
-    It is the stable pole of the diagram at this frequency; if there are several, that of the
-    largest order. Without a stable pole, it has the median loss factor of `others`, the poles of
-    the fits, but at least a width of one line.
+    It is the stable pole of largest order there, else one with the median loss factor of `others`,
+    the poles of the fits, but at least a width of one line.
     """
     low, high = float(measured.freq[0]), float(measured.freq[-1])
     if not low <= frequency <= high:
@@ -63,10 +62,7 @@ def start_pole_at(
 def add_picks(
     measured: Measured, fits: list[WeightedFit], begin: _Complex, shown: _Complex
 ) -> list[WeightedFit]:
-    """Return the fits including the picks `begin`, which are modes without a test.
-
-    `shown` are the poles of the fits that are modes.
-    """
+    """Return the fits including the picks `begin`; `shown` are the poles that are modes."""
     axis, poles = measured.axis, collect_poles(fits)
     added = np.full(len(poles), -1)
     for number, pole in enumerate(begin):
@@ -107,10 +103,9 @@ def _find_same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np
 def _check_added(
     measured: Measured, first: complex, last: complex, modes: _Complex, others: _Complex
 ) -> None:
-    """Raise if the fit has moved an added pole to a mode, or away.
+    """Raise if the fit moved an added pole, from `first` to `last`, to a mode or away.
 
-    `first` and `last` are the pole before and after the fit, `modes` the modes without it, and
-    `others` the other poles of the fit.
+    `modes` are the modes without it, `others` the other poles of the fit.
     """
     begin, end = (float(measured.axis.frequency(np.array([p]))[0]) for p in (first, last))
     width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))

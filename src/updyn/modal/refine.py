@@ -1,12 +1,11 @@
 """Maximum-likelihood estimates of poles with standard deviations, window by window.
 
-A window contains a few neighbouring modes. In it, every FRF is a sum of fractions with common poles
-and a polynomial for all other modes. Residues and polynomial follow from the poles by linear least
-squares; the poles are found by Gauss-Newton iteration on the residual (variable projection: G. H.
-Golub & V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the approximation of L. Kaufman, BIT 15
-(1975) 49-57). Values are weighted by their noise, in each channel proportional noise and a floor,
-estimated from the residual of the fit. Standard deviations are those of the normal equations (R.
-Pintelon & J. Schoukens, System Identification, 2nd ed. 2012, section 9.10).
+In a window of a few modes, every FRF is a sum of fractions with common poles and a polynomial for
+all other modes. Poles are found by Gauss-Newton iteration on the residual of linear least squares
+(variable projection: G. H. Golub & V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the
+approximation of L. Kaufman, BIT 15 (1975) 49-57). Noise is proportional and a floor in each
+channel. Standard deviations are those of the normal equations (R. Pintelon & J. Schoukens, System
+Identification, 2nd ed. 2012, section 9.10).
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ class LineWindow:
 
     @property
     def measured_channels(self) -> _Complex:
-        """The measured channels with the subtracted contributions `subtracted`, shape (p, n_f).
+        """The channels with the subtracted contributions, shape (p, n_f).
 
         Fractions of distant modes are large at low frequencies, where a polynomial cancels them, so
         `Y` can be much larger than the measurement.
@@ -134,10 +133,7 @@ class LineWindow:
         return self.basis.fractions(self.x, poles)
 
     def inflation(self, poles: _Complex, weights: Weights, *, moving: bool = False) -> _Real:
-        """Return the variance of residues relative to that in white noise, shape (k,).
-
-        With `moving`, return the ratio for the poles instead of their residues.
-        """
+        """Return the variance of residues (poles if `moving`) relative to white noise, (k,)."""
         if self.envelope.is_white:
             return np.ones(len(poles))
         # The mirror image of a pole is far from the lines and is neglected.
@@ -164,7 +160,7 @@ class LineWindow:
         return self.basis.parts(np.hstack([pole_terms + image, 1j * (pole_terms - image)]))
 
     def derivative_coefficients(self, residues: _Complex) -> NDArray[Any]:
-        """Return the derivatives of the channels by the poles in these functions, shape (p, k, k).
+        """Return the derivatives of the channels by the poles in these functions, (p, k, k).
 
         For poles with mirror images, they are the derivatives by the real parts, followed by those
         by the imaginary parts, shape (p, 2 k, 2 k).
@@ -183,13 +179,9 @@ class LineWindow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelNoise:
-    """Noise of each channel: proportional noise and a floor.
+    """Noise of each channel: variances, shape (p,), of proportional noise and of a floor.
 
-    Attributes
-    ----------
-    share, floor : ndarray of float, shape (p,)
-        Variances: of the proportional noise, relative to the squared values, and of the floor in
-        squared units of the channel.
+    `share` is relative to the squared values, `floor` in squared units of the channel.
     """
 
     share: _Real
@@ -199,9 +191,9 @@ class ChannelNoise:
     def of(cls, squares: _Real, size: _Real) -> ChannelNoise:
         """Return the noise of maximum likelihood for exponentially distributed squares.
 
-        `squares` are squared errors, `size` squared values without noise, both of shape (p, n_f).
-        The multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu,
-        Neural Comput. 21 (2009) 793-830, equation 4.2).
+        `squares` are squared errors, `size` squared values without noise, shape (p, n_f). The
+        multiplicative updates never become negative (C. Fevotte, N. Bertin & J.-L. Durrieu, Neural
+        Comput. 21 (2009) 793-830, equation 4.2).
         """
         # Channels are independent: groups of them stay in the processor's cache over all updates.
         together = max(1, _CACHED // size.shape[1])
@@ -243,12 +235,7 @@ def _dot_rows(a: _Real, b: _Real) -> _Real:
 class Weights:
     """Standard deviations of values as a product; a common factor of all channels makes fits cheap.
 
-    Attributes
-    ----------
-    channel : ndarray of float, shape (p, 1) or (1, 1)
-        Factor of each channel.
-    line : ndarray of float, shape (p, n_f) or (1, n_f)
-        Factor of each line, common to all channels or for each.
+    `channel` has the shape (p, 1) or (1, 1), `line` (p, n_f) or, common to all channels, (1, n_f).
     """
 
     channel: _Real
@@ -310,6 +297,8 @@ class WindowFit:
         of `LineWindow.derivative_coefficients`.
     envelope : Envelope
         Envelope of the noise.
+    cost, normal, gradient : float, ndarray
+        Sums over the channels.
     """
 
     poles: _Complex
@@ -386,7 +375,7 @@ class WindowFit:
 
     @property
     def deviation(self) -> _Real:
-        """Standard deviations of the poles' real and imaginary parts, shape (2, k).
+        """Standard deviations of the poles' real and imaginary parts, (2, k).
 
         They are valid if the errors were weighted by their standard deviations.
         """
@@ -400,14 +389,9 @@ class WindowFit:
 class Errors:
     """Random errors of the residues of a pole.
 
-    Attributes
-    ----------
-    noise : ndarray of float, shape (p,)
-        Variances of the errors from noise at fixed poles, independent between channels and with
-        random phase.
-    common : ndarray of complex, shape (q, p)
-        Errors caused by the errors of the poles: these rows times independent random numbers of
-        unit variance.
+    `noise`, shape (p,), are variances from noise at fixed poles, independent between channels and
+    with random phase. `common`, shape (q, p), times independent random numbers of unit variance are
+    the errors caused by the errors of the poles.
     """
 
     noise: _Real
@@ -428,10 +412,7 @@ def deviance(fitted: WindowFit) -> float:
 
 
 def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weights) -> _Real:
-    """Return the standard deviations of the poles' real and imaginary parts, shape (2, k).
-
-    The noise has the standard deviations of the weights and the correlation of the envelope.
-    """
+    """Return standard deviations of the poles' parts, (2, k), for noise of weights and envelope."""
     inflation = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
     return np.asarray(fitted.deviation * inflation)
 
@@ -439,8 +420,7 @@ def estimate_pole_deviation(window: LineWindow, fitted: WindowFit, weights: Weig
 def estimate_errors(window: LineWindow, fitted: WindowFit, weights: Weights) -> list[Errors]:
     """Return the errors of the residues of each pole, in noise as for `estimate_pole_deviation`.
 
-    They follow from the normal equations of poles and residues: residues change by -A^+ dA/dpoles
-    with the poles, and have the noise of a linear fit at the fitted poles.
+    Residues change by -A^+ dA/dpoles with the poles, and have the noise of a linear fit.
     """
     basis, k, p = window.basis, len(fitted.poles), len(window.Y)
     follow = fitted.columns.project_out(window.derivatives(fitted.poles))[1]
@@ -480,10 +460,7 @@ def fit_with_unknown_noise(
 def fit_poles(
     window: LineWindow, poles: _Complex, weights: Weights, gain: float = GAIN
 ) -> WindowFit:
-    """Return the fit with poles of smallest cost for given weights.
-
-    `gain` is the one of `fit_with_unknown_noise`.
-    """
+    """Return the fit with poles of smallest cost for given weights."""
     current, damping = fit_residues(window, poles, weights), 0.0
     widths = window.width(poles)  # upper limit of a step
     for _ in range(_STEPS if len(poles) else 0):

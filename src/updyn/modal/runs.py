@@ -1,10 +1,9 @@
 """Modes with a different frequency in each run, distinguished from close modes.
 
-If a sensor moves with its mass, or the structure changes between runs, one mode has a different
-pole in every run, and a fit with common poles needs several poles for it, possibly in neighbouring
-windows. These have the same shape on the side that is fixed. If that side has few channels, common
-poles are compared by their fit with fewer modes that have a pole for each run. Both sides,
-responses and references, are tried as roving.
+If a sensor moves with its mass, or the structure changes between runs, a fit with common poles
+needs several for one mode, of the same shape on the fixed side. If that side has few channels,
+common poles are compared with fewer modes that have a pole for each run. Responses and references
+are both tried as roving.
 """
 
 from __future__ import annotations
@@ -110,9 +109,8 @@ def _fit_by_run(
 def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored: bool) -> bool:
     """Return whether a mode that explains little may be part of another mode.
 
-    A mode whose frequency varies from run to run may be identified as two. One of them then
-    explains less than half of the residual without it, and has the shape of the other on the fixed
-    side. `shape` are the numbers of responses and references.
+    Then it explains less than half of the residual without it, and has the shape of the other on
+    the fixed side. `shape` are the numbers of responses and references.
     """
     if mode.quality >= _SURE:
         return False
@@ -145,8 +143,8 @@ def _group_by_shape(
 ) -> list[tuple[list[int], tuple[NDArray[np.intp], ...]]]:
     """Return parts of a bundle with one shape each, and the sides that may be roving.
 
-    If a mode is split by runs, its poles have the same shape on the fixed side; two modes have the
-    same shape on neither side. A side of few channels does not distinguish these cases.
+    A mode split by runs has poles of the same shape on the fixed side; two modes have it on
+    neither. A side of few channels does not distinguish these cases.
     """
     rows, columns = runs
     residues = fit.window_fit.residues[bundle].reshape(
@@ -176,8 +174,7 @@ def _is_damped(pole: complex, window: LineWindow) -> bool:
 def _may_rove(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     """Return whether poles may be one mode with a pole for each run.
 
-    For a single pole, the expected decrease of the cost by one Gauss-Newton step in each run is an
-    estimate of the gain before any fit.
+    For a single pole, one Gauss-Newton step in each run predicts the gain before any fit.
     """
     if len(bundle) > 1:
         return not _are_in_separate_runs(fit, bundle, runs)
@@ -203,16 +200,9 @@ def _may_rove(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bo
 class _Criterion:
     """Criterion to compare fits of some lines by cost and number of free values.
 
-    Attributes
-    ----------
-    fit : WeightedFit
-        The fit with common poles.
-    bundle : list of int
-        Its poles that are compared with others.
-    shapes : int
-        Number of shapes of these poles on the fixed side. If there are fewer shapes than poles,
-        each residue counts as determined by all channels (G. Schwarz, Ann. Stat. 6 (1978) 461-464),
-        else by its own channel as in `chance_gain`, so that no accepted mode is lost.
+    `shapes` is the number of shapes of the poles `bundle` on the fixed side. With fewer shapes than
+    poles, each residue counts as determined by all channels (G. Schwarz, Ann. Stat. 6 (1978)
+    461-464), else by its channel as in `chance_gain`, so that no accepted mode is lost.
     """
 
     fit: WeightedFit
@@ -267,8 +257,8 @@ def _count_shapes(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -
 def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     """Return whether each run contains only one of the poles.
 
-    An example are sensors in two directions of a structure with one mode in each: poles for each
-    run fit these as well, but there is one mode for each direction.
+    Example: sensors in two directions of a structure with one mode in each. Poles for each run fit
+    these as well.
     """
     increase = np.array(
         [np.bincount(runs, one) for one in fit.window_fit.cost_increase_by_channel[bundle]]
@@ -279,18 +269,9 @@ def _are_in_separate_runs(fit: WeightedFit, bundle: list[int], runs: NDArray[np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _ModesByRun:
-    """Modes with poles for each run.
+    """Modes with poles for each run, with their `gain` by the criterion.
 
-    Attributes
-    ----------
-    gain : float
-        Gain by the criterion.
-    cost : float
-        Cost of the fit.
-    evidence : float
-        Gain in deviance, with the noise of each fit, to compare with leaning peaks.
-    modes : list of Mode
-        The modes.
+    `evidence` is the gain in deviance, with the noise of each fit, to compare with leaning peaks.
     """
 
     gain: float
@@ -302,10 +283,7 @@ class _ModesByRun:
 def _find_modes_by_run(
     criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float
 ) -> _ModesByRun | None:
-    """Return modes with poles for each run in place of common poles.
-
-    None if the gain is not above `least`.
-    """
+    """Return modes with poles for each run; None if the gain is not above `least`."""
     fit, bundle = criterion.fit, criterion.bundle
     window, p = fit.window, len(fit.window.Y)
     others = np.delete(fit.window_fit.poles, bundle)

@@ -1,9 +1,8 @@
 """Search for the modes of a window, one by one in the order of the explained residual.
 
-The trials are stable poles of a stabilisation diagram, poles next to those already found (a close
-pair may look like one pole) and an even grid. A mode is accepted if it decreases the deviance by
-more than its free values would by chance (G. Schwarz, Ann. Stat. 6 (1978) 461-464), times the
-inflation of the variance by noise that is correlated over lines (`envelope`).
+Trials are stable poles, poles next to those already found and an even grid. A mode is accepted if
+it decreases the deviance by more than its free values would by chance (G. Schwarz, Ann. Stat. 6
+(1978) 461-464), times the inflation of the variance by correlated noise (`envelope`).
 """
 
 from __future__ import annotations
@@ -72,10 +71,8 @@ def chance_gain(window: LineWindow) -> float:
 def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: int) -> WindowFit:
     """Return the fit of a window with at most `most` modes.
 
-    `stable` are stable poles of the diagram, `trials` other trial poles. Before any mode is known,
-    a window full of modes looks like correlated noise. Stable poles of the diagram, and poles
-    within their widths, are tested as in white noise; ripples among them are removed when all
-    neighbours are fitted (`fit_all_windows`).
+    Before any mode is known, a window full of modes looks like correlated noise, so stable poles
+    and poles within their widths are tested as in white noise; `fit_all_windows` removes ripples.
     """
     none = np.zeros(0, dtype=np.complex128)
     fitted, weights = fit_with_unknown_noise(window, none, Weights.of(np.abs(window.Y) ** 2))
@@ -105,7 +102,7 @@ def search_window(window: LineWindow, stable: _Complex, trials: _Complex, most: 
 def is_mode(
     window: LineWindow, fitted: WindowFit, more: WindowFit, weights: Weights, *, white: bool
 ) -> bool:
-    """Return whether the last pole of the fit `more`, which `fitted` lacks, may be a mode.
+    """Return whether the last pole of `more`, which `fitted` lacks, may be a mode.
 
     With `white`, all lines are treated as independent.
     """
@@ -127,10 +124,7 @@ def is_mode(
 def shows_on_lines(
     window: LineWindow, fitted: WindowFit, more: WindowFit, weights: Weights, inflation: float
 ) -> bool:
-    """Return whether the last pole of the fit `more` explains more than one line.
-
-    A disturbance affects a single line. `inflation` is that of the pole (`LineWindow.inflation`).
-    """
+    """Return whether the last pole of `more` explains more than one line, unlike a disturbance."""
     deviation = weights.channel * weights.line
     strongest = int(
         np.argmax(np.sum((fitted.squared_error - more.squared_error) / deviation**2, axis=0))
@@ -157,14 +151,8 @@ def _compute_explained_share(
 class Visibility:
     """Visibility of a pole at its own frequency.
 
-    Attributes
-    ----------
-    everywhere : bool
-        Whether its share in all channels together is at least a tenth.
-    somewhere : bool
-        Whether it is a peak in one channel.
-    cancelled : bool
-        Whether other poles cancel nearly all of it.
+    `everywhere`: its share in all channels together is at least a tenth. `somewhere`: it is a peak
+    in one channel. `cancelled`: other poles cancel nearly all of it.
     """
 
     everywhere: bool
@@ -182,8 +170,8 @@ class Visibility:
     ) -> Visibility:
         """Return the visibility of a pole at its lines `at`.
 
-        `worths`, shape (p,), is the increase of the cost of each channel without the pole. A
-        channel contains the pole if this is more than chance.
+        A channel contains the pole if the increase of its cost without it, `worths`, is more than
+        chance.
         """
         squares = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
         measured = np.abs(window.measured_channels) ** 2

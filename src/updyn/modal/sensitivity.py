@@ -2,15 +2,10 @@
 
 Eigenvalues: R. L. Fox & M. P. Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6
 (1968) 2426-2429, eq. 6. Eigenvectors: R. B. Nelson, "Simplified calculation of eigenvector
-derivatives", AIAA J. 14 (1976) 1201-1205: from the mode itself and one factorisation, without a sum
-over modes. For derivatives at a few DOFs, as many solutions with that (symmetric) factorisation
-suffice for any number of unknowns. For a small model all modes are computed, and the sum over all
-modes (Fox & Kapoor) gives the derivatives of all shapes at once.
-
-Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, if it exists
-(R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
-eigenvectors of their matrix of first derivatives; here of those by all unknowns at once). An
-example is bending in two planes: `separate_repeated_modes` finds the basis.
+derivatives", AIAA J. 14 (1976) 1201-1205, with one factorisation for each mode; for a small model
+the sum over all modes (Fox & Kapoor). Modes of one eigenvalue have derivatives in a basis in which
+no unknown couples them, if it exists (R. L. Dailey, "Eigenvector derivatives with repeated
+eigenvalues", AIAA J. 27 (1989) 486-491), see `separate_repeated_modes`.
 """
 
 from __future__ import annotations
@@ -60,21 +55,10 @@ _SINGULAR = "the equations of the derivative of a mode shape are singular"
 class RealModes:
     """The lowest undamped modes, without rigid-body modes.
 
-    Attributes
-    ----------
-    K, M : sparse CSR, shape (N, N), real symmetric
-        Stiffness (N/m) and mass (kg) of the undamped model.
-    value : ndarray of float, shape (n,)
-        Eigenvalues omega^2 in 1/s2, ascending.
-    shapes : ndarray of float, shape (N, n)
-        Shapes of unit modal mass.
-    n_rigid : int
-        Number of rigid-body modes.
-    complete : bool
-        Whether these are all modes of the model.
-    whole : tuple of ndarray, or None
-        For a small model, a complete basis, shape (N, N), in which K and M are diagonal, and these
-        diagonals.
+    K (N/m) and M (kg), shape (N, N), are sparse, real and symmetric. `value`, shape (n,), are
+    omega^2 in 1/s2, ascending; `shapes`, shape (N, n), have unit modal mass. `complete`: these are
+    all modes of the model. `whole`, for a small model, is a complete basis, shape (N, N), in which
+    K and M are diagonal, and these diagonals.
     """
 
     K: Any
@@ -131,34 +115,10 @@ def differentiate_mode(
 ) -> tuple[_Real, _Real]:
     """Return the derivatives of one mode by the unknowns.
 
-    Parameters
-    ----------
-    modes : RealModes
-        Modes at `values`.
-    which : int
-        Number of the mode.
-    system : AffineSystem
-        The compiled model.
-    unknowns : Unknowns
-        The terms of the model that the unknowns scale; those on damping have no effect here.
-    values : ndarray of float, shape (n,)
-        The unknowns.
-    rows : ndarray of int, shape (k,), optional
-        DOFs for the derivative of the shape; by default none.
-    along : ndarray of float, shape (N, p), optional
-        Constant vectors v for the derivative of v^T phi.
-
-    Returns
-    -------
-    value : ndarray of float, shape (n,)
-        Derivatives of the eigenvalue, in 1/s2.
-    shape : ndarray of float, shape (n, k + p)
-        Derivatives of the shape of unit modal mass at the DOFs, then those along the vectors.
-
-    Raises
-    ------
-    SolverError
-        If another mode has the same eigenvalue and an unknown couples the two.
+    Those of the eigenvalue, shape (n,), are in 1/s2. Those of the shape of unit modal mass, shape
+    (n, k + p), are at the k DOFs `rows` and along the constant vectors `along`, shape (N, p).
+    Unknowns on damping have no effect. Raises SolverError if an unknown couples another mode of the
+    same eigenvalue.
     """
     phi, value, group = (
         modes.shapes[:, which],
@@ -197,8 +157,7 @@ def differentiate_mode(
 def _check_uncoupled(by_value: _Real, own_index: int, values: _Real, value: float) -> None:
     """Raise SolverError if an unknown couples a mode with another of its eigenvalue.
 
-    `by_value`, shape (n, m), is phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue, and
-    `own_index` the position of the mode itself.
+    `by_value`, shape (n, m), is phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue.
     """
     others = np.delete(by_value, own_index, axis=1)
     if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
@@ -221,8 +180,7 @@ def differentiate_modes(
 ) -> tuple[_Real, _Real]:
     """Return the derivatives of several modes by the unknowns, as `differentiate_mode`.
 
-    `along`, shape (N, m), has a vector for each mode. The derivatives of the eigenvalues in 1/s2
-    have the shape (m, n), those of the shapes and along the vectors (m, n, k + 1).
+    `along`, shape (N, m), has a vector for each mode. Shapes: (m, n) and (m, n, k + 1).
     """
     if modes.whole is None:
         derivatives = [
@@ -311,8 +269,8 @@ def separate_repeated_modes(
 ) -> RealModes:
     """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
-    If the unknowns do not determine the basis, it follows the measured shapes of unit length,
-    (k, n_m). `shapes_at_sensors` returns shapes, (N, m), at the sensors, (k, m).
+    If the unknowns do not determine the basis, it follows the measured shapes of unit length, (k,
+    n_m). `shapes_at_sensors` maps shapes, (N, m), to the sensors, (k, m).
     """
     first, shapes = 0, modes.shapes
     while first < len(modes.value):

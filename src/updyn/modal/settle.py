@@ -87,10 +87,7 @@ def fit_all_windows(
 
 
 def estimate_envelope(measured: Measured, fits: Sequence[tuple[WindowFit, _Real]]) -> Envelope:
-    """Return the envelope of the residuals of fits, which contain no modes; white stays white.
-
-    `fits` include the standard deviations of their values, shape (p, n) or (1, n).
-    """
+    """Return the envelope of the residuals of fits, which contain no modes; white stays white."""
     if measured.envelope.is_white:
         return measured.envelope
     residuals = []
@@ -105,15 +102,7 @@ def estimate_envelope(measured: Measured, fits: Sequence[tuple[WindowFit, _Real]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Residuals:
-    """Squared residuals of fits, by position in the band.
-
-    Attributes
-    ----------
-    frequency : ndarray of float, shape (w,)
-        Centre of each window in Hz.
-    squares, sizes : list of ndarray of float, shapes (p, n)
-        Squared residuals and squared values of each window.
-    """
+    """Squared residuals of fits, shapes (p, n), by centre of their windows in Hz."""
 
     frequency: _Real
     squares: list[_Real]
@@ -187,8 +176,8 @@ def _yield_excess_gains(
 ) -> Iterator[float]:
     """Yield the gain in deviance of each pole less that by chance; above 0 for a mode.
 
-    The fit without a pole is weighted by its own estimated noise. With the noise of the fit with
-    the pole, a peak with a large share of noise would have little weight at any height.
+    The fit without a pole is weighted by its noise: with that of the fit with the pole, a peak with
+    a large share of noise would have little weight at any height.
     """
     inflation = window.inflation(fitted.poles, weights)
     least, whole = chance_gain(window), deviance(fitted)

@@ -44,8 +44,7 @@ class Sides:
     dofs : list of Dof
         DOFs of the shapes.
     row_scale, column_scale : ndarray of float, shapes (n_i,) and (n_j,)
-        Factors on responses and references for rotations and translations of equal size: 1 for
-        translations.
+        Factors for rotations and translations of equal size: 1 for translations.
     """
 
     rows: NDArray[np.intp]
@@ -83,12 +82,11 @@ class Sides:
     def shapes(self, product: _Complex) -> list[_Complex]:
         """Return one or several shapes of one frequency at `dofs`.
 
-        `product`, shape (n_i, n_j), is the sum over these modes of the shape at the responses times
-        the shape at the references. With the singular vectors, product = U W^T, the shapes are U G
-        and W G^-T. At drive points they are equal, so U S = W there with the symmetric S = G G^T
-        (Ewins 2000, section 4.5, for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in
-        rad and N m the noise of one channel may exceed a mode in another, and appear as a second
-        mode.
+        `product`, (n_i, n_j), sums the products of these shapes at responses and references. With
+        its singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points they
+        are equal, so U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5, for one
+        mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of one
+        channel may exceed a mode in another, and appear as a second mode.
         """
         U, W = self._factors(product)
         if not self.is_scaled:
@@ -112,15 +110,11 @@ class Sides:
     def deviations(self, product: _Complex, noise: _Real, common: _Complex) -> _Real:
         """Return standard deviations of the real shape at `dofs`, for fixed length, shape (N,).
 
-        They have the unit of the shape, and are nan if the product contains two modes, because
-        their shapes are arbitrary within their plane. `noise`, shape (n_i, n_j), are variances of
-        the independent errors of the product; `common`, shape (q, n_i, n_j), times independent
-        random numbers of unit variance, are its common errors.
-
-        First order. With dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow from the
-        projections dP W^* / |W|^2 and dP^T U^* / |U|^2 alone (in the scale of `shapes`). The shape
-        x + i y is rotated to x . y = 0. Errors in phase and scale have no part in the real shape at
-        fixed length: dx is taken orthogonal to x.
+        They are nan if the product contains two modes, whose shapes are arbitrary in their plane.
+        `noise` and `common` are the `Errors` of the product, shapes (n_i, n_j) and (q, n_i, n_j).
+        First order: with dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow from dP W^*
+        / |W|^2 and dP^T U^* / |U|^2. The shape x + i y is rotated to x . y = 0, and dx taken
+        orthogonal to x.
         """
         shapes = self.shapes(product)
         if len(shapes) > 1:
@@ -171,8 +165,8 @@ def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
 def _scale_of_rotations(frf: FRF) -> float:
     """Return the factor on rotations that makes them as large as translations.
 
-    The rms values of the kinds of FRF (by force and torque, of translation and rotation) are fitted
-    by level q^-n with n the number of rotations, by least squares in the logarithm.
+    The rms values of the kinds of FRF are fitted by level q^-n with n the number of rotations, by
+    least squares in the logarithm.
     """
     rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
     rows, levels = [], []

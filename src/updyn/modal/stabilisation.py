@@ -2,7 +2,7 @@
 
 Poles of the structure appear at nearly the same place in every fit of sufficient order, poles of
 noise do not (H. Van der Auweraer & B. Peeters, Sound and Vibration 38 (1) (2004) 28-33). A long
-band is fitted in overlapping parts, because the necessary order increases with the number of modes.
+band is fitted in parts, because the necessary order increases with the number of modes.
 """
 
 from __future__ import annotations
@@ -36,18 +36,9 @@ _HEAVY = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagram:
-    """Poles of fits of increasing order.
+    """Poles of fits of increasing order; arrays of shape (n,), frequencies in Hz, damping ratios.
 
-    Attributes
-    ----------
-    order : ndarray of int, shape (n,)
-        Order of the polynomial of each pole.
-    frequency : ndarray of float, shape (n,)
-        Frequencies in Hz.
-    damping : ndarray of float, shape (n,)
-        Damping ratios.
-    stable : ndarray of bool, shape (n,)
-        Whether the previous order has the pole at nearly the same place.
+    `stable`: the previous order has the pole at nearly the same place.
     """
 
     order: NDArray[np.int_]
@@ -57,10 +48,7 @@ class Diagram:
 
 
 def find_stable_poles(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
-    """Return the stable poles s in rad/s, by ascending frequency, and the diagram.
-
-    The functions Y, shape (n_f, n_i, n_j), are scaled for equal weight.
-    """
+    """Return the stable poles s in rad/s, by ascending frequency, and the diagram."""
     found: list[_Complex] = []
     rows: list[tuple[int, complex, bool]] = []
     for first, last, low, high in _split_band(freq):

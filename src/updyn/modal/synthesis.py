@@ -25,12 +25,10 @@ REACH = 5.0
 
 
 def line_weights(frf: FRF) -> _Real:
-    """Return the weight of each line: the inverse of the rms of all channels around it.
+    """Return the weight of each line: the inverse of the rms of all channels around it, or 0.
 
-    It is 0 for a line at 0 Hz and for lines at which all channels are zero. Each channel is divided
-    by its rms first, because units may differ. Levels of accelerances differ by a factor of 1000
-    and more over a band. Without weights, errors of the largest peaks would determine the residues
-    of all modes.
+    Without weights, errors of the largest peaks would determine the residues of all modes. Each
+    channel is divided by its rms first, because units may differ.
     """
     power = np.abs(frf.values) ** 2
     mean = power.mean(axis=0)

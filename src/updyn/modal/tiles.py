@@ -1,7 +1,7 @@
 """Tiles that cover the band, each searched for modes.
 
-Every line belongs to one tile: lines near candidates of the stabilisation diagram to the tile of
-these, all others to tiles in between, because a mode may have no stable pole in the diagram.
+Lines between candidates of the stabilisation diagram have tiles too, because a mode may have no
+stable pole.
 """
 
 from __future__ import annotations
@@ -35,17 +35,7 @@ _LINES_A_MODE = 4
 
 @dataclass(frozen=True, slots=True)
 class _Tile:
-    """Lines searched together.
-
-    Attributes
-    ----------
-    candidates : slice
-        Candidates in the tile.
-    lines : slice
-        The lines of the window.
-    low, high : float
-        Limits of the tile for the frequencies of its modes, in Hz.
-    """
+    """Lines searched together; `low` and `high`, in Hz, limit the frequencies of its modes."""
 
     candidates: slice
     lines: slice

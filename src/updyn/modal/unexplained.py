@@ -39,8 +39,7 @@ def describe_unexplained(peaks: _Real) -> str:
 def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     """Return the frequencies in Hz of significant peaks without a mode, ascending.
 
-    The mode indicator is the sum of the squared values of all channels, divided by its median over
-    the surrounding lines.
+    The mode indicator is the sum of the squared values of all channels over its running median.
     """
     n = len(measured.freq)
     channels = measured.cube.reshape(n, -1)

@@ -50,15 +50,10 @@ _OWN_IMAGE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class RationalBasis:
-    """Basis of a rational fit: partial fractions and powers of x.
+    """Basis of a rational fit: partial fractions and powers of x up to `degree`.
 
-    Parameters
-    ----------
-    degree : int
-        Largest power of x.
-    mirrored : bool
-        Whether the functions are conjugate at conjugate x (x = i omega; poles come in conjugate
-        pairs, represented by one of them, and all weights are real); else any function of a real x.
+    If `mirrored`, functions are conjugate at conjugate x (x = i omega), poles come in conjugate
+    pairs, represented by one of them, and all weights are real; else x is real.
     """
 
     degree: int
@@ -100,16 +95,8 @@ class RationalBasis:
 class RationalFit:
     """A rational fit: sum of residue_k / (x - pole_k), and mirror images, plus a polynomial.
 
-    Attributes
-    ----------
-    basis : RationalBasis
-        Basis of the fit.
-    poles : ndarray of complex, shape (k,)
-        Poles in the unit of x.
-    weights : ndarray, shape (m, p)
-        Weights of the basis in each of the p functions.
-    cost : float
-        Sum of squared errors.
+    `poles`, shape (k,), are in the unit of x; `weights`, shape (m, p), are those of the basis in
+    each of p functions; `cost` is the sum of squared errors.
     """
 
     basis: RationalBasis
@@ -130,10 +117,10 @@ class RationalFit:
 def fit_increasing_orders(
     basis: RationalBasis, x: _Complex, Y: _Complex, first: _Complex, largest: int
 ) -> Iterator[RationalFit]:
-    """Yield fits with an increasing number of poles, up to `largest`.
+    """Yield fits with an increasing number of poles, up to `largest`, from initial poles `first`.
 
-    `first` are the initial poles; each fit has one more pole, at the largest error of the last. The
-    variable x, shape (n_f,), is scaled to at most 1 in size; Y has the shape (n_f, p).
+    Each fit has one more pole, at the largest error of the last. The variable x, shape (n_f,), must
+    be scaled to at most 1 in size; Y has the shape (n_f, p).
     """
     poles = first
     for _ in range(len(first), largest + 1):
@@ -150,8 +137,8 @@ def fit_by_cross_validation(
 ) -> tuple[RationalFit, tuple[RationalFit, RationalFit]]:
     """Return the fit with the number of poles that best predicts omitted lines.
 
-    This avoids a fit of the noise. Arguments are those of `fit_increasing_orders`. The fit of all
-    lines is followed by two fits of every second line with as many poles.
+    Arguments are those of `fit_increasing_orders`. The fit of all lines is followed by two fits of
+    every second line with as many poles.
     """
     halves = slice(0, None, 2), slice(1, None, 2)
     total = float(np.sum(np.abs(Y) ** 2))

@@ -356,7 +356,7 @@ def descend(
     With `relax`, loss factors may become negative on the way (`Coordinates.relaxed_lower`); if they
     are negative at the end, the descent continues from the nearest point within the bounds. Of the
     points that fit equally well, the nearest to the unknowns' start is sought. Raises SolverError
-    if the model cannot be solved at x, and Stopped if x has not been evaluated.
+    if the model cannot be solved at x, and Stopped if the user stops before x has been evaluated.
     """
     lower, upper = problem.coordinates.bounds
     within = problem.coordinates.within

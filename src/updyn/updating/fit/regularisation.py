@@ -156,7 +156,7 @@ def corner(spectrum: SingularSpectrum, low: float, high: float) -> float:
 
 
 def discrepancy(spectrum: SingularSpectrum, low: float, high: float) -> float:
-    """Return the largest strength in [low, high] whose misfit noise of known size explains.
+    """Return the largest strength in [low, high] whose misfit the noise, of known size, explains.
 
     Compensated discrepancy principle (Hansen, Discrete Inverse Problems, SIAM 2010, section 5.2),
     with one standard deviation more, for the components of the residual that the unknowns can

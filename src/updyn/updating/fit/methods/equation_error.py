@@ -30,8 +30,8 @@ __all__ = ["EquationErrorMethod"]
 class EquationErrorMethod(PublishedMethod):
     """r = Z_red h_X - e_j at every line and reference (method ``"equation-error"``).
 
-    For ``"gauss-newton"``, `tolerance` is epsilon of the paper's stopping rule ||Z_red H_X -
-    I||_inf <= epsilon; for ``"trust-region"``, a relative step.
+    `tolerance` is a relative step for ``"trust-region"``, and for ``"gauss-newton"`` epsilon of the
+    paper's stopping rule ||Z_red H_X - I||_inf <= epsilon.
     """
 
     max_iterations: int = 100
