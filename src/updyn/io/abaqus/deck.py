@@ -47,22 +47,9 @@ _SUPPORTS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeckFacts:
-    """The parts of an Abaqus deck that its matrices need. Names are in upper case.
+    """The parts of an Abaqus deck that its matrices need, with names in upper case.
 
-    Parameters
-    ----------
-    path : Path
-        The deck.
-    title : str
-        Its heading.
-    cards : tuple of KeywordCard
-        Cards of the model.
-    steps : tuple of tuple of KeywordCard
-        Cards of each step.
-    properties : mapping of str to KeywordProperty
-        Materials, springs and masses.
-    sections : mapping of str to str
-        Material by element set.
+    `sections` is the material by element set; `steps` are the cards of each step.
     """
 
     path: Path
@@ -116,13 +103,7 @@ class DeckFacts:
         return {name: sets.members(name) for name in sets}
 
     def supports(self) -> NDArray[np.int64]:
-        """Return node and dof (1 to 6) of all supports of the model and its first step, (n, 2).
-
-        Raises
-        ------
-        FormatError
-            If a line cannot be read, refers to a missing node set, or has a nonzero displacement.
-        """
+        """Return node and dof (1 to 6) of all supports of model and first step, shape (n, 2)."""
         sets = Sets()
         found = []
         first_step = self.steps[0] if self.steps else ()
@@ -141,10 +122,7 @@ class DeckFacts:
     ) -> dict[str, Mapping[str, float]]:
         """Return the changes by material; groups are named by element set or by material.
 
-        Raises
-        ------
-        FormatError
-            If an element set shares its material with another one that has a different change.
+        A `FormatError` is raised if element sets with different changes share a material.
         """
         if self.assemblies:
             raise FormatError(

@@ -1,18 +1,9 @@
 """Matrix files of Abaqus (``*MATRIX OUTPUT``): rows of labels with one entry each.
 
-========================  ===================================================================
-columns                   written by
-========================  ===================================================================
-node, dof, node, dof, a   ``FORMAT=MATRIX INPUT`` (the default) and rows of ``FORMAT=LABELS``
-element, then as above    ``*MATRIX GENERATE, ELEMENT BY ELEMENT``
-row, column, a            ``FORMAT=COORDINATE``: positions counted from 1; no labels
-========================  ===================================================================
-
-Columns are separated by commas or blanks; ``*`` starts a comment. A symmetric matrix is written as
-one triangle or completely. Nodes below 0 are internal nodes of Abaqus (Lagrange multipliers,
-generalised displacements); a diagonal entry of 1e36 marks a fixed degree of freedom. Sources:
-Abaqus Keywords Guide, ``*MATRIX INPUT``; Abaqus Analysis User's Guide, "Generating matrices"; 1e36
-and the complete matrix for COORDINATE: descriptions of files by users.
+Columns: node, dof, node, dof, a; or element, then these (ELEMENT BY ELEMENT); or row, column, a
+(COORDINATE). Nodes below 0 are internal nodes of Abaqus; a diagonal entry of 1e36 marks a fixed
+degree of freedom. Sources: Abaqus Keywords Guide, ``*MATRIX INPUT``; Abaqus Analysis User's Guide,
+"Generating matrices"; 1e36 and the complete matrix for COORDINATE: descriptions of files by users.
 """
 
 from __future__ import annotations
@@ -105,10 +96,7 @@ class AbaqusEntries:
 class Labels:
     """The degrees of freedom of several matrix files, by node and direction, internal nodes last.
 
-    Parameters
-    ----------
-    keys : ndarray of int, shape (N, 2)
-        Node number in Abaqus, and dof 1 to 6.
+    `keys` has the node number in Abaqus and the dof 1 to 6, shape (N, 2).
     """
 
     keys: NDArray[np.int64]
@@ -133,13 +121,7 @@ class Labels:
         return DofSet.from_arrays(np.where(nodes < 0, largest - nodes, nodes), self.keys[:, 1] - 1)
 
     def matrix(self, file: AbaqusEntries) -> Matrix:
-        """Return the entries of a file as a symmetric matrix, in the order of the labels.
-
-        Raises
-        ------
-        FormatError
-            If an entry occurs twice, or the two triangles differ.
-        """
+        """Return the entries of a file as a symmetric matrix, in the order of the labels."""
         codes = self.keys @ _CODE
         order = np.argsort(codes)
         at = order[np.searchsorted(codes[order], file.labels.reshape(-1, 2) @ _CODE)].reshape(-1, 2)
@@ -183,14 +165,7 @@ def _is_number(text: str) -> bool:
 
 
 def read_entries(path: Path) -> AbaqusEntries:
-    """Read a matrix file.
-
-    Raises
-    ------
-    FormatError
-        If a row has another format, the last row is not complete, a label is not an integer, a
-        degree of freedom is not 1 to 6 or an entry is not finite; the message gives the line.
-    """
+    """Read a matrix file."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -250,13 +225,7 @@ def _bad_label(raw: bytes, at: int, path: Path, first_line: int) -> FormatError:
 
 
 def coordinate_matrix(file: AbaqusEntries, dofs: DofSet) -> Matrix:
-    """Return a file of rows and columns as a symmetric matrix, in the order of `dofs`.
-
-    Raises
-    ------
-    FormatError
-        If a row exceeds N, an entry occurs twice or the two triangles differ.
-    """
+    """Return a file of rows and columns as a symmetric matrix, in the order of `dofs`."""
     largest = int(file.labels.max())
     if largest > len(dofs):
         raise FormatError(
@@ -326,16 +295,9 @@ _INTERNAL = ("keep", "condense")
 
 @dataclass(frozen=True, slots=True)
 class AbaqusGroup:
-    """A group and the files of its matrices.
+    """A group and the files of its matrices: "stiffness", "mass", "viscous" and "structural".
 
-    Parameters
-    ----------
-    name : str
-        Group name.
-    files : mapping of str to AbaqusEntries
-        By "stiffness", "mass", "viscous" and "structural" (the imaginary part of the stiffness).
-    loss_factor : float, optional
-        Structural loss factor; by default that of the structural matrix.
+    "structural" is the imaginary part of the stiffness, which gives the default of `loss_factor`.
     """
 
     name: str
@@ -354,39 +316,10 @@ def assemble(
     internal: str = "keep",
     held: NDArray[np.int64] | None = None,
 ) -> Model:
-    """Build a model.
+    """Build a model in SI units from the files of its groups, without the fixed degrees of freedom.
 
-    Parameters
-    ----------
-    parts : sequence of AbaqusGroup
-        The groups.
-    units : UnitSystem
-        Units of the files.
-    path : Path
-        The file that lists them, for messages.
-    dofs : DofSet, optional
-        The degrees of freedom in the order of the rows; only for files without labels.
-    geometry : Geometry, optional
-        Positions of the nodes.
-    title : str
-        Title of the model.
-    internal : {"keep", "condense"}
-        Treatment of internal nodes; see `updyn.io.abaqus.model.read_model`.
-    held : ndarray of int, shape (n, 2), optional
-        Node and dof (1 to 6) of supports that are not in the matrices.
-
-    Returns
-    -------
-    Model
-        In SI units, without the fixed degrees of freedom.
-
-    Raises
-    ------
-    FormatError
-        If files do not match, structural damping is not a multiple of the stiffness, or an internal
-        degree of freedom cannot be condensed.
-    OptionError
-        If `internal` is not valid.
+    `dofs` is only for files without labels. A `FormatError` is raised if structural damping is not
+    a multiple of the stiffness, or an internal degree of freedom cannot be condensed.
     """
     if internal not in _INTERNAL:
         raise OptionError(f"internal {internal!r}; {suggest(str(internal), _INTERNAL)}")

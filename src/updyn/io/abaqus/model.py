@@ -1,15 +1,8 @@
 """Models from matrix files of Abaqus (``.mtx``), found by a deck or by names, and Abaqus decks.
 
-Abaqus itself is not run. A deck (``.inp``) lists the files:
-
-- steps with ``*MATRIX GENERATE``: step n of ``job.inp`` wrote ``job_STIFn.mtx``, ``job_MASSn.mtx``,
-  ``job_DMPVn.mtx`` and ``job_DMPSn.mtx``. With ``ELSET=`` the set is a group; with ``ELEMENT BY
-  ELEMENT`` each material is a group; the groups must add up to an additional step of the whole.
-- ``*MATRIX INPUT`` and ``*MATRIX ASSEMBLE``: each assembly is a group, named by its stiffness.
-
-``job_STIF1.mtx`` selects the files of step 1. A TOML file is as in `updyn.io.matrix_market`,
-without ``dofs``, with the additional key ``structural``, and ``unit``, ``deck`` and ``internal`` at
-its top.
+A deck lists the files: by steps with ``*MATRIX GENERATE``, whose files are named by job and step
+(``job_STIF1.mtx``), or by ``*MATRIX INPUT``. With ``ELSET=`` the set is a group, with ``ELEMENT BY
+ELEMENT`` each material; groups must add up to an additional step of the whole. Abaqus is not run.
 """
 
 from __future__ import annotations
@@ -65,35 +58,11 @@ __all__ = [
 def read_model(
     path: str | Path, *, unit: str = "m", internal: str = "keep", job: str | None = None
 ) -> Model:
-    """Read a model from matrices written by Abaqus.
+    """Read a model in SI from a deck, or a matrix file ``job_STIF1.mtx``, without its fixed DOFs.
 
-    Parameters
-    ----------
-    path : path
-        A deck, or one of the matrix files ``job_STIF1.mtx``.
-    unit : {"m", "mm", "in"}
-        The consistent units of deck and files by their length: m, N, kg; mm, N, t; in, lbf, lbf
-        s2/in. The model is in SI.
-    internal : {"keep", "condense"}
-        Treatment of internal nodes of Abaqus, which have numbers below 0. "keep" changes node -n
-        to node (largest of the others) + n and is exact in all cases, because unmeasured DOFs are
-        condensed at each frequency line. "condense" removes them (K_rr - K_ri K_ii^-1 K_ir), which
-        requires that they have neither mass nor damping and belong to one group.
-    job : str, optional
-        Name of the job in the names of the matrix files, by default that of the deck.
-
-    Returns
-    -------
-    Model
-        Without fixed degrees of freedom (1e36 on the diagonal). The geometry contains the nodes of
-        the deck if it has no parts; for matrix files, of the deck with their job name, if any.
-
-    Raises
-    ------
-    FormatError
-        If a file is missing or not valid, or groups do not add up; the message gives file and line.
-    OptionError
-        If the unit or `internal` is not valid.
+    `internal` "keep" changes an internal node -n to node (largest of the others) + n, and is exact.
+    "condense" removes it, which requires that it has neither mass nor damping and belongs to one
+    group.
     """
     path = Path(path)
     units = find_units(unit)
@@ -140,25 +109,7 @@ def _geometry_of_deck(deck: Path, units: UnitSystem) -> Geometry | None:
 def write_properties(
     changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
 ) -> None:
-    """Write the changed materials to a file for ``*INCLUDE`` that replaces their cards.
-
-    Parameters
-    ----------
-    changes : mapping of str to mapping of str to float
-        By group, named by material, by element set of a section, or by springs or masses:
-        "stiffness" and "mass" are factors on the moduli and densities of the deck, "loss_factor" is
-        the new ``*DAMPING, STRUCTURAL=``, "viscous" a factor on the damping of ALPHA and BETA.
-    deck : path
-        The deck; it may contain parts and instances.
-    path : path
-        The file to write.
-
-    Raises
-    ------
-    FormatError
-        If the deck cannot be read, has no such group (with the nearest name), or a set shares its
-        material with others.
-    """
+    """Write the changed materials to a file for ``*INCLUDE`` that replaces their cards."""
     deck = Path(deck)
     facts: DeckFacts = read_facts(deck, read_cards(deck))
     write_changes(facts.by_material(changes), facts.properties, deck, Path(path), own_rayleigh=True)
@@ -178,15 +129,7 @@ _TOLERANCE = 1e-10
 
 # -- *MATRIX GENERATE ---------------------------------------------------------------------------
 def generated_parts(facts: DeckFacts, job: str) -> list[AbaqusGroup]:
-    """Return the groups whose matrices were written by the steps of a deck.
-
-    `job` is the name in the files, which are in the folder of the deck.
-
-    Raises
-    ------
-    FormatError
-        If no step writes matrices, a file is missing, or the groups do not add up to the whole.
-    """
+    """Return the groups whose matrices the steps of a deck wrote to its folder, named by job."""
     whole: dict[str, AbaqusEntries] = {}
     parts: list[AbaqusGroup] = []
     for at, step in enumerate(facts.steps, 1):
@@ -312,13 +255,7 @@ def _check_sum(what: str, total: AbaqusEntries, files: list[AbaqusEntries]) -> N
 
 # -- *MATRIX INPUT and *MATRIX ASSEMBLE ---------------------------------------------------------
 def assembled_parts(facts: DeckFacts) -> list[AbaqusGroup]:
-    """Return the groups of a deck that consists of matrices; each ``*MATRIX ASSEMBLE`` is a group.
-
-    Raises
-    ------
-    FormatError
-        If a matrix is missing, not symmetric or not text, or the deck contains other cards.
-    """
+    """Return the groups of a deck of matrices; each ``*MATRIX ASSEMBLE`` is a group."""
     for card in facts.cards:
         if card.name not in _USAGE:
             raise card.error(
@@ -394,28 +331,7 @@ def write_model(model: Model, path: str | Path) -> None:
     """Write a model as a deck with matrix files, in SI units.
 
     Rayleigh damping of a group is added to its viscous matrix. Abaqus reads numbers of up to twenty
-    characters, so entries keep at least 13 digits.
-
-    Parameters
-    ----------
-    model : Model
-        The model. Only the positions of its geometry are written.
-    path : path
-        The deck to write, for instance ``case.inp``. The matrices are named ``case_1_STIF.mtx``,
-        ``case_1_MASS.mtx``, ``case_1_DMPV.mtx`` and ``case_1_DMPS.mtx`` (loss factor times
-        stiffness) with the number of the group; existing files are replaced. The deck is written
-        last.
-
-    Raises
-    ------
-    FormatError
-        If the node number of a degree of freedom is not from 1 to 999999999, two groups would have
-        the same name, or a loss factor depends on frequency.
-
-    Warns
-    -----
-    UpdynWarning
-        If nodes have local directions, or Rayleigh coefficients were converted to matrices.
+    characters, so entries keep at least 13 digits. The deck is written last.
     """
     path = Path(path)
     _check(model, path)

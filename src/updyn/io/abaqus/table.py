@@ -1,20 +1,7 @@
 """Models of a TOML file (`updyn.io.model_table`) whose groups refer to matrix files of Abaqus.
 
-::
-
-    unit = "mm"                        # of all files; by default "m"
-    deck = "wing.inp"                  # optional: positions of the nodes, element sets
-    internal = "keep"                  # or "condense", see updyn.io.abaqus.model
-
-    [[group]]
-    name = "spar"
-    stiffness = "spar_STIF2.mtx"       # stiffness, mass, viscous, structural: at least one
-    mass = "spar_MASS2.mtx"
-    loss_factor = 0.02                 # optional, instead of structural
-
-Files written with FORMAT=COORDINATE have no labels; ``dofs`` lists them, in the order of the rows.
-For files written with ELEMENT BY ELEMENT, ``elset`` selects the elements of a group by a set of the
-deck.
+Its additional keys are ``unit``, ``deck`` and ``internal``, and ``structural`` and ``elset`` of a
+group. ``dofs`` lists the rows of files written with FORMAT=COORDINATE, which have no labels.
 """
 
 from __future__ import annotations
@@ -58,13 +45,7 @@ def names_abaqus_files(table: ModelFile) -> bool:
 
 
 def read_table(table: ModelFile) -> Model:
-    """Build the model of a TOML file whose groups refer to matrix files of Abaqus.
-
-    Raises
-    ------
-    FormatError
-        If a key is unknown, a file is missing or not valid, or files do not match.
-    """
+    """Build the model of a TOML file whose groups refer to matrix files of Abaqus."""
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
     table.check_keys(content, _TOP)
