@@ -1,9 +1,8 @@
 """Check that a ``.cdb`` archive is complete: its blocks, their end marks and their counts.
 
 ansys-mapdl-reader does not check its input: for a truncated file it returns a part or writes beyond
-its arrays. Every block is therefore checked here before that reader opens the file. Layout: Ansys
-Mechanical APDL, Programmer's Reference, "Coded Database File Commands" (NBLOCK, EBLOCK, CMBLOCK,
-RLBLOCK).
+its arrays. Layout: Ansys Mechanical APDL, Programmer's Reference, "Coded Database File Commands"
+(NBLOCK, EBLOCK, CMBLOCK, RLBLOCK).
 """
 
 from __future__ import annotations
@@ -32,15 +31,7 @@ _FINISH = re.compile(rb"(?:FINISH|/GO|!.*)?", re.I)
 
 
 def check_archive(path: Path) -> None:
-    """Refuse an archive that is truncated or whose blocks contradict their first lines.
-
-    Raises
-    ------
-    FormatError
-        If there is no block of nodes, a block has no end mark or a wrong number of rows, a row does
-        not match the format of its block, or the last line of CDWRITE is missing; the message gives
-        the line.
-    """
+    """Refuse an archive that is truncated or whose blocks contradict their first lines."""
     try:
         raw = path.read_bytes()
     except OSError as error:

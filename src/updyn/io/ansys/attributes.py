@@ -121,15 +121,7 @@ def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def read_attributes(path: str | Path) -> Attributes:
-    """Read a ``.cdb`` archive or a ``.rst`` result file.
-
-    Raises
-    ------
-    FormatError
-        If the file cannot be read, is truncated or holds no elements.
-    OptionError
-        If ansys-mapdl-reader is missing.
-    """
+    """Read a ``.cdb`` archive or a ``.rst`` result file."""
     path = Path(path)
     if not is_file(path):
         raise FormatError("attributes: no such file", path)
@@ -171,35 +163,10 @@ def name_groups(
     groups: Mapping[str, Iterable[int]] | None,
     path: str | Path,
 ) -> NDArray[np.object_]:
-    """Return the group name of each element.
+    """Return the group name of each element: "material 1", a component, or "remaining".
 
-    Parameters
-    ----------
-    elements : ndarray of int, shape (n,)
-        Element numbers.
-    attributes : Attributes or None
-        Attributes of the elements, if known.
-    by : {"material", "type", "real", "section", "component"}
-        Attribute that defines the groups. For "material", springs, point masses and matrices
-        (COMBIN14, MASS21, MATRIX27 and the like) are grouped by their real constants, because they
-        have no material.
-    groups : mapping of str to iterable of int, optional
-        Element numbers by group name, instead of `by`.
-    path : path
-        The file of the elements, for messages.
-
-    Returns
-    -------
-    ndarray of str, shape (n,)
-        "material 1", "real 3", the name of a component; "remaining" for elements in no component or
-        group.
-
-    Raises
-    ------
-    FormatError
-        If an element is unknown or belongs to two groups.
-    OptionError
-        If `by` is not valid, or a group is empty or contains a missing element.
+    For `by` "material", springs, point masses and matrices (COMBIN14, MASS21, MATRIX27 and the
+    like) are grouped by their real constants, because they have no material.
     """
     if groups is not None:
         parts = {str(name): np.array(list(part), dtype=np.int64) for name, part in groups.items()}

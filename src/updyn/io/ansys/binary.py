@@ -2,8 +2,7 @@
 
 A record is a word (4 bytes) with the number n of words in the data, a word of flags, n words, and
 the number again (Ansys Programmer's Reference, "Format of Binary Data Files"). ansys-mapdl-reader
-is not used, because it returns only upper triangles and twice the number of doubles of a record,
-and crashes the process for a damaged file.
+returns only upper triangles, and crashes the process for a damaged file.
 """
 
 from __future__ import annotations
@@ -64,20 +63,7 @@ _UNIT_NAMES = {1: "SI", 2: "CGS", 3: "BFT", 4: "BIN", 5: "MKS", 6: "MPA", 7: "uM
 
 
 class BinaryFile:
-    """A binary file of Ansys, read record by record.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    kind : int
-        Required file type: 2 ``.emat``, 4 ``.full``.
-
-    Raises
-    ------
-    FormatError
-        If it is not a file of that type, has the other byte order, or a truncated header.
-    """
+    """A binary file of Ansys, read by records; `kind` is 2 for ``.emat``, 4 for ``.full``."""
 
     def __init__(self, path: str | Path, kind: int) -> None:
         self.path = Path(path)
@@ -100,15 +86,9 @@ class BinaryFile:
             )
 
     def record(self, at: int, what: str, kinds: str = "iuf") -> tuple[NDArray[Any], int]:
-        """Return the values of a record, and the position of the next record in words.
+        """Return the values of a record at a word, and the position of the next record in words.
 
-        `at` is the position in words, `what` the expected content for messages, `kinds` the NumPy
-        kinds allowed.
-
-        Raises
-        ------
-        FormatError
-            If the record is not complete, or holds numbers of another kind.
+        `kinds` are the allowed NumPy kinds.
         """
         after = self.after(at, what)
         flags = int(self._words[at + 1]) >> 24 & 0xFF
@@ -148,15 +128,8 @@ class BinaryFile:
     def header(self, items: Mapping[str, int | tuple[int, int]]) -> dict[str, int]:
         """Return items of the header record that follows the standard header.
 
-        Parameters
-        ----------
-        items : mapping of str to int or (int, int)
-            Position of each item, counted from 0, or of the low and the high half of a long one.
-
-        Raises
-        ------
-        FormatError
-            If it is damaged or too short.
+        `items` has the position of each item, counted from 0, or of the low and the high half of a
+        long one.
         """
         values, _ = self.record(_HEADER + 3, "header", "i")
         last = int(max(np.max(at) for at in items.values()))
@@ -175,15 +148,7 @@ class BinaryFile:
         return found
 
     def units(self, unit: str | None) -> UnitSystem:
-        """Return the units of the numbers: `unit`, else the units of the header, else SI.
-
-        Raises
-        ------
-        OptionError
-            If `unit` is unknown.
-        FormatError
-            If the header states other units, or units that are not converted.
-        """
+        """Return the units of the numbers: `unit`, else the units of the header, else SI."""
         stated = _UNITS.get(self._unit)
         name = _UNIT_NAMES.get(self._unit)
         if name is not None and stated is None:
@@ -204,13 +169,7 @@ class BinaryFile:
 
 
 def dofs_of_nodes(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:
-    """Return the DOFs of nodes and Ansys's DOF reference numbers (1 to 6: UX UY UZ ROTX ROTY ROTZ).
-
-    Raises
-    ------
-    FormatError
-        If a DOF is not a displacement or a rotation, or is repeated.
-    """
+    """Return the DOFs of nodes and DOF reference numbers (1 to 6: UX UY UZ ROTX ROTY ROTZ)."""
     other = np.flatnonzero((numbers < 1) | (numbers > 6))
     if other.size:
         at = int(other[0])

@@ -100,7 +100,7 @@ def is_harmless(name: str) -> bool:
 
 
 def find_affected_kinds(name: str) -> tuple[tuple[str, ...], str] | None:
-    """Return the kinds of property that an uninterpreted command changes, and the reason, or None.
+    """Return the kinds of property that an uninterpreted command changes, and why, or None.
 
     Only the first four letters of a command are significant.
     """

@@ -1,9 +1,8 @@
 """Ansys ``.emat`` files: a model whose groups are exact sums of its element matrices.
 
-The file has the matrices of each element, before supports. It contains neither the materials of the
-elements nor the supports, which are read from the ``.cdb`` or ``.rst`` file and the ``.full`` file
-of the same job. With the ``.full`` file, the sum of the groups is compared with K and M as
-assembled by Ansys.
+The file has the matrices before supports, but neither materials nor supports: these are read from
+the ``.cdb`` or ``.rst`` file and the ``.full`` file of the same job. The sum of the groups is
+compared with K and M of the ``.full`` file.
 """
 
 from __future__ import annotations
@@ -54,56 +53,11 @@ def read_model(
     supports: Iterable[str | Dof] | None = None,
     stress_stiffness: bool | None = None,
 ) -> Model:
-    """Read a model.
+    """Read a model in SI, with one group per `by` or the element numbers `groups`.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : {"m", "mm", "in"}, optional
-        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. By default
-        those of the header, else SI.
-    loss_factor : float
-        Structural loss factor of every group with stiffness; the file contains none.
-    by : {"material", "type", "real", "section", "component"}
-        Attribute that defines the groups, which are named "material 1" or as the component. For
-        "material", springs, point masses and matrix elements are grouped by their real constants,
-        "real 3". Elements in no component are "remaining".
-    groups : mapping of str to iterable of int, optional
-        Element numbers by group name, instead of `by`.
-    attributes : path, optional
-        The ``.cdb`` or ``.rst`` file of the model, relative to the file, with attributes and
-        positions. By default a file of the same name in the same folder.
-    full : path or False, optional
-        The ``.full`` file of the same model, relative to the file, for supports and a check of the
-        sums. By default a file of the same name in the same folder, unless `supports` are given.
-        False uses no ``.full`` file.
-    supports : iterable of str or Dof, optional
-        Constrained DOFs if there is no ``.full`` file; an empty list for a free structure.
-    stress_stiffness : bool, optional
-        Whether to include the stress stiffness of the elements (a prestressed solution), as the
-        separate group "stress stiffness". Required if the file contains stress stiffness.
-
-    Returns
-    -------
-    Model
-        In SI, with geometry if the attributes are known. Damping matrices of elements form the
-        viscous matrix of their group.
-
-    Raises
-    ------
-    FormatError
-        If a file is damaged or of another model, elements have other degrees of freedom than
-        displacements and rotations, an element belongs to no or to two groups, or the groups do not
-        add up to the ``.full`` file.
-    OptionError
-        If an option is not valid, or ansys-mapdl-reader, which reads ``.cdb`` and ``.rst``, is
-        missing.
-
-    Warns
-    -----
-    UpdynWarning
-        If no supports are given, or degrees of freedom without any matrix are removed.
+    `attributes` and `full` are by default files of the same name in the same folder.
+    `stress_stiffness` is required if the file contains stress stiffness, which forms a separate
+    group.
     """
     if supports is not None and full not in (None, False):
         raise OptionError("full= and supports= both define the supports; give only one of them")
@@ -373,19 +327,10 @@ _SAMPLE = 200  # elements used to detect how triangles are packed
 
 @dataclass(frozen=True, slots=True)
 class AnsysElement:
-    """One element.
+    """One element and its available matrices, shape (n, n), in units of the deck.
 
-    Parameters
-    ----------
-    number : int
-        Element number.
-    nodes : ndarray of int, shape (n,)
-        Node number of each row.
-    dofs : ndarray of int, shape (n,)
-        DOF reference number of each row.
-    matrices : dict of str to ndarray of float, shape (n, n)
-        The available ones of "stiffness", "mass", "damping", "stress stiffness", in units of the
-        deck.
+    `matrices` has "stiffness", "mass", "damping" and "stress stiffness"; `dofs` are DOF reference
+    numbers.
     """
 
     number: int
@@ -395,25 +340,7 @@ class AnsysElement:
 
 
 class ElementFile:
-    """An ``.emat`` file.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-
-    Attributes
-    ----------
-    binary : BinaryFile
-        Its records.
-    elements : ndarray of int, shape (n,)
-        Element numbers, in the order of the file.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or holds internal constraint equations.
-    """
+    """An ``.emat`` file; internal constraint equations are refused."""
 
     def __init__(self, path: str | Path) -> None:
         self.binary = BinaryFile(path, _KIND)
@@ -506,8 +433,7 @@ class ElementFile:
         """Return whether a lower triangle is stored row by row, rather than column by column.
 
         The format description does not define this. A stiffness unpacked in the right order gives
-        no force under a rigid translation: its entries between one row and the same direction of
-        all nodes sum to zero.
+        no force under a rigid translation.
         """
         difference = []
         for by_rows in (True, False):

@@ -1,9 +1,8 @@
 """Ansys ``.full`` files: K, M and C of the whole structure, as solved by Mechanical APDL.
 
-A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). The names of
-degrees of freedom come from the nodal extent vector and the DOF vector, in which supports are
-negative; supports are not degrees of freedom of the model. The file contains no groups: they are
-computed by difference from runs with the stiffness and density of one group doubled (``doubled``).
+A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). Supports are
+negative in the DOF vector and not degrees of freedom of the model. The file contains no groups:
+they are computed by difference from runs with doubled stiffness and density of a group.
 """
 
 from __future__ import annotations
@@ -51,17 +50,7 @@ _ITEMS: dict[str, int | tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class FullSystem:
-    """The content of a ``.full`` file, in SI.
-
-    Parameters
-    ----------
-    stiffness, mass, viscous : sparse CSR, shape (N, N), or None
-        K (N/m), M (kg), C (N s/m), both triangles, without supports.
-    dofs : DofSet
-        The N degrees of freedom, by node and direction.
-    supports : DofSet
-        The constrained degrees of freedom.
-    """
+    """The content of a ``.full`` file in SI; both triangles of K, M and C, without supports."""
 
     stiffness: Matrix | None
     mass: Matrix | None
@@ -77,36 +66,10 @@ def read_model(
     loss_factor: float = 0.0,
     doubled: Mapping[str, str | Path] | None = None,
 ) -> Model:
-    """Read a model.
+    """Read a model in SI as one group "model", or as groups by difference from files in `doubled`.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : {"m", "mm", "in"}, optional
-        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. By default
-        those of the header, else SI.
-    loss_factor : float
-        Structural loss factor of every group; the file contains none.
-    doubled : mapping of str to path, optional
-        By group name, the ``.full`` file of the same deck with stiffness and density of that group
-        doubled, relative to the file. The groups have to add up to the model (1e-10). By default
-        the model is one group, "model".
-
-    Returns
-    -------
-    Model
-        In SI. Damping of the file (dashpots and the like) is the viscous matrix of "model", or the
-        group "damping".
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, has other degrees of freedom than displacements and rotations, or
-        holds constraint equations, a complex or unsymmetric matrix, or one part of a distributed
-        solution.
-    OptionError
-        If an option is not valid.
+    `doubled` has, by group, the file of a run with stiffness and density of the group doubled.
+    Damping of the file is the viscous matrix of "model", or the group "damping".
     """
     system = read_system(path, unit)
     if doubled is None:
@@ -162,13 +125,7 @@ def _groups_by_difference(
 
 
 def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
-    """Read K, M and C with their degrees of freedom, sorted by node and direction.
-
-    Raises
-    ------
-    FormatError, OptionError
-        As `read_model`.
-    """
+    """Read K, M and C with their degrees of freedom, sorted by node and direction."""
     binary = BinaryFile(path, _KIND)
     units = binary.units(unit)
     header = binary.header(_ITEMS)

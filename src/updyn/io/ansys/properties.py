@@ -1,15 +1,9 @@
 """Updated properties for an Ansys deck, as commands that it can include (APDL).
 
-Groups are those of `updyn.io.ansys.emat`, by material: "material 3" has its moduli (EX, EY, EZ,
-GXY, GYZ, GXZ), its density (DENS) and its damping (ALPD, BETD, and DMPS or DMPR); "real 4" has the
-constants of springs, dampers and point masses (COMBIN14, MASS21, COMBIN40, COMBI214).
-
-The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases without DMPS add
-2 i DMPR K (Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis as
-2gK"), so there DMPR = gamma / 2.
-
-Commands are not executed. If a command may change a property in an uninterpreted way (MPCOPY,
-/INPUT, a macro, MP within ``*IF`` or ``*DO``), new values of such properties are refused.
+Groups are those of `updyn.io.ansys.emat`, by material. The loss factor gamma of a material, K (1 +
+i gamma), is MP,DMPS = gamma; releases without DMPS add 2 i DMPR K, so there DMPR = gamma / 2 (Ansys
+18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis as 2gK"). Commands are
+not executed, so properties that one may change are refused.
 """
 
 from __future__ import annotations
@@ -55,21 +49,8 @@ _LAST_BEFORE_YEARS = 20
 def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, path: Path) -> None:
     """Write the commands for the changed groups.
 
-    Parameters
-    ----------
-    changes : mapping of str to mapping of str to float
-        By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
-    deck : Path
-        The deck, with its properties as numbers (``.cdb`` of CDWRITE, or commands). For an
-        ``.emat`` or ``.full`` file, the ``.cdb`` of the same name in the same folder is used.
-    path : Path
-        The file to write.
-
-    Raises
-    ------
-    FormatError
-        If the deck has no such material or real constant set, or no such property, or an
-        uninterpreted command may change these properties.
+    For an ``.emat`` or ``.full`` file as `deck`, the ``.cdb`` of the same name in the same folder
+    is used.
     """
     deck = _find_deck(deck)
     check_changes(changes, deck)
@@ -283,17 +264,9 @@ _ENDS = re.compile(rb"(?:FINI(?:SH)?|/GO|/EOF|!.*)?", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class AnsysProperty:
-    """A property of a material.
+    """A property of a material, as written in the deck.
 
-    Parameters
-    ----------
-    values : tuple of str
-        Coefficients of temperature (command MP), or values at the temperatures (MPDATA), as
-        written.
-    temperatures : tuple of str
-        Temperatures of MPTEMP; empty for MP.
-    line : int
-        Line in the deck, counted from 1.
+    `values` are coefficients of temperature (command MP), or values at `temperatures` (MPDATA).
     """
 
     values: tuple[str, ...]
@@ -303,15 +276,7 @@ class AnsysProperty:
 
 @dataclass(frozen=True, slots=True)
 class RealSet:
-    """A set of real constants.
-
-    Parameters
-    ----------
-    values : tuple of str
-        The constants in order, as written; "" if blank.
-    line : int
-        Line in the deck.
-    """
+    """A set of real constants in order, as written; "" if blank."""
 
     values: tuple[str, ...]
     line: int
@@ -319,18 +284,9 @@ class RealSet:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A command after which properties may differ from the values read.
+    """A command after which properties ("material" and "real") may differ from the values read.
 
-    Parameters
-    ----------
-    kinds : tuple of str
-        Kinds of property, "material" and "real".
-    line : int
-        Line of the command in the deck, counted from 1.
-    reason : str
-        Why they may differ, for messages.
-    number : int, optional
-        The only material that may differ; None for all.
+    `number` is the only material that may differ; None for all.
     """
 
     kinds: tuple[str, ...]
@@ -373,15 +329,7 @@ class AnsysDeck:
     doubts: list[Doubt] = field(default_factory=list)
 
     def check(self, kind: str, number: int | None = None) -> None:
-        """Refuse properties that may differ from the values read, with the first such command.
-
-        Parameters
-        ----------
-        kind : {"material", "real"}
-            Kind of the properties.
-        number : int, optional
-            Number of the material or of the real constants.
-        """
+        """Refuse properties that may differ from the values read, with the first such command."""
         for doubt in self.doubts:
             if kind in doubt.kinds and doubt.number in (None, number):
                 raise FormatError(
@@ -405,13 +353,7 @@ class AnsysDeck:
 
 
 def read_deck(path: str | Path) -> AnsysDeck:
-    """Read the properties of a deck.
-
-    Raises
-    ------
-    FormatError
-        If the file is not text, its last line is not complete or a block is not complete.
-    """
+    """Read the properties of a deck."""
     path = Path(path)
     deck = AnsysDeck(path)
     state = _Parser(deck)
